@@ -130,14 +130,15 @@ static bool read_signal(const struct signal *signal, struct sensor_state *s, int
 static inline bool is_silent(const struct sensor_state *s, int64_t ns) { return s->sequence == 0 || s->silent_ns > ns; }
 
 /* Tracker: position, velocity, acceleration and oscillations, extrapolated in closed form. */
-static void extrapolate(const struct reference_parameters *p, const double *restrict from, double tau_s, double *restrict to)
+static void extrapolate(const struct reference_parameters *p, const struct reference_state *s,
+                        const double *restrict from, double tau_s, double *restrict to)
 {
     to[0] = from[0] + tau_s * (from[1] + 0.5 * tau_s * from[2]);
     to[1] = from[1] + tau_s * from[2];
     to[2] = from[2];
     for (int k = 0; k < p->modes; k++) {
         double omega = p->oscillator[k], left = p->decay[k] > 0.0 ? exp(-p->decay[k] * tau_s) : 1.0;
-        double sine = left * sin(omega * tau_s), cosine = left * cos(omega * tau_s);
+        double angle = (omega + s->detuning[k]) * tau_s, sine = left * sin(angle), cosine = left * cos(angle);
         const double *o = from + 3 + 2 * k;
         to[3 + 2 * k] = cosine * o[0] + sine / omega * o[1];
         to[4 + 2 * k] = -omega * sine * o[0] + cosine * o[1];
@@ -150,6 +151,33 @@ static double position(const double *w)
     for (int k = 0; k < MAX_MODES; k++)
         total += w[3 + 2 * k];
     return total;
+}
+
+/* Joints that swing at another frequency: found from what each correction turns their oscillations by. */
+static void follow_joints(const struct reference_parameters *p, struct reference_state *s, double innovation)
+{
+    for (int k = 0; k < p->modes; k++) {
+        if (!(p->detuning_high[k] > 0.0))
+            continue;
+        const double *o = s->w + 3 + 2 * k, *gain = p->gain + 3 + 2 * k;
+        double rate = o[1] / p->oscillator[k], square = o[0] * o[0] + rate * rate, slew = p->detuning_slew[k];
+        if (square > p->swing_floor_um2[k]) {
+            double lead = innovation * (rate * gain[0] - o[0] * gain[1] / p->oscillator[k]) / square;
+            double found = s->detuning[k] + most(-slew, least(slew, p->detuning_pull[k] * lead));
+            s->detuning[k] = most(p->detuning_low[k], least(p->detuning_high[k], found));
+        }
+    }
+}
+
+static void as_rates(const struct reference_parameters *p, struct reference_state *s)
+{
+    for (int k = 0; k < p->modes; k++) {
+        double omega = p->oscillator[k], found = omega + s->detuning[k], *o = s->w + 3 + 2 * k;
+        if (s->detuning[k] != 0.0) {
+            s->w[2] -= (found * found - omega * omega) * o[0];
+            o[1] *= found / omega;
+        }
+    }
 }
 
 static bool foreseen(const struct reference_parameters *p, const struct reference_state *s, double gap_s)
@@ -167,7 +195,7 @@ static void tracker_sample(const struct reference_parameters *p, struct referenc
     if (s->time_ns != 0 && gap_s <= 0.0)
         return;
     if (s->time_ns != 0 && foreseen(p, s, gap_s)) {
-        extrapolate(p, s->filtered, gap_s, s->w);
+        extrapolate(p, s, s->filtered, gap_s, s->w);
         innovation = value - position(s->w);
     }
     bool lost = s->followed && !isfinite(innovation);
@@ -180,6 +208,11 @@ static void tracker_sample(const struct reference_parameters *p, struct referenc
     s->silent = s->doubted = 0;
     for (int i = 0; i < REFERENCE_STATES; i++)    /* anew from the first sample, and from the first after a gap */
         s->filtered[i] = isfinite(innovation) ? s->w[i] + p->gain[i] * innovation : i == 0 ? value : 0.0;
+    if (isfinite(innovation))
+        follow_joints(p, s, innovation);
+    else
+        for (int k = 0; k < MAX_MODES; k++)
+            s->detuning[k] = 0.0;
     s->sampled_um = value;
     s->time_ns = time_ns;
 }
@@ -188,7 +221,8 @@ static void tracker_reference(const struct reference_parameters *p, struct refer
 {
     double age_s = (double)(now_ns - s->time_ns) * 1e-9;
     if (p->predict && s->time_ns > 0 && foreseen(p, s, age_s)) {
-        extrapolate(p, s->filtered, age_s, s->w);
+        extrapolate(p, s, s->filtered, age_s, s->w);
+        as_rates(p, s);
         return;
     }
     for (int i = 0; i < REFERENCE_STATES; i++)

@@ -29,8 +29,9 @@ if TYPE_CHECKING:
 @click.argument("file", type=click.Path(path_type=Path), metavar="RECORDING")
 @axis_option
 @click.option(
-    "--moves", "moves_percent", type=Quantity("NotNegative", most=50.0), default=0.5, show_default=True,
-    metavar="PERCENT", help="By how much an oscillation's frequency may be another than in the recording.",
+    "--moves", "moves_percent", type=Quantity("NotNegative", most=50.0), default=2.0, show_default=True,
+    metavar="PERCENT", help="By how much an oscillation's frequency may be another than in the recording until it is "
+    "found; 0: it is not looked for.",
 )  # fmt: skip
 @click.option("--into", type=click.Path(path_type=Path), help="Configuration file to put it into, as reference.axes.")
 @json_option

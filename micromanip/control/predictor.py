@@ -7,7 +7,7 @@ is said (``rt/laws/reference.py`` runs it).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,7 @@ _PATH_OMEGA = 50.0
 
 
 class OscillationSettings(Protocol):
-    """One oscillation of the reference: frequency, how fast its amplitude walks and decays."""
+    """One oscillation of the reference: frequency, where it may be found, how fast its amplitude walks and decays."""
 
     @property
     def frequency_Hz(self) -> float: ...
@@ -29,6 +29,8 @@ class OscillationSettings(Protocol):
     def um_per_s(self) -> float: ...
     @property
     def decay_per_s(self) -> float: ...
+    @property
+    def range_Hz(self) -> tuple[float, float]: ...
 
 
 class TrackerSettings(Protocol):
@@ -42,6 +44,16 @@ class TrackerSettings(Protocol):
     def jerk_um_per_s3(self) -> float: ...
     @property
     def noise_um(self) -> float: ...
+
+
+class Predictor(NamedTuple):
+    """A stationary filter: gain (r,), variance of the innovations, and variances (oscillations,) of each one's o and
+    o' over its frequency, both, after a sample; um^2.
+    """
+
+    gain: Matrix
+    innovation_um2: float
+    swings_um2: Matrix
 
 
 def rotation(omega: float, period_s: float) -> Matrix:
@@ -71,16 +83,16 @@ def tracker_gain(reference: TrackerSettings) -> Matrix:
 
     Raises LinAlgError, ValueError or FloatingPointError where there is none.
     """
-    return stationary(reference)[0]
+    return stationary(reference).gain
 
 
-def stationary(reference: TrackerSettings) -> tuple[Matrix, float]:
-    """The gain (r,) and the variance (um^2) of the innovations; raises as `tracker_gain`."""
+def stationary(reference: TrackerSettings) -> Predictor:
+    """The whole of it; raises as `tracker_gain`."""
     with np.errstate(divide="raise", over="raise", invalid="raise"):
         return _stationary(reference)
 
 
-def _stationary(reference: TrackerSettings) -> tuple[Matrix, float]:
+def _stationary(reference: TrackerSettings) -> Predictor:
     h = 1.0 / reference.sample_rate_Hz
     F = reference_transition(reference.oscillations, h)
     moving = np.array([[h**5 / 20, h**4 / 8, h**3 / 6], [h**4 / 8, h**3 / 3, h**2 / 2], [h**3 / 6, h**2 / 2, h]])
@@ -95,7 +107,8 @@ def _stationary(reference: TrackerSettings) -> tuple[Matrix, float]:
     Fs, Qs = F * units[None, :] / units[:, None], diagonal(*blocks) / np.outer(units, units)
     P = solve_riccati(Fs.T, H[:, None], Qs, np.array([[reference.noise_um**2]]))
     variance = float(H @ P @ H + reference.noise_um**2)
-    return np.asarray(units * (P @ H) / variance, dtype=np.float64), variance
+    left = np.diag(P) - (P @ H) ** 2 / variance
+    return Predictor(np.asarray(units * (P @ H) / variance, dtype=np.float64), variance, left[3::2] + left[4::2])
 
 
 def _walked(decay_per_s: float, time_s: float) -> float:

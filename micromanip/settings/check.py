@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from micromanip.control.joints import joints_radius
 from micromanip.control.outer_gains import outer_gains
 from micromanip.control.predictor import tracker_gain
 from micromanip.control.tooth import followed_radius
@@ -251,6 +252,12 @@ def _stability(configuration: Configuration) -> Iterator[Finding]:
                 where = ("reference", "axes", name) if name in tracker.axes else ("reference",)
                 yield where, f"no predictor exists for these rates and noises ({problem})"
                 return
+            radius = joints_radius(tracker.of(name))
+            if not radius < 1.0:
+                yield (
+                    ("reference", "axes", name, "oscillations"),
+                    f"in their ranges the predictor would be unstable: a pole at radius {radius:.6f}; take less",
+                )
     for name, axis in configuration.axes.items():
         if axis.outer is None:
             continue

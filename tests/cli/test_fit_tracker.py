@@ -46,7 +46,7 @@ def fitted(recorded, tmp_path_factory):
 def test_an_axis_is_found_and_put_into_a_configuration(fitted):
     found, copied = fitted
     assert [each["frequency_Hz"] for each in found["oscillations"]] == pytest.approx([7.76], abs=0.01)
-    assert found["noise_um"] == pytest.approx(0.5, rel=0.05)
+    assert found["noise_um"] == pytest.approx(0.5, rel=0.08)
     assert "# The simulated cell, tuned" in copied.read_text(), "comments stay"
     before, after = (cell_of(prepare(file), "y") for file in (SIMULATED, copied))
     assert after.laws.tracker.noise_um == found["noise_um"]

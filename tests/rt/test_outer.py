@@ -9,7 +9,7 @@ from micromanip.control.far_gains import far_gains
 from micromanip.control.predictor import reference_transition
 from micromanip.rt.laws.estimator import ESTIMATOR_STATE, output
 from micromanip.rt.laws.lqg import OUTER_PARAMETERS, outer_setpoint
-from micromanip.rt.laws.reference import REFERENCE_PARAMETERS, REFERENCE_STATES, extrapolate
+from micromanip.rt.laws.reference import REFERENCE_PARAMETERS, REFERENCE_STATE, REFERENCE_STATES, extrapolate
 from micromanip.settings.schema.reference import AxisDeviation, Oscillation, Tracker
 
 from .builders import PERIOD_S, record
@@ -158,6 +158,10 @@ REFERENCES = {
 }
 
 
+STILL = record(REFERENCE_STATE)
+"""None of them is followed."""
+
+
 def moved(axis):
     """The oscillations of `axis`, written down once more."""
     omegas, decays = ([factor * each[i] for each in MOVED[axis]] for i, factor in ((0, 2 * np.pi), (1, 1.0)))
@@ -183,7 +187,7 @@ def test_references_are_followed_and_disturbances_cancelled(delay, oscillation_H
     if oscillation_Hz is not None:
         plant[-(len(plant) - n) - 2] = 2.0
     w, scratch, out = state(reference), np.zeros(REFERENCE_STATES), np.zeros((4000, 3))
-    outer_course(p, record(ESTIMATOR_STATE), plant, scratch, w, moved(axis), PERIOD_S, out)
+    outer_course(p, record(ESTIMATOR_STATE), plant, scratch, w, moved(axis), STILL, PERIOD_S, out)
     error = out[:, 0] - out[:, 1]
     assert np.abs(error[:200]).max() > 1.0  # there was something to do
     assert np.abs(error[-500:]).max() < 1e-6
@@ -195,7 +199,7 @@ def test_without_the_regulator_equations_it_would_not_follow():
     _, gains, p = designed(2, TRACKER.of("x"))
     p["reference"][1] = 0.0
     plant, out, scratch = np.zeros(p["a_columns"].shape[0]), np.zeros((4000, 3)), np.zeros(REFERENCE_STATES)
-    outer_course(p, record(ESTIMATOR_STATE), plant, scratch, state("ramp"), moved("x"), PERIOD_S, out)
+    outer_course(p, record(ESTIMATOR_STATE), plant, scratch, state("ramp"), moved("x"), STILL, PERIOD_S, out)
     assert np.abs(out[-500:, 0] - out[-500:, 1]).min() > 1e-3
     assert len(gains.reference) == 5
 
@@ -248,5 +252,5 @@ def test_law_is_a_sum_of_products():
 
 def test_reference_transition_is_that_of_extrapolate():
     w, out = state("three oscillations"), np.zeros(REFERENCE_STATES)
-    extrapolate(moved("y"), w, PERIOD_S, out)
+    extrapolate(moved("y"), STILL, w, PERIOD_S, out)
     assert out == pytest.approx(reference_transition(TRACKER.of("y").oscillations, PERIOD_S) @ w)

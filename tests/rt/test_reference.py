@@ -37,6 +37,7 @@ from .builders import record
 NO_SAMPLES = np.zeros((1, 3))
 NO_MOTION = [0.0] * (REFERENCE_STATES - 1)
 MS = 1_000_000
+STILL = record(REFERENCE_STATE)
 
 
 def own(p, t_s, samples=NO_SAMPLES):
@@ -92,7 +93,7 @@ STATES = st.lists(st.floats(-100.0, 100.0), min_size=REFERENCE_STATES, max_size=
 @given(STATES, MODES, st.floats(-0.02, 0.02))
 def test_extrapolation_is_the_differential_equation(w, modes, tau_s):
     w, out, used = np.array(w), np.full(REFERENCE_STATES, np.nan), 3 + 2 * len(modes)
-    extrapolate(swinging(*modes), w, tau_s, out)
+    extrapolate(swinging(*modes), STILL, w, tau_s, out)
 
     def slope(_, x):
         turned = [(x[i + 1] - d * x[i], -omega * omega * x[i] - d * x[i + 1]) for i, (omega, d) in parts]
@@ -108,9 +109,9 @@ def test_extrapolation_is_the_differential_equation(w, modes, tau_s):
 def test_extrapolations_add_up(first_s, second_s):
     w = np.array([1.0, 20.0, 300.0, 4.0, -50.0, 2.0, 30.0, -1.0, 8.0])
     p, (middle, end, direct) = swinging((50.0, 0.0), (31.0, 2.0), (90.0, 0.1)), np.zeros((3, REFERENCE_STATES))
-    extrapolate(p, w, first_s, middle)
-    extrapolate(p, middle, second_s, end)
-    extrapolate(p, w, first_s + second_s, direct)
+    extrapolate(p, STILL, w, first_s, middle)
+    extrapolate(p, STILL, middle, second_s, end)
+    extrapolate(p, STILL, w, first_s + second_s, direct)
     assert end == pytest.approx(direct, rel=1e-9, abs=1e-9)
 
 
@@ -281,7 +282,8 @@ def test_three_oscillations_are_filterpys_too():
 @pytest.mark.parametrize(("before", "after", "kept"), [(1, 3, 5), (3, 1, 5), (2, 2, 7), (0, 3, 3)])
 def test_other_oscillations_begin_at_rest(before, after, kept):
     s = record(REFERENCE_STATE, filtered=np.arange(1.0, 10.0), w=np.arange(1.0, 10.0))
-    change_modes(tracker(modes=before), tracker(modes=after), s)
+    old, new = (tracker(modes=modes, oscillator=[OMEGA, 40.0, 90.0]) for modes in (before, after))
+    change_modes(old, new, s)
     for name in ("filtered", "w"):
         assert s[name].tolist() == [*np.arange(1.0, kept + 1.0), *[0.0] * (9 - kept)]
 

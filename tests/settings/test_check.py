@@ -25,6 +25,14 @@ CONFIG = Path(__file__).parents[2] / "config" / "paper.yaml"
 TEXT = CONFIG.read_text(encoding="utf-8")
 
 
+def _swinging(*each):
+    """Lines of `reference.axes` with oscillations of (Hz, range_percent)."""
+    lines = [
+        f"        - {{frequency_Hz: {hertz}, um_per_s: 200.0, range_percent: {percent}}}\n" for hertz, percent in each
+    ]
+    return "".join(["  axes:\n    x:\n      oscillations:\n", *lines])
+
+
 def line_of(text, marker):
     """Number of the first line that contains `marker`."""
     return next(number for number, line in enumerate(text.splitlines(), 1) if marker in line)
@@ -71,6 +79,19 @@ BROKEN = {
         "strian_x: {",
         "signals.strian_x: no axis takes a signal of this name; did you mean strain_x? (names are <role>_<axis>, "
         "enable, interlock, retracted, part, tool, temperature)",
+    ),
+    "joints that could be taken for each other": (
+        ("  noise_um: 0.5\n\naxes:", f"  noise_um: 0.5\n{_swinging((8.0, 30.0), (10.0, 30.0))}\naxes:"),
+        "      oscillations:",
+        "reference.axes.x.oscillations: oscillations at 8 and 10 Hz could find the same frequency: their range_percent",
+    ),
+    "joints that a slow tracker can't follow so far": (
+        (
+            "  sample_rate_Hz: 1000\n  oscillation_Hz: 8       # the robot's joints\n  noise_um: 0.5\n",
+            "  sample_rate_Hz: 200\n  jerk_um_per_s3: 1.0e+5\n  noise_um: 0.5\n" + _swinging((8.3, 60.0), (52.0, 60.0)),
+        ),
+        "      oscillations:",
+        "reference.axes.x.oscillations: in their ranges the predictor would be unstable: a pole at radius ",
     ),
     "learning of what follows no tracker": (
         (

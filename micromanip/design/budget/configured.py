@@ -94,7 +94,8 @@ def cell_of(prepared: Prepared, axis: str) -> Cell:
     settings = configuration.axes[axis]
     if known is not None and settings.outer is not None:
         settings = settings.model_copy(update={"outer": settings.outer.at_tooth(known.tooth[0])})
-    laws = AxisLaws(axis, settings, tracker.of(axis), configuration.loop.period_ns * 1e-9)
+    known_Hz = () if known is None else (hertz for hertz, um in known.deviation if um > 0.0)
+    laws = AxisLaws(axis, settings, tracker.of(axis).at_swings(known_Hz), configuration.loop.period_ns * 1e-9)
     tracking = Tracking(laws.tracker, cycles_between(configuration, timing), timing.latency_s, laws.period_s)
     return Cell(laws, tracking, known)
 

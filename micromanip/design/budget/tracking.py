@@ -15,15 +15,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.control.predictor import reference_transition, shown, tracker_gain
+from micromanip.rt.jit import Compiler
+from micromanip.rt.laws.reference import REFERENCE_PARAMETERS, REFERENCE_STATE, signal_reference, signal_sample
+from micromanip.settings.compile.reference import fill_predictor
 from micromanip.settings.schema.reference import AxisTracker
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
+
+compiled = Compiler(__file__)
 
 
 @dataclass(frozen=True)
@@ -71,21 +77,29 @@ class Tracking:
         `samples` (k,) were taken at `taken_s` (k,) and seen from `arrived_s` (k,) on; `row` (r,) is G. The predictor
         starts at rest at the first.
         """
-        place = np.maximum(np.searchsorted(arrived_s, now_s + 1e-3 * self.period_s, side="right") - 1, 0)
-        if not self.tracker.predict:
-            return np.asarray(row[0] * samples[place])
-        gain, gaps = self._gain, np.round(np.diff(taken_s), 9)
-        state, seen = np.zeros((len(samples), len(gain))), shown(len(gain))
-        state[0, 0] = samples[0]
-        steps = {gap: self._moved(gap) for gap in np.unique(gaps)}
-        for k, gap in enumerate(gaps, start=1):
-            expected = steps[gap] @ state[k - 1]
-            state[k] = expected + gain * (samples[k] - seen @ expected)
-        p, v, a, *swinging = state[place].T
-        tau = now_s - taken_s[place]
-        now = [p + tau * (v + 0.5 * tau * a), v + tau * a, a]
-        for each, o, rate in zip(self.tracker.oscillations, swinging[::2], swinging[1::2], strict=True):
-            omega, left = 2.0 * np.pi * each.frequency_Hz, np.exp(-each.decay_per_s * tau)
-            cosine, sine = left * np.cos(omega * tau), left * np.sin(omega * tau)
-            now += [cosine * o + sine / omega * rate, cosine * rate - omega * sine * o]
-        return np.asarray(row @ np.array(now))
+        p, s = np.zeros(1, REFERENCE_PARAMETERS)[0], np.zeros(1, REFERENCE_STATE)[0]
+        fill_predictor(p, self.tracker)
+        p["low_um"], p["high_um"], p["jump_um"], p["horizon_s"] = -np.inf, np.inf, np.inf, np.inf
+        # a sample that arrives with a cycle is there, whatever the rounding
+        times_s = (taken_s, arrived_s - 1e-3 * self.period_s, now_s)
+        taken_ns, arrived_ns, now_ns = (_ns(each - taken_s[0]) + 1 for each in times_s)
+        out = np.empty(len(now_s))
+        _given(p, s, taken_ns, arrived_ns, np.asarray(samples, dtype=float), now_ns, row, out)
+        return out
+
+
+def _ns(time_s: Array) -> NDArray[np.int64]:
+    return np.rint(1e9 * time_s).astype(np.int64)
+
+
+@compiled
+def _given(p: Any, s: Any, taken_ns: Any, arrived_ns: Any, samples: Any, now_ns: Any, row: Any, out: Any) -> None:
+    seen = 0
+    for i in range(len(now_ns)):
+        while seen < len(samples) and (seen == 0 or arrived_ns[seen] <= now_ns[i]):
+            signal_sample(p, s, samples[seen], taken_ns[seen])
+            seen += 1
+        signal_reference(p, s, now_ns[i])
+        out[i] = 0.0
+        for k in range(len(row)):
+            out[i] += row[k] * s["w"][k]

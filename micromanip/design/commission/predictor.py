@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.errors import CheckFailed
-from micromanip.settings.schema.reference import AxisDeviation, Tracker
+from micromanip.settings.schema.reference import AxisDeviation, AxisTracker, Tracker
 
-from ..deviation.fit import Deviation, fit_deviation
+from ..deviation.fit import Deviation, fit_deviation, followed
 from ..deviation.innovations import log_likelihood
 from .at_rest import AtRest
 
@@ -46,25 +46,33 @@ def _known(common: Tracker, samples: Array) -> tuple[AxisDeviation, float]:
     """What `samples` (n,) show, and the log-likelihood gained; CheckFailed where they show nothing better."""
     count, rate_Hz = int(_FITTED * len(samples)), common.sample_rate_Hz
     held_out = samples[count:]
-    early = _shown(fit_deviation(samples[:count], rate_Hz), samples[:count])
+    early = _shown(common, fit_deviation(samples[:count], rate_Hz), samples[:count])
     gained = _likelihood(common, early, held_out) - _likelihood(common, AxisDeviation(), held_out)
     if gained < _MARGIN:
         raise CheckFailed(f"samples held out are no likelier under its own, {gained:+.1f} in log-likelihood")
-    return _shown(fit_deviation(samples, rate_Hz), samples), gained
+    return _shown(common, fit_deviation(samples, rate_Hz), samples), gained
 
 
 def _likelihood(common: Tracker, known: AxisDeviation, samples: Array) -> float:
-    return log_likelihood(common.model_copy(update={"axes": {"": known}}).of(""), samples)
+    return log_likelihood(_tracker(common, known), samples)
 
 
-def _shown(found: Deviation, samples: Array) -> AxisDeviation:
+def _tracker(common: Tracker, known: AxisDeviation) -> AxisTracker:
+    return common.model_copy(update={"axes": {"": known}}).of("")
+
+
+def _shown(common: Tracker, found: Deviation, samples: Array) -> AxisDeviation:
     """What `samples` (n,) can show: of a robot that stood still no jerk, and not that it has no oscillation."""
     settings, window = found.settings(), max(1, round(_SLOW_S * found.model.sample_rate_Hz))
     means = samples[: len(samples) // window * window].reshape(-1, window).mean(axis=1)
     if np.std(means) < _MOVES * found.model.noise_um:
         del settings["jerk_um_per_s3"]
         settings["oscillations"] = settings["oscillations"] or None
-    return AxisDeviation.model_validate(settings)
+    known = AxisDeviation.model_validate(settings)
+    if known.jerk_um_per_s3 is None and known.oscillations is not None:
+        # with the jerk of all axes it is another filter, which bears other ranges
+        known = known.model_copy(update={"oscillations": followed(_tracker(common, known)).oscillations})
+    return known
 
 
 def _told(entry: AxisDeviation) -> str:

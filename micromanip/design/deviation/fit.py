@@ -11,11 +11,14 @@ to settle, and is lost when the robot moves its joints. So b is at least what se
 least so much that a frequency off by `moves_percent` costs no more than needed: ``b h s^2`` of the noise
 comes through, and the filter lags by ``(A dw / b)^2 / 2`` behind an amplitude A whose frequency is off by dw; together
 they are least at ``b^3 = A^2 dw^2 / (h s^2)``. The other parameters are fitted anew beside these walks.
+
+A frequency that may move at all is followed (``rt/laws/joints.py``), as far as no two could find the same one. Then
+`moves_percent` is what the filter bears until it is found.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -24,6 +27,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.signal import periodogram
 
+from micromanip.control.joints import joints_radius
 from micromanip.control.predictor import reference_transition, shown, tracker_gain
 from micromanip.errors import CheckFailed
 from micromanip.rt.laws.reference import MAX_MODES
@@ -54,7 +58,10 @@ _LOG_JERK, _LOG_WALK = (np.log(1e-3), np.log(1e7)), np.log(1e5)
 _SLOWEST_PER_S, _FASTEST_PER_S = 1e-3, 30.0
 _SETTLING = 0.1
 """Bandwidth of a filter that is to see an amplitude, in terms of its frequency."""
-MOVES_PERCENT = 0.5
+MOVES_PERCENT = 2.0
+"""Narrower filters leave less of a frequency that stays, wider ones of one that jumps or sweeps."""
+_RANGES_PERCENT, _HALF_WAY_PERCENT = (50.0, 25.0, 12.0, 6.0, 3.0), 98.0
+"""How far frequencies are followed, if the filter bears it; beside another one, so much of half the way to it."""
 
 
 @dataclass(frozen=True)
@@ -76,6 +83,7 @@ class Deviation:
                     "frequency_Hz": float(f"{each.frequency_Hz:.5g}"),
                     "um_per_s": float(f"{each.um_per_s:.3g}"),
                     **({"decay_per_s": float(f"{each.decay_per_s:.3g}")} if each.decay_per_s > 0.0 else {}),
+                    **({"range_percent": each.range_percent} if each.range_percent > 0.0 else {}),
                 }
                 for each in self.model.oscillations
             ],
@@ -85,7 +93,8 @@ class Deviation:
 
 
 def fit_deviation(samples: Array, rate_Hz: float, moves_percent: float = MOVES_PERCENT) -> Deviation:
-    """The model of `samples` (n,), um, `rate_Hz` a second; `moves_percent` is how far frequencies may move afterwards.
+    """The model of `samples` (n,), um, `rate_Hz` a second; `moves_percent` is by how much
+    frequencies may be others afterwards until they are found; with 0 they are not looked for.
 
     Raises CheckFailed where the samples are too few, not finite, or show nothing.
     """
@@ -113,6 +122,7 @@ def fit_deviation(samples: Array, rate_Hz: float, moves_percent: float = MOVES_P
     model = with_noise(model, noise_of(model, innovations))
     fitted = judge_innovations(innovations, Whitening.of(model).variance_um2)
     model = _lasting(model, len(samples) / rate_Hz)
+    model = followed(model) if moves_percent > 0.0 else model
     if not fitted.white:
         notes = (
             f"the innovations are not white: {fitted.correlation:+.3f} at lag {fitted.lag}, at most "
@@ -176,6 +186,23 @@ def _loosened(model: AxisTracker, amplitudes_um: Sequence[float], moves_percent:
         least = bandwidth * model.noise_um * np.sqrt(2.0 * step_s)
         swinging.append(each.model_copy(update={"um_per_s": max(each.um_per_s, float(least))}))
     return replace(model, oscillations=tuple(swinging))
+
+
+def followed(model: AxisTracker) -> AxisTracker:
+    """`model` with the widest ranges of its frequencies in which two never meet, and the filter forgets fast enough."""
+    for most_percent in _RANGES_PERCENT:
+        ranged = replace(model, oscillations=tuple(_ranged(model, most_percent)))
+        if -np.log(joints_radius(ranged)) * model.sample_rate_Hz >= _SLOWEST_POLE_PER_S:
+            return ranged
+    return replace(model, oscillations=tuple(_ranged(model, 0.0)))
+
+
+def _ranged(model: AxisTracker, most_percent: float) -> Iterator[Oscillation]:
+    for each in model.oscillations:
+        ratios = [other.frequency_Hz / each.frequency_Hz for other in model.oscillations if other is not each]
+        apart = min((max(ratio, 1.0 / ratio) for ratio in ratios), default=np.inf)
+        reach = min(most_percent, _HALF_WAY_PERCENT * float(np.sqrt(apart) - 1.0))
+        yield each.model_copy(update={"range_percent": float(f"{reach:.3g}")})
 
 
 class _Search:

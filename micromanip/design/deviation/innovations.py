@@ -36,7 +36,7 @@ class Whitening:
     @classmethod
     def of(cls, model: AxisTracker) -> Whitening:
         """From the predictor's gain."""
-        gain, variance = stationary(model)
+        gain, variance, _ = stationary(model)
         step_s = 1.0 / model.sample_rate_Hz
         step = reference_transition(model.oscillations, step_s)
         poles = np.linalg.eigvals((np.eye(len(gain)) - np.outer(gain, shown(len(gain)))) @ step).astype(complex)

@@ -3,11 +3,12 @@
 Own sources are a constant, a sum of sines as (25), a step, samples played cycle by cycle, and a position that is
 jogged by hand. A signal
 (laser tracker) arrives late and at its own rate: a Kalman filter with the state ``w = [p, v, a, o1, o1', ..]`` (up to
-three oscillations o of known frequency and decay) is corrected at each sample's own time and extrapolated to now in
-closed form; it can also just hold the sample. Only finite samples inside ``[low_um, high_um]`` are taken, and none
-that jumps by more than ``jump_um`` from where it is expected; ``silent`` counts the cycles since one was. A signal that
-stays where it jumped to is believed after the horizon, but not while the axis follows it (``followed``): once it has
-been ``doubted`` for so long it goes on being silent until the watch calls it lost, wherever it wanders.
+three oscillations o of known decay, their frequencies known or found, ``joints.py``) is corrected at each sample's own
+time and extrapolated to now in closed form; it can also just hold the sample. Only finite samples inside ``[low_um,
+high_um]`` are taken, and none that jumps by more than ``jump_um`` from where it is expected; ``silent`` counts the
+cycles since one was. A signal that stays where it jumped to is believed after the horizon, but not while the axis
+follows it (``followed``): once it has been ``doubted`` for so long it goes on being silent until the watch calls it
+lost, wherever it wanders.
 
 The horizon counts cycles that ran: a loop that stood still heard nothing of a signal that may have gone on, and what it
 hears then is judged by the extrapolation over that time, up to ``STOOD_STILL`` horizons.
@@ -21,10 +22,12 @@ from typing import Any
 from micromanip.rt.jit import compiled
 from micromanip.rt.record import Record, record
 
+from .joints import JOINTS, JOINTS_STATE, as_rates, follow_joints, keep_detuning
+from .joints import MAX_MODES as MAX_MODES
+
 HOLD, SINES, STEP, SIGNAL, SAMPLES, JOG = range(6)
 
 MAX_SINES = 8
-MAX_MODES = 3
 STOOD_STILL = 5.0
 REFERENCE_STATES = 3 + 2 * MAX_MODES
 REFERENCE_PARAMETERS = record(
@@ -42,6 +45,7 @@ REFERENCE_PARAMETERS = record(
     ("modes", "i8"),
     ("oscillator", "f8", (MAX_MODES,)),
     ("decay", "f8", (MAX_MODES,)),
+    *JOINTS,
     ("gain", "f8", (REFERENCE_STATES,)),
     ("horizon_s", "f8"),
     ("horizon_cycles", "i8"),
@@ -56,6 +60,7 @@ REFERENCE_STATE = record(
     ("filtered", "f8", (REFERENCE_STATES,)),
     ("w", "f8", (REFERENCE_STATES,)),
     ("ahead", "f8", (REFERENCE_STATES,)),
+    *JOINTS_STATE,
     ("time_ns", "i8"),
     ("sequence", "i8"),
     ("sampled_um", "f8"),
@@ -69,18 +74,20 @@ REFERENCE_STATE = record(
 
 
 @compiled
-def extrapolate(p: Record, w: Any, tau_s: float, out: Any) -> None:
+def extrapolate(p: Record, s: Record, w: Any, tau_s: float, out: Any) -> None:
     """`out` = `w` after `tau_s` seconds: constant acceleration, and each oscillation turned and decayed.
 
-    Of a decaying one the second state is not quite the rate of the first: both decay alike (Harvey, Forecasting,
-    Structural Time Series Models and the Kalman Filter, section 2.3.3).
+    They turn at the frequencies found, in units of the configured ones. Of a decaying one the second state is not quite
+    the rate of the first: both decay alike (Harvey, Forecasting, Structural Time Series Models and the Kalman Filter,
+    section 2.3.3).
     """
     out[0] = w[0] + tau_s * (w[1] + 0.5 * tau_s * w[2])
     out[1] = w[1] + tau_s * w[2]
     out[2] = w[2]
     for k in range(p["modes"]):
         omega = p["oscillator"][k]
-        sine, cosine = math.sin(omega * tau_s), math.cos(omega * tau_s)
+        angle = (omega + s["detuning"][k]) * tau_s
+        sine, cosine = math.sin(angle), math.cos(angle)
         if p["decay"][k] > 0.0:
             left = math.exp(-p["decay"][k] * tau_s)
             sine *= left
@@ -163,7 +170,7 @@ def signal_sample(p: Record, s: Record, value_um: float, time_ns: int) -> None:
         return
     filtered, innovation = s["filtered"], math.nan
     if s["time_ns"] != 0 and is_foreseen(p, s, gap_s):
-        extrapolate(p, filtered, gap_s, s["w"])
+        extrapolate(p, s, filtered, gap_s, s["w"])
         innovation = value_um - position(s["w"])
     # once nothing is expected any more, whoever follows it stands where it was last
     lost = s["followed"] != 0 and not math.isfinite(innovation)
@@ -176,10 +183,13 @@ def signal_sample(p: Record, s: Record, value_um: float, time_ns: int) -> None:
     if math.isfinite(innovation):
         for i in range(REFERENCE_STATES):
             filtered[i] = s["w"][i] + p["gain"][i] * innovation
+        follow_joints(p, s, s["w"], innovation)
     else:  # the first sample, the first after a gap, or a memory that was lost
         for i in range(REFERENCE_STATES):
             filtered[i] = 0.0
         filtered[0] = value_um
+        for k in range(MAX_MODES):
+            s["detuning"][k] = 0.0
     s["sampled_um"] = value_um
     s["time_ns"] = time_ns
 
@@ -189,7 +199,8 @@ def signal_reference(p: Record, s: Record, now_ns: int) -> None:
     """Fill ``s["w"]`` with the signal's reference now; past the horizon its last position is held."""
     age_s = (now_ns - s["time_ns"]) * 1e-9
     if p["predict"] and s["time_ns"] > 0 and is_foreseen(p, s, age_s):
-        extrapolate(p, s["filtered"], age_s, s["w"])
+        extrapolate(p, s, s["filtered"], age_s, s["w"])
+        as_rates(p, s, s["w"])
         return
     for i in range(REFERENCE_STATES):
         s["w"][i] = 0.0
@@ -199,6 +210,7 @@ def signal_reference(p: Record, s: Record, now_ns: int) -> None:
 @compiled.rare
 def change_modes(old: Record, new: Record, s: Record) -> None:
     """Carry the filter over to other oscillations: one that `old` did not have begins at rest."""
+    keep_detuning(old, new, s)
     first = 3 + 2 * min(old["modes"], new["modes"])
     for i in range(first, REFERENCE_STATES):
         s["filtered"][i] = s["w"][i] = 0.0

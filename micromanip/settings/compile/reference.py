@@ -11,15 +11,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from micromanip.control.joints import FollowedJoints, followed_joints
 from micromanip.control.predictor import tracker_gain
 from micromanip.files.regular_file import open_regular
 from micromanip.rt.laws import reference as law
 from micromanip.rt.records import MAX_AXES
 from micromanip.settings.schema.model import Configuration
-from micromanip.settings.schema.reference import File, Hold, Jog, Reference, Sines, Step, Tracker
+from micromanip.settings.schema.reference import AxisTracker, File, Hold, Jog, Reference, Sines, Step, Tracker
 from micromanip.settings.text.source import Source
 
 _gain = functools.lru_cache(8)(tracker_gain)
+_followed = functools.lru_cache(8)(followed_joints)
 """Of the axes: those of which nothing of their own is said have the same."""
 _JOG_SMOOTHING_S = 0.05
 _MOST_BYTES = 500_000_000
@@ -31,12 +33,8 @@ def fill_reference(r: Any, reference: Reference, column: int, axis: str, rate_hz
     """Fill a REFERENCE_PARAMETERS record for `axis`, whose samples of a file stand in `column`."""
     r["jump_um"] = math.inf
     if isinstance(reference, Tracker):
-        r["kind"], r["predict"] = law.SIGNAL, reference.predict
-        own = reference.of(axis)
-        r["modes"] = len(own.oscillations)
-        for k, each in enumerate(own.oscillations):
-            r["oscillator"][k], r["decay"][k] = 2 * math.pi * each.frequency_Hz, each.decay_per_s
-        r["gain"][: 3 + 2 * len(own.oscillations)] = _gain(own)
+        r["kind"] = law.SIGNAL
+        fill_predictor(r, reference.of(axis))
         r["horizon_s"] = reference.horizon_ms * 1e-3
         r["horizon_cycles"] = round(r["horizon_s"] * rate_hz)
         r["low_um"], r["high_um"] = reference.range_um
@@ -61,6 +59,16 @@ def fill_reference(r: Any, reference: Reference, column: int, axis: str, rate_hz
             r["amplitude_um"][k] = sine.amplitude_um
             r["omega"][k] = 2 * math.pi * sine.frequency_Hz
             r["phase"][k] = math.radians(sine.phase_deg)
+
+
+def fill_predictor(r: Any, tracker: AxisTracker) -> None:
+    """Fill what a REFERENCE_PARAMETERS record has of the filter of `tracker`."""
+    modes = len(tracker.oscillations)
+    r["predict"], r["modes"], r["gain"][: 3 + 2 * modes] = tracker.predict, modes, _gain(tracker)
+    for k, each in enumerate(tracker.oscillations):
+        r["oscillator"][k], r["decay"][k] = 2 * math.pi * each.frequency_Hz, each.decay_per_s
+    for name, values in zip(FollowedJoints._fields, _followed(tracker), strict=True):
+        r[name][:modes] = values
 
 
 def load_samples(configuration: Configuration, source: Source) -> NDArray[np.float64]:

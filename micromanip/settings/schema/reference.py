@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import itertools
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
@@ -25,6 +28,8 @@ from .base import Flag, Settings
 from .frame import Frame
 from .key import Live, NewStart
 
+JointRange = Annotated[float, Field(ge=0, le=60)]
+
 
 @dataclass(frozen=True)
 class AxisTracker:
@@ -35,6 +40,11 @@ class AxisTracker:
     jerk_um_per_s3: float
     noise_um: float
     predict: bool = True
+
+    def at_swings(self, hertz: Iterable[float]) -> AxisTracker:
+        """The same once each oscillation has found the nearest of `hertz` in its range, if there is any."""
+        swings = list(hertz)
+        return replace(self, oscillations=tuple(each.at_swing(swings) for each in self.oscillations))
 
 
 class _Own(Settings):
@@ -85,6 +95,27 @@ class Oscillation(Settings):
     frequency_Hz: Hertz
     um_per_s: Speed = Field(description="How fast its amplitude changes (um per root second).")
     decay_per_s: NotNegative = Field(default=0.0, description="How fast it dies away by itself; 0: it does not.")
+    range_percent: JointRange = Field(
+        default=0.0,
+        description="How far from frequency_Hz its own frequency is found and followed, as a factor, either way (50: "
+        "from two thirds to one and a half times it); 0: it is taken for what was said.",
+    )
+
+    @property
+    def range_Hz(self) -> tuple[float, float]:
+        """Lowest and highest frequency that may be found."""
+        factor = 1.0 + 0.01 * self.range_percent
+        return self.frequency_Hz / factor, self.frequency_Hz * factor
+
+    def at_swing(self, hertz: Sequence[float]) -> Oscillation:
+        """The same at the frequency that it finds of `hertz`."""
+        low, high = self.range_Hz
+        found = min(
+            (each for each in hertz if low <= each <= high),
+            key=lambda each: abs(math.log(each / self.frequency_Hz)),
+            default=self.frequency_Hz,
+        )
+        return self.model_copy(update={"frequency_Hz": found})
 
 
 class AxisDeviation(Settings):
@@ -97,6 +128,18 @@ class AxisDeviation(Settings):
     )
     jerk_um_per_s3: Positive | None = Field(default=None, description="As above; null: that of all axes.")
     noise_um: Distance | None = Field(default=None, description="As above; null: that of all axes.")
+
+    @model_validator(mode="after")
+    def _are_apart(self) -> Self:
+        ordered = sorted(self.oscillations or (), key=lambda each: each.frequency_Hz)
+        for lower, upper in itertools.pairwise(ordered):
+            followed = lower.range_percent + upper.range_percent > 0.0
+            if followed and lower.range_Hz[1] >= upper.range_Hz[0]:
+                raise ValueError(
+                    f"oscillations at {lower.frequency_Hz:g} and {upper.frequency_Hz:g} Hz could find the same "
+                    "frequency: their range_percent must be smaller"
+                )
+        return self
 
 
 class Tracker(Settings):

@@ -120,6 +120,21 @@ def test_a_sine_is_followed_as_stepping_the_laws_says(laws, hertz, predict):
     assert np.mean(settled**2) == pytest.approx(0.5 * np.sum(np.abs(parts) ** 2), rel=0.02, abs=1e-9)
 
 
+@pytest.mark.parametrize("hertz", [7.0, 9.5])
+def test_what_it_is_given_follows_the_joints_as_the_loop_does(laws, hertz):
+    """As by the predictor that knew the frequency, once it is found; which is what a budget takes it for."""
+    followed = replace(laws.tracker, oscillations=(Oscillation(frequency_Hz=8.0, um_per_s=5.0, range_percent=40.0),))
+    fixed = replace(followed, oscillations=(Oscillation(frequency_Hz=8.0, um_per_s=5.0),))
+    now = np.arange(40_000) * 1e-4
+    taken = np.arange(4_000) * 1e-3 - 1e-3
+    samples, left = 30.0 * np.sin(2 * np.pi * hertz * taken), []
+    for tracker in (followed, followed.at_swings([0.83, hertz]), fixed, fixed.at_swings([hertz])):
+        given_um = Tracking(tracker, 10, 1e-3, 1e-4).given(taken, taken + 1e-3, samples, now, shown(5))
+        left.append(np.std((30.0 * np.sin(2 * np.pi * hertz * now) - given_um)[30_000:]))
+    assert left[0] == pytest.approx(left[1], abs=0.02)
+    assert left[2] == left[3] > 10.0 * left[0]
+
+
 def test_images_hold_each_frequency_once(laws):
     found = Tracking(laws.tracker, 10, 1e-3, 1e-4).images(7.76)
     assert found[0] == 7.76

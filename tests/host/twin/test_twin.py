@@ -109,6 +109,19 @@ def test_samples_that_jump_are_not_taken(scene, agreed):
     assert np.ptp(axis["reference_um"][295:400]) < 50.0
 
 
+def test_joints_that_swing_at_another_frequency(scene, agreed):
+    """Followed by all that the law has: with noise, and samples that are missing, so that slew and ends are met."""
+    p = scene.axes["reference"]
+    p["detuning_low"][:, 0], p["detuning_high"][:, 0] = -3.0, 4.0
+    p["detuning_pull"][:, 0], p["detuning_slew"][:, 0], p["swing_floor_um2"][:, 0] = 40.0, 1.0, 0.01
+    deviation = scene.sensor("deviation")
+    deviation["value"] += 0.5 * np.random.default_rng(6).normal(size=scene.cycles)
+    deviation["value"][700:900] = np.nan
+    outcome = agreed(scene.recording())
+    found = outcome.state["axis"]["reference"]["detuning"][0, :3, 0]
+    assert np.all((found != 0.0) & (found >= -3.0) & (found <= 4.0))
+
+
 def test_creep_and_rate_dependence(scene, agreed):
     hysteresis = scene.axes["hysteresis"]
     hysteresis["creeps"], hysteresis["rate_cycles"] = 2, 0.5

@@ -15,7 +15,7 @@ from micromanip.rt.laws.network import network_output
 from micromanip.rt.laws.notch import notch_output
 from micromanip.rt.laws.periodic import add_periodic
 from micromanip.rt.laws.pid import pid_output, unwind
-from micromanip.rt.laws.reference import extrapolate, position
+from micromanip.rt.laws.reference import extrapolate, position, signal_reference, signal_sample
 from micromanip.rt.laws.resonance import without_resonances
 
 compiled = Compiler(__file__)
@@ -106,10 +106,12 @@ def tooth_course(p: Any, s: Any, y: Any, every: int, turns: Any, innovations: An
 
 
 @compiled
-def outer_course(p: Any, s: Any, plant: Any, exogenous: Any, w: Any, moved: Any, period_s: float, out: Any) -> None:
+def outer_course(
+    p: Any, s: Any, plant: Any, exogenous: Any, w: Any, moved: Any, still: Any, period_s: float, out: Any
+) -> None:
     """Estimator and LQG around their own model (state `plant`, its disturbances last); column 0 y, 1 reference, 2 u.
 
-    `w` is the reference's state, moved on by the parameters `moved` of its law.
+    `w` is the reference's state, moved on by the parameters `moved` of its law, whose own state stands `still`.
     """
     start_estimator(p, s, 0, 0.0, output(p, plant))
     for k in range(len(out)):
@@ -122,7 +124,7 @@ def outer_course(p: Any, s: Any, plant: Any, exogenous: Any, w: Any, moved: Any,
         remember(s, u)
         out[k, 0], out[k, 1], out[k, 2] = y, position(w), u
         predict(p, plant, s["scratch"], u)
-        extrapolate(moved, w, period_s, exogenous)
+        extrapolate(moved, still, w, period_s, exogenous)
         for i in range(len(w)):
             w[i] = exogenous[i]
 
@@ -184,3 +186,15 @@ def resonance_course(p: Any, s: Any, x: Any, out: Any) -> None:
     """Inverted resonances along `x`."""
     for k in range(len(x)):
         out[k] = without_resonances(p, s, x[k])
+
+
+@compiled
+def predictor_course(p: Any, s: Any, samples: Any, step_ns: int, after_ns: int, out: Any, detunings: Any) -> None:
+    """Where the predictor sees the path `after_ns` after each sample, and what it found; NaN is no sample."""
+    for k in range(len(samples)):
+        now_ns = (k + 1) * step_ns
+        signal_sample(p, s, samples[k], now_ns)
+        signal_reference(p, s, now_ns + after_ns)
+        out[k] = position(s["w"])
+        for i in range(detunings.shape[1]):
+            detunings[k, i] = s["detuning"][i]

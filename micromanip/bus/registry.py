@@ -18,7 +18,7 @@ def installed() -> dict[str, EntryPoint]:
 
 
 def driver_class(name: str) -> type[CyclicDriver] | type[BusDriver]:
-    """Class of the driver called `name`; raises ConfigError where it is not there or is no driver."""
+    """Class of the driver called `name`; raises ConfigError where it is not there, is none, or lacks a member."""
     points = installed()
     if name not in points:
         hint = did_you_mean(name, sorted(points), "installed are:")
@@ -32,5 +32,10 @@ def driver_class(name: str) -> type[CyclicDriver] | type[BusDriver]:
         raise ConfigError(
             f"driver {name} ({points[name].value}) is neither a micromanip.driver.CyclicDriver "
             "nor a micromanip.driver.BusDriver"
+        )
+    if found.__abstractmethods__:
+        raise ConfigError(
+            f"driver {name} ({points[name].value}) does not have {', '.join(sorted(found.__abstractmethods__))}: "
+            "every driver of its kind must; tell its author"
         )
     return found

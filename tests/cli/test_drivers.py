@@ -1,6 +1,7 @@
 """``micromanip drivers``: what is installed, good or not, with its reason."""
 
 import json
+from pathlib import Path
 
 import pytest
 from conformance.example import UdpStage
@@ -13,6 +14,7 @@ from micromanip.errors import ConfigError
 
 from .command import code_of
 
+LAG_STAGE = Path(__file__).parents[2] / "docs" / "examples" / "lag_stage" / "cell.yaml"
 BUS = '''
 from micromanip.bus.driver import BusDriver, BusOptions
 class Driver(BusDriver):
@@ -129,3 +131,14 @@ def test_registry_gives_either_kind(announce):
     announce("nothing", "driver_of_nothing:Driver", BUS)
     assert kind_of(driver_class("nothing")) == "bus"
     assert driver_class("simulated") is SimulatedCell
+
+
+def test_one_that_is_not_whole_is_a_wrong_configuration(announce, tmp_path, capsys):
+    """Its class can't be made an object of, which was called a bug of ours."""
+    announce("nothing", "driver_of_nothing:Driver", BUS.replace("def close", "def shut").replace("def open", "def ope"))
+    cell = tmp_path / "cell.yaml"
+    cell.write_text(LAG_STAGE.read_text().replace("driver: lag_stage, um_per_V: 0.9, lag_ms: 0.5", "driver: nothing"))
+    said = "driver nothing (driver_of_nothing:Driver) does not have close, open: "
+    for verb in ("check", "run"):
+        assert code_of(verb, cell) == 78
+        assert f"{cell}:4: drivers.stage.driver: {said}" in capsys.readouterr().err

@@ -81,6 +81,12 @@ def system_error(problem: OSError, path: Path | str | None = None) -> Micromanip
     return DeviceUnavailable(text)
 
 
+def sentence(said: str | Exception) -> str:
+    """What was `said` as a sentence that another may follow, whatever it ends with."""
+    text = str(said).rstrip()
+    return text if text.endswith((".", "!", "?")) else f"{text}."
+
+
 def nearest(name: str, known: Iterable[str]) -> str | None:
     """That of `known` which was probably meant by `name`, in capitals or not; None without an idea."""
     lowered = {one.lower(): one for one in map(str, known)}

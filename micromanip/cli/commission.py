@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from micromanip.errors import CheckFailed, UsageError
+from micromanip.errors import CheckFailed, UsageError, sentence
 
 from .axes import chosen_axes
 from .commissioned import PREVIOUS, REJECTED, REPORT, TUNED, document, print_found, tuned_text, write_results
@@ -116,7 +116,7 @@ def command(
     if missing is not None:
         raise missing
     if found.stopped is not None:
-        raise CheckFailed(f"{found.stopped}; what was found by then is in {folder / REPORT}")
+        raise CheckFailed(f"{sentence(found.stopped)} What was found by then is in {folder / REPORT}")
     failed = [criterion for story in found.evidence for criterion in story.criteria if not criterion.passed]
     if failed:
         worst = failed[0]

@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from micromanip.errors import UsageError
+from micromanip.errors import CheckFailed, UsageError, sentence
 
 from .axes import require_axis_of
 from .options import Quantity, StrictCommand, config_argument, json_option, prepare_and_warn, print_json, socket_option
 from .prose import say
 from .results import keep, out_option, results_folder
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from micromanip.settings.check import Prepared
 
 
 @click.command(
@@ -59,7 +65,6 @@ def command(
         held,
         recording,
         samples_for,
-        variant,
         write_csv,
     )
 
@@ -78,19 +83,10 @@ def command(
             low, high = excitation.samples.min(), excitation.samples.max()
             question = f"Axis {axis} will move: {low:.0f} to {high:.0f} V for {duration_s:.0f} s on driver {real[0]}."
             click.confirm(f"{question} Is the spindle free?", abort=True, err=True)
-        if live or not prepared.wiring.virtual:
-            from .live import LiveLine
-            from .played import play
-
-            with LiveLine() as line:
-                rows = play(prepared, variant(configuration), samples, duration_s, socket_path, line)
-        else:
-            from micromanip.virtual.experiment import VirtualExperiment
-
-            from .progress import steps
-
-            with steps() as bar:
-                rows = VirtualExperiment(prepared, say=bar.say)(variant(configuration), duration_s, samples)
+        try:
+            rows = _played(prepared, samples, duration_s, socket_path, live=live or not prepared.wiring.virtual)
+        except CheckFailed as problem:
+            raise CheckFailed(f"{sentence(problem)} Nothing is written") from problem
         columns = recording(configuration, excitation, rows)
         if old := int(held(configuration, axis, rows).sum() if f"stage_{axis}" in configuration.signals else 0):
             say(
@@ -105,3 +101,24 @@ def command(
     else:
         say(f"{file}: {len(columns['t_s'])} rows, {', '.join(columns)}; stroke {low:.1f} to {high:.1f} um")
         say(f"next: micromanip fit hysteresis {file} --input voltage_V --output strain_um --burn-in 1")
+
+
+def _played(
+    prepared: Prepared, samples: NDArray[np.float64], duration_s: float, socket_path: Path, *, live: bool
+) -> NDArray[Any]:
+    """Rows of `samples` played in open loop; raises CheckFailed where a fault ended that."""
+    from micromanip.design.identification import variant
+
+    configuration = variant(prepared.configuration)
+    if live:
+        from .live import LiveLine
+        from .played import play
+
+        with LiveLine() as line:
+            return play(prepared, configuration, samples, duration_s, socket_path, line)
+    from micromanip.virtual.experiment import VirtualExperiment
+
+    from .progress import steps
+
+    with steps() as bar:
+        return VirtualExperiment(prepared, say=bar.say)(configuration, duration_s, samples)

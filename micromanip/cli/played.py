@@ -56,16 +56,16 @@ def play(
         line.planned_s = arming_s + duration_s + 0.5
         report = serve(experiment, Options(socket_path, line.planned_s, file), line.say, line.show)
         if report["faults"]:
-            raise CheckFailed(f"the experiment was ended by a fault, nothing is written: {report['faults'][0]}")
+            raise CheckFailed(f"the experiment was ended by a fault: {report['faults'][0]}")
         recorded = report["recording"]
         if recorded is not None and recorded["message"] is not None:
-            raise CheckFailed(f"the experiment was not recorded, nothing is written: {recorded['message']}")
+            raise CheckFailed(f"the experiment was not recorded: {recorded['message']}")
         with h5py.File(file) as recording:
             rows: NDArray[Any] = recording["rows"][:]
     rows = rows[rows["state"] == TRACKING][: round(duration_s * variant.loop.rate_hz)]
     wanted = np.arange(rows["cycle"][0], rows["cycle"][-1] + 1) if len(rows) else np.arange(0)
     if len(wanted) < 0.99 * duration_s * variant.loop.rate_hz:
-        raise CheckFailed("the experiment was cut short, nothing is written")
+        raise CheckFailed("the experiment was cut short")
     # a cycle that an overrun skipped held its output: its row is that of the cycle before
     return rows[np.searchsorted(rows["cycle"], wanted, side="right") - 1]
 

@@ -74,7 +74,7 @@ class VirtualExperiment:
     def require_no_fault(self, cell: VirtualCell) -> None:
         """Raise CheckFailed where `cell` has a fault latched."""
         for fault in cell.faults():
-            raise CheckFailed(f"the experiment was ended by a fault, nothing is written: {fault}")
+            raise CheckFailed(f"the experiment was ended by a fault: {fault}")
 
     def path(self, configuration: Configuration, axis: str) -> FeedbackPath:
         """What the sensors and the output of `axis` take."""

@@ -113,7 +113,8 @@ def refusal(config, tmp_path, monkeypatch, capsys):
     assert not (out / "tuned.yaml").exists()
     assert "Commissioning stopped at the step" in (out / "report.html").read_text(encoding="utf-8")
     assert document["stopped"].startswith("axis x: ")
-    assert document["stopped"] in said.err
+    assert f"{document['stopped'].removesuffix('.')}. What was found by then is in {out / 'report.html'}" in said.err
+    assert "nothing is written" not in said.err
     return document["stopped"]
 
 

@@ -87,8 +87,9 @@ def test_a_stage_that_goes_from_end_to_end_stops_it(tmp_path, capsys):
     cell, out = with_stage_range(tmp_path, -40, 40), tmp_path / "out"
     assert code_of(cell, "--axis", "x", "--kind", "triangle", "--seconds", "1", "--out", out) == 1
     said = capsys.readouterr().err
-    assert said.startswith("micromanip: the experiment was ended by a fault, nothing is written: X-216 axis x:")
+    assert said.startswith("micromanip: the experiment was ended by a fault: X-216 axis x:")
     assert "while identifying, lower slew_V_per_ms" in said
+    assert said.endswith(". Nothing is written\n")
     assert not out.exists()
 
 
@@ -206,5 +207,5 @@ def test_an_interrupted_experiment_leaves_no_file(live):
     run.reach_tracking()
     run.process.send_signal(signal.SIGINT)
     assert run.end() == 1
-    assert "the experiment was cut short, nothing is written" in " ".join(run.said.split())
+    assert "the experiment was cut short. Nothing is written" in " ".join(run.said.split())
     assert not run.out.exists()

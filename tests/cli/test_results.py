@@ -266,7 +266,7 @@ def test_an_experiment_that_was_not_recorded_moves_on_to_nothing(tmp_path, monke
     monkeypatch.setattr("micromanip.host.daemon.serve", lambda *_: failed)
     assert code_of(*WRITERS["identify"], "--live", "--out", tmp_path / "out") == 1
     said = capsys.readouterr().err
-    assert "the experiment was not recorded, nothing is written: experiment.h5: No space left on device" in said
+    assert "the experiment was not recorded: experiment.h5: No space left on device" in said
     assert not (tmp_path / "out").exists()
 
 

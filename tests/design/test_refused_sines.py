@@ -12,7 +12,7 @@ from micromanip.errors import CheckFailed
 from micromanip.rt.telemetry import ROW
 from tools.accuracy.cells import changed
 
-X216 = "the experiment was ended by a fault, nothing is written: X-216 axis x: limit cycle"
+X216 = "the experiment was ended by a fault: X-216 axis x: limit cycle"
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from micromanip.errors import CheckFailed
+from micromanip.errors import CheckFailed, sentence
 
 from ..criterion import Criterion
 from .evidence import Evidence, Section
@@ -64,7 +64,7 @@ class Steps:
         criteria = [Criterion(self.axis, step, True, "done", "to succeed") for step in self.done]
         criteria.append(Criterion(self.axis, self.now, False, str(problem), "to succeed"))
         text = (
-            f"Commissioning stopped at the step '{self.now}': {problem} The steps before it have succeeded; what they "
-            "found is below. Correct the cause, and commission the axis again: nothing was applied."
+            f"Commissioning stopped at the step '{self.now}': {sentence(problem)} The steps before it have succeeded; "
+            "what they found is below. Correct the cause, and commission the axis again: nothing was applied."
         )
         return Evidence(self.axis, tuple(criteria), (Section("Stopped", text, dict(self.figures)),))

@@ -57,7 +57,8 @@ def command(
     """Move one axis open loop through its stroke and record voltage, strain gauge and stage at 1 kHz.
 
     The excitation stays inside the voltage, slew and current limits of the axis' output, starts and ends softly, and
-    any fault ends it with a ramp to the park voltage; then nothing is written.
+    any fault ends it with a ramp to the park voltage; then nothing is written. Exit code 1 also where the gauge falls
+    while the voltage rises, whose recording stays.
     """
     from micromanip.design.identification import (
         DEFAULT_SECONDS,
@@ -67,6 +68,7 @@ def command(
         samples_for,
         write_csv,
     )
+    from micromanip.design.movement import moves_against
 
     prepared = prepare_and_warn(config)
     configuration = prepared.configuration
@@ -100,6 +102,13 @@ def command(
         print_json({"file": str(file), "rows": len(columns["t_s"]), "columns": list(columns), "stroke_um": high - low})
     else:
         say(f"{file}: {len(columns['t_s'])} rows, {', '.join(columns)}; stroke {low:.1f} to {high:.1f} um")
+    if moves_against(columns["strain_um"], columns["voltage_V"]):
+        raise CheckFailed(
+            f"axis {axis}: the strain gauge falls while the voltage rises: the wrong way, feedback would run away; "
+            f"swap the gauge's leads, or change the sign of its scale (signals.strain_{axis}), and record again. This "
+            f"recording stays in {file}"
+        )
+    if not as_json:
         say(f"next: micromanip fit hysteresis {file} --input voltage_V --output strain_um --burn-in 1")
 
 

@@ -13,7 +13,7 @@ from micromanip.errors import CheckFailed
 from micromanip.recordings import Recording, Wanted, take
 from micromanip.recordings.spikes import bridged
 
-from .movement import require_movement
+from .movement import moves_against, require_movement
 
 Array = NDArray[np.float64]
 
@@ -157,12 +157,12 @@ def _runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
 def _judge_movement(record: Record) -> None:
     """The output must follow the input, rising with it, and lag behind it."""
     u, y = record.u, record.y
-    correlation = float(np.corrcoef(u, y)[0, 1])
-    if correlation < -0.5:
+    if moves_against(y, u):
         raise CheckFailed(
             f"{record.file}: {record.output_name} falls when {record.input_name} rises: turn the sensor's sign, "
             "or name the right columns"
         )
+    correlation = float(np.corrcoef(u, y)[0, 1])
     if correlation < 0.5:
         raise CheckFailed(
             f"{record.file}: {record.output_name} hardly follows {record.input_name} (correlation {correlation:.2f}): "

@@ -105,6 +105,18 @@ def test_what_a_stage_sensor_held_is_no_value(tmp_path, capsys):
     assert np.isfinite(table(out / "x_multisine.csv")["strain_um"]).all()
 
 
+def test_a_gauge_of_the_wrong_sign_is_told_at_once_and_the_recording_stays(tmp_path, capsys):
+    cell, out = tmp_path / "cell.yaml", tmp_path / "out"
+    inverted = "faults: [{channel: strain_x, kind: scale, value: -1.0, at_s: 0}]"
+    cell.write_text(changed(FACTORY.read_text(), ("    variation: ", f"    {inverted}\n    variation: ")))
+    assert code_of(cell, "--axis", "x", "--seconds", "1", "--out", out) == 1
+    said = capsys.readouterr()
+    assert "axis x: the strain gauge falls while the voltage rises: the wrong way" in said.err
+    assert "change the sign of its scale (signals.strain_x), and record again" in said.err
+    assert "next: " not in said.out
+    assert len(table(out / "x_multisine.csv")) >= 1000
+
+
 def test_unknown_axis(tmp_path, capsys):
     assert code_of(FACTORY, "--axis", "w", "--out", tmp_path / "out") == 64
     assert capsys.readouterr().err == f"micromanip: there is no axis w in {FACTORY}; its axes are x, y, z\n"

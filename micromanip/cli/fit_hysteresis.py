@@ -83,7 +83,7 @@ def command(
     tell([record, *([held_out] if held_out else [])])
     with Pictures(folder) as pictures, steps() as bar:
         bar.say(f"fitting {kind}")
-        request = Request(kind, creep, plays, seed, burn_in_s)
+        request = Request(kind, creep, plays, seed, burn_in_s, range_um)
         result = fit_record(record, held_out, request, lambda what: bar.say(f"fitting {what}"))
         if folder is not None:
             from micromanip.design.fit_figures import draw_fit

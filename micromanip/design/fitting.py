@@ -14,6 +14,7 @@ from micromanip.design.hysteresis import fit
 from micromanip.errors import CheckFailed
 from micromanip.settings.schema.hysteresis import Network, PrandtlIshlinskii
 
+from .coverage import little_seen
 from .hysteresis import Candidate, HysteresisFit, candidates, choose, structure_of
 from .hysteresis.choice import parted
 from .network import NetworkFit, smoothed
@@ -35,13 +36,14 @@ it has nothing to go by, and nothing in the record shows that.
 
 @dataclass(frozen=True)
 class Request:
-    """What is to be fitted."""
+    """What is to be fitted; `setpoint_um` is the range of the set-point that it is for, where that is known."""
 
     kind: str
     creep: bool = False
     plays: int = 10
     seed: int = 0
     burn_in_s: float = 0.0
+    setpoint_um: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -98,6 +100,19 @@ def fit_record(
     used = record.weights(burn_in) > 0.0
     if used.sum() < 2 * _LEAST_COUNTING:
         raise CheckFailed(f"{record.file}: {used.sum()} samples that count are too few to fit to")
+    little = little_seen(record, used, request.setpoint_um)
+    found = _fitted(record, held_out, request, used, burn_in, progress)
+    return replace(found, notes=[*little, *found.notes])
+
+
+def _fitted(
+    record: Record,
+    held_out: Record | None,
+    request: Request,
+    used: Flags,
+    burn_in: int,
+    progress: Callable[[str], None],
+) -> Fitted:
     range_um = (float(record.y[used].min()), float(record.y[used].max()))
     if request.kind == "network":
         return _fit_network(record, held_out, request, used, range_um, progress)

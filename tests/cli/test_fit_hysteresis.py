@@ -68,6 +68,37 @@ def test_json_has_the_documented_keys(csv, capsys):
     np.testing.assert_allclose(predict(model, u)[500:], predict(TRUE, u)[500:], atol=0.3)
 
 
+@pytest.mark.parametrize(
+    ("seconds", "hertz", "wanted"),
+    [
+        (6.0, (0.7, 2.3), None),
+        (
+            1.6,
+            (1.9, 3.1),
+            r"fitted to 1.6 s with 6 turns over [\d.]+ um, in which creep slower than 0.4 s did not show: ",
+        ),
+        (6.0, (1.0,), r"fitted to 6 s with 12 turns over [\d.]+ um, in which minor loops did not show: the figures"),
+    ],
+)
+def test_how_little_it_was_fitted_to_is_told(seconds, hertz, wanted, tmp_path, capsys):
+    t = np.arange(round(seconds / STEP_S)) * STEP_S
+    u = 60.0 + sum(25.0 / (k + 1) * np.sin(2 * np.pi * f * t + k) for k, f in enumerate(hertz))
+    table = np.column_stack([t, u, predict(TRUE, u, STEP_S)])
+    np.savetxt(tmp_path / "x.csv", table, "%.9g", ",", header="t_s,u_V,y_um", comments="")
+    assert code_of(tmp_path / "x.csv", *QUICK[:4], *QUICK[6:], "--json") == 0
+    notes = json.loads(capsys.readouterr().out)["notes"]
+    assert len(notes) == (wanted is not None)
+    assert wanted is None or re.match(wanted, notes[0]), notes
+
+
+def test_how_much_of_the_set_points_range_was_seen_is_told(csv, cell, capsys):
+    for low, high in ((2, 128), (-20, 128)):
+        cell.write_text(cell.read_text().replace("range_um: [2, 128]", f"range_um: [{low}, {high}]"))
+        assert code_of(csv, *QUICK, "--into", cell, "--axis", "x") == 0
+        told = "% of the set-point's range, -20 to 128 um: beyond, the model is continued" in capsys.readouterr().out
+        assert told == (low == -20)
+
+
 def test_validation_is_predicted_with_its_offset_refitted(csv, tmp_path, capsys):
     other = record(tmp_path / "other.csv", 2)
     lines = Path(other).read_text().split("\n")

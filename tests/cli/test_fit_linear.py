@@ -56,6 +56,13 @@ def spoilt(file, change):
     np.savetxt(file, np.column_stack(list(table.values())), "%.12g", ",", header=",".join(table), comments="")
 
 
+def test_a_clipped_output_is_told_of(csv, capsys):
+    assert report_of(capsys, csv, *COLUMNS)["notes"] == []
+    spoilt(csv, lambda table: np.minimum(table["y2"], np.quantile(table["y2"], 0.9), out=table["y2"]))
+    (note,) = report_of(capsys, csv, *COLUMNS)["notes"]
+    assert re.match(r"y2 sticks at its top value [\d.]+ for 10 % of the samples while the input moves: where the", note)
+
+
 def test_json_has_the_documented_keys(csv, capsys):
     report = report_of(capsys, csv, *COLUMNS)
     assert {"order", "fit_percent", "rms_error_percent", "poles_z"} <= set(report)

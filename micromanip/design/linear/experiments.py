@@ -15,6 +15,7 @@ from micromanip.errors import CheckFailed
 from micromanip.recordings import Recording, Wanted, take
 from micromanip.recordings.spikes import bridged
 
+from .clipped import clipped
 from .modal import Array
 from .subspace import Experiment
 
@@ -97,6 +98,7 @@ def load_linear(file: Path, wanted: Wanted, inputs: int) -> LinearRecord:
     dt = taken.step_s if wanted.step_s is None or wanted.rate_hz is not None else wanted.step_s
     thin = _thinning(file, taken.step_s, dt)
     pieces, notes = _pieces(taken)
+    notes += _clipping(np.concatenate(pieces), taken.names, inputs)
     if thin > 1:
         # all go through the same filter, which so cancels in the model
         pieces = [np.asarray(decimate(piece, thin, ftype="fir", axis=0)) for piece in pieces]
@@ -122,6 +124,16 @@ def _pieces(taken: Recording) -> tuple[list[Array], list[str]]:
     short = len(pieces) - len(long)
     told = [f"{short} of {len(pieces)} parts between gaps are shorter than {_LEAST_PIECE} samples and are left out"]
     return long, [*taken.notes, *(told if short else [])]
+
+
+def _clipping(values: Array, names: Sequence[str], inputs: int) -> list[str]:
+    """What is to be told of outputs, the columns of `values` (n, columns) behind the `inputs`, that look clipped."""
+    return [
+        f"{name} {how} while the input moves: where the sensor is clipped, poles and gains are not the plant's; "
+        "shift its range, or record a smaller movement"
+        for name, y in zip(names[inputs:], values[:, inputs:].T, strict=True)
+        if (how := clipped(values[:, :inputs], y)) is not None
+    ]
 
 
 def _thinning(file: Path, step: float, dt: float) -> int:

@@ -63,6 +63,14 @@ def test_a_clipped_output_is_told_of(csv, capsys):
     assert re.match(r"y2 sticks at its top value [\d.]+ for 10 % of the samples while the input moves: where the", note)
 
 
+@pytest.mark.parametrize("order", [(), ("--order", "3")])
+def test_columns_that_are_mixed_up_are_refused(order, csv, capsys):
+    assert code_of(csv, "--input", "y1", "--output", "u1", *order) == 1
+    said = capsys.readouterr().err
+    assert re.search(r"u1 runs ahead of y1: from y1 to u1 a model fits with \d %, the other way round with 9\d", said)
+    assert code_of(csv, "--input", "u1", "--output", "y1", *order) == 0
+
+
 def test_json_has_the_documented_keys(csv, capsys):
     report = report_of(capsys, csv, *COLUMNS)
     assert {"order", "fit_percent", "rms_error_percent", "poles_z"} <= set(report)

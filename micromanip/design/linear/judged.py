@@ -11,6 +11,7 @@ import numpy as np
 from micromanip.errors import CheckFailed
 
 from .experiments import LinearRecord, same_rate
+from .fit import fit_linear
 from .frequency import FrequencyResponse, frequency_response
 from .modal import Array
 from .model import LinearFit
@@ -19,6 +20,8 @@ from .strict import strict_errors
 from .subspace import Experiment
 
 _SHOWN_VALUES = 40
+_POOR_PERCENT, _GOOD_PERCENT, _COHERENT = 70.0, 20.0, 0.8
+"""Rms errors of a model that predicts little, and of one that predicts; coherence of columns that are of one plant."""
 
 
 @dataclass(frozen=True)
@@ -97,6 +100,9 @@ def fit_records(
         raise CheckFailed(f"{records[0].file}: {problem}") from problem
     progress("free run")
     rms = _rms(model, left_out)
+    if rms.min() > _POOR_PERCENT and measured.explained.min() > _COHERENT:
+        progress("the other way round")
+        _require_driven(records[0], rms, fitted_to, left_out, model.dt)
     strict, arx1 = strict_errors(model, left_out), strict_errors(selected.arx1, left_out)
     other = None
     if validation is not None:
@@ -108,6 +114,24 @@ def fit_records(
             "strict_fit_percent": (100.0 - strict_errors(model, unseen)).tolist(),
         }
     return Judged(model, judged, 100.0 - rms, rms, strict, arx1, other, measured, selected.notes)
+
+
+def _require_driven(
+    record: LinearRecord, rms: Array, fitted_to: Sequence[Experiment], left_out: Sequence[Experiment], dt: float
+) -> None:
+    """Raise CheckFailed where a model from the outputs to the inputs predicts: the inputs are what answers."""
+    try:
+        inverse = fit_linear([(y, u) for u, y in fitted_to], dt)
+    except ValueError:
+        return
+    found = _rms(inverse, [(y, u) for u, y in left_out])
+    if found.max() < _GOOD_PERCENT:
+        driven, seen = ", ".join(record.inputs), ", ".join(record.outputs)
+        raise CheckFailed(
+            f"{record.file}: {seen} runs ahead of {driven}: from {driven} to {seen} a model fits with "
+            f"{max(0.0, 100.0 - rms.max()):.0f} %, the other way round with {100.0 - found.max():.0f} %: the columns "
+            "are probably mixed up (--input is what drives, --output what answers), or a loop is closed around them"
+        )
 
 
 def _experiments(records: Iterable[LinearRecord]) -> list[Experiment]:

@@ -85,7 +85,7 @@ def _of_configuration(
 ) -> tuple[list[AxisBudget], str]:
     from micromanip.design.budget.configured import budget_of
 
-    prepared = prepare_and_warn(file)
+    prepared = prepare_and_warn(file, seed)
     axes = chosen_axes(prepared.configuration.axes, only, file)
     return budget_of(prepared, axes, seconds, seed, coherence_s, step), f"{file}, seed {seed}"
 
@@ -101,20 +101,25 @@ def _of_recording(
 
 
 def _print(budget: AxisBudget) -> None:
+    from micromanip.design.budget.budget import percent
+
     from .tables import Figures, out_console
 
     console = out_console()
     found = budget.document()
-    causes = Figures("cause", "um rms", "variance, um^2", "share", "", title=f"Path error of axis {budget.axis}")
+    of = "What is known of the path error" if budget.unknown else "Path error"
+    causes = Figures("cause", "um rms", "variance, um^2", "share", "", title=f"{of} of axis {budget.axis}")
     for cause in found["causes"]:
         causes.add_row(
-            cause["name"], f"{cause['rms_um']:.3f}", f"{cause['variance_um2']:.5f}", f"{cause['share_percent']:.1f} %",
-            cause["how"],
+            cause["name"], f"{cause['rms_um']:.3f}", f"{cause['variance_um2']:.5f}",
+            percent(cause["share_percent"]), cause["how"],
         )  # fmt: skip
-    causes.add_row("whole", f"{budget.rms_um:.3f}", f"{budget.variance_um2:.5f}", "100.0 %", "")
+    whole = percent(budget.share_percent(budget.variance_um2))
+    causes.add_row(budget.sum_name, f"{budget.rms_um:.3f}", f"{budget.variance_um2:.5f}", whole, "")
     console.print(causes)
     if budget.measured_um is not None:
-        say(f"in virtual time: {budget.measured_um:.3f} um rms")
+        with_rest = ", with what is not known" if budget.unknown else ""
+        say(f"in virtual time: {budget.measured_um:.3f} um rms{with_rest}")
     bound = found["bound"]
     if bound is not None:
         say(
@@ -124,7 +129,8 @@ def _print(budget: AxisBudget) -> None:
         ratio = "" if bound["ratio"] is None else f"; this one leaves {bound['ratio']:.1f} times that"
         say(f"of it the path's share {bound['path_um']:.3f} um, the force's {bound['force_um']:.3f} um{ratio}")
     if budget.variants:
-        variants = Figures("with", "um rms", title=f"Axis {budget.axis}: what it would be")
+        of_known = ", of what is known" if budget.unknown else ""
+        variants = Figures("with", "um rms", title=f"Axis {budget.axis}: what it would be{of_known}")
         for variant in budget.variants:
             variants.add_row(variant.what, f"{variant.rms_um:.3f}")
         console.print(variants)

@@ -39,6 +39,8 @@ NOISE = ("tracker noise", "force", "strain gauge noise", "capacitive sensor nois
 DRAWN = ("tracker noise", "force noise", "strain gauge noise", "capacitive sensor noise", "amplifier noise")
 """What is drawn: without it only what repeats from run to run is left."""
 _AFTER_FORCE_S, _SETTLED_S = 1.0, 2.0
+_ENTERED_S = 4.0
+"""After which the tool is taken to be in where a driver does not say when it comes."""
 
 
 @dataclass(frozen=True)
@@ -69,12 +71,26 @@ def play_without(prepared: Prepared, off: Collection[str], seconds: float, seed:
 
     Raises CheckFailed where the cell does not come to TRACKING or leaves it, UsageError where it is not simulated.
     """
-    name, configuration = simulated_driver(prepared), prepared.configuration
+    name = simulated_driver(prepared)
     options: Any = switched(prepared.wiring.options[name], off).model_copy(update={"seed": seed})
-    experiment = VirtualExperiment(with_options(prepared, name, options), process=True)
+    return _played(with_options(prepared, name, options), seconds, options.force.start_s + _AFTER_FORCE_S)
+
+
+def play_as_it_is(prepared: Prepared, seconds: float) -> Played:
+    """`seconds` of tracking, machining included, whichever driver simulates the cell.
+
+    Raises CheckFailed where the cell does not come to TRACKING or leaves it.
+    """
+    return _played(prepared, seconds, _ENTERED_S)
+
+
+def _played(prepared: Prepared, seconds: float, from_s: float) -> Played:
+    """From `from_s` after the start on, or later."""
+    configuration = prepared.configuration
+    experiment = VirtualExperiment(prepared, process=True)
     cell = experiment.cell(configuration, prepared.samples)
     passed = len(cell.arm()) * configuration.loop.period_ns * 1e-9
-    cell.run(max(_SETTLED_S, options.force.start_s + _AFTER_FORCE_S - passed))
+    cell.run(max(_SETTLED_S, from_s - passed))
     rows = cell.run(seconds)
     experiment.require_no_fault(cell)
     assert (rows["state"] == TRACKING).all()

@@ -52,7 +52,7 @@ class Bound:
 
 @dataclass(frozen=True)
 class Variant:
-    """What another sensor, or another force, would give: rms (um) of the whole."""
+    """What another sensor, or another force, would give: rms (um) of the sum."""
 
     what: str
     rms_um: float
@@ -62,8 +62,8 @@ class Variant:
 class AxisBudget:
     """Causes of one axis over the middles of the bins `hertz` (n,), the largest first.
 
-    The sum of the causes is the whole, always. `measured_um` is the rms in virtual time where it was played and the
-    truth is known; `unknown` says what nothing is known of.
+    The sum of the causes is the whole, unless there is something `unknown`, which says what nothing is known of.
+    `measured_um` is the rms in virtual time where it was played and the truth is known.
     """
 
     axis: str
@@ -76,14 +76,24 @@ class AxisBudget:
     notes: tuple[str, ...] = field(default=())
 
     @property
+    def sum_name(self) -> str:
+        """What the sum of the causes is."""
+        return "known" if self.unknown else "whole"
+
+    @property
     def variance_um2(self) -> float:
-        """The whole."""
+        """The sum of the causes."""
         return float(sum(cause.variance_um2 for cause in self.causes))
 
     @property
     def rms_um(self) -> float:
         """Its root."""
         return float(np.sqrt(self.variance_um2))
+
+    def share_percent(self, variance_um2: float) -> float | None:
+        """Share of the whole; None where that is not known."""
+        whole = self.variance_um2
+        return None if self.unknown else 100.0 * variance_um2 / whole if whole > 0.0 else 0.0
 
     def told_apart(self) -> tuple[Cause, ...]:
         """Causes that a picture can show, the largest first, and all others as one."""
@@ -93,17 +103,16 @@ class AxisBudget:
 
     def document(self) -> dict[str, Any]:
         """As in JSON."""
-        whole = self.variance_um2
         return {
             "axis": self.axis,
             "rms_um": self.rms_um,
-            "variance_um2": whole,
+            "variance_um2": self.variance_um2,
             "causes": [
                 {
                     "name": cause.name,
                     "variance_um2": cause.variance_um2,
                     "rms_um": cause.rms_um,
-                    "share_percent": 100.0 * cause.variance_um2 / whole if whole > 0.0 else 0.0,
+                    "share_percent": self.share_percent(cause.variance_um2),
                     "how": cause.how,
                 }
                 for cause in self.causes
@@ -122,6 +131,11 @@ class AxisBudget:
             "unknown": list(self.unknown),
             "notes": list(self.notes),
         }
+
+
+def percent(share: float | None) -> str:
+    """A share in a table; empty where it is not known."""
+    return "" if share is None else f"{share:.1f} %"
 
 
 def ordered(powers: Mapping[str, Array], how: str = COMPUTED) -> tuple[Cause, ...]:

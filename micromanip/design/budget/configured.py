@@ -14,7 +14,7 @@ from micromanip.settings.check import Prepared
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.schema.reference import Tracker
 from micromanip.settings.wiring.timing import AT_ONCE, cycles_between, feedback_path, signal_timing
-from micromanip.virtual.switched import NOISE, Played, play_without
+from micromanip.virtual.switched import NOISE, Played, play_as_it_is, play_without
 
 from .bound import prediction_variance
 from .budget import MEASURED, AxisBudget, Bound, Cause, Variant, ordered
@@ -39,9 +39,9 @@ HYSTERESIS, SATURATION = "hysteresis left", "saturation"
 _COARSE_HZ = 4.0
 """Bins for sums alone: the rest of a midpoint rule over such smooth spectra is small beside 1 %."""
 _OF_PATH = (PREDICTION, MISFIT, CREEP, COUPLING)
-_UNKNOWN = (
-    "deviation of the robot, force, noise of the gauge, hysteresis left: it is no simulation; a recording shows them"
-)
+_UNKNOWN = "deviation of the robot, force, noise of the gauge, hysteresis left: "
+_UNTOLD = f"{_UNKNOWN}the driver that simulates the cell does not tell them; a recording shows what they make together"
+_REAL = f"{_UNKNOWN}a configuration of a real cell does not hold them; a recording shows them"
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,10 @@ def budget_of(
     coherence_s: float,
     say: Callable[[str], None],
 ) -> list[AxisBudget]:
-    """The budget of each of `axes`; a simulated cell is also played for `seconds`, 0: not at all."""
+    """The budget of each of `axes`; a simulated cell is also played for `seconds`, 0: not at all.
+
+    Where its driver tells nothing of its plant, only its path error comes of that.
+    """
     cells = {axis: cell_of(prepared, axis) for axis in axes}
     whole = quiet = None
     if seconds > 0.0 and all(cell.known is not None for cell in cells.values()):
@@ -131,22 +134,26 @@ def budget_of(
         whole = play_without(prepared, (), seconds, seed)
         say("playing it without noise and force")
         quiet = play_without(prepared, NOISE, seconds, seed)
+    elif seconds > 0.0 and prepared.wiring.virtual:
+        say("playing the cell")
+        whole = play_as_it_is(prepared, seconds)
     found = []
     for axis, cell in cells.items():
         say(f"axis {axis}: causes")
         grid, powers = cell.powers()
         causes, measured = list(ordered(powers)), None
-        if whole is not None and quiet is not None:
+        if whole is not None:
             place = list(prepared.configuration.axes).index(axis)
             if f"path_error_{axis}" in prepared.configuration.signals:  # else it is of samples, their noise included
                 measured = float(np.sqrt(whole.variance_um2[place]))
-            causes += _measured(grid, powers, whole, quiet, place)
+            if quiet is not None:
+                causes += _measured(grid, powers, whole, quiet, place)
         budget = AxisBudget(
             axis,
             grid.hertz,
             tuple(sorted(causes, key=lambda cause: -cause.variance_um2)),
             measured_um=measured,
-            unknown=() if cell.known is not None else (_UNKNOWN,),
+            unknown=() if cell.known is not None else (_REAL if prepared.wiring.real else _UNTOLD,),
         )
         say(f"axis {axis}: bound and other sensors")
         bound = None if cell.known is None else bound_of(cell, cell.known, coherence_s)

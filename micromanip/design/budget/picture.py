@@ -21,7 +21,8 @@ def draw_budget(budget: AxisBudget, folder: Path, about: str = "") -> Iterator[P
     edges = np.concatenate([[0.0], 2.0 ** (np.arange(-_FRACTION, 13 * _FRACTION) / _FRACTION)])
     edges = np.append(edges[edges < budget.hertz[-1]], np.inf)
     middles = np.sqrt(np.maximum(edges[:-1], 0.4) * np.minimum(edges[1:], budget.hertz[-1]))
-    figure, (bar, bands) = panels(2, f"Path error of axis {budget.axis}: {budget.rms_um:.3f} um rms", 1.5)
+    known = "known: " if budget.unknown else ""
+    figure, (bar, bands) = panels(2, f"Path error of axis {budget.axis}: {known}{budget.rms_um:.3f} um rms", 1.5)
     left, below = 0.0, np.zeros(len(middles))
     for k, (label, power) in enumerate(powers.items()):
         colour = f"C{k}"

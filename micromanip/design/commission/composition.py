@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..budget.budget import AxisBudget
+from ..budget.budget import AxisBudget, percent
 from .evidence import Curve, Plot, Section, Table
 
 TITLE = "What the path error is made of"
@@ -14,14 +14,16 @@ def composition(budget: AxisBudget) -> Section:
     """Causes, bound and other sensors as tables, and the variance summed up over frequency as a plot."""
     told = budget.document()
     causes = tuple(
-        (each["name"], f"{each['rms_um']:.3f} um", f"{each['share_percent']:.1f} %", each["how"])
+        (each["name"], f"{each['rms_um']:.3f} um", percent(each["share_percent"]), each["how"])
         for each in told["causes"]
     )
-    whole = ("whole", f"{budget.rms_um:.3f} um", "100.0 %", "")
-    tables = [Table(f"Path error of axis {budget.axis} by cause", ("Cause", "rms", "Share", "How"), (*causes, whole))]
+    share = percent(budget.share_percent(budget.variance_um2))
+    rows = (*causes, (budget.sum_name, f"{budget.rms_um:.3f} um", share, ""))
+    tables = [Table(f"Path error of axis {budget.axis} by cause", ("Cause", "rms", "Share", "How"), rows)]
     if budget.variants:
         others = tuple((each.what, f"{each.rms_um:.3f} um") for each in budget.variants)
-        tables.append(Table(f"Axis {budget.axis}: what it would be", ("With", "Whole, rms"), others))
+        named = ("With", f"{budget.sum_name.capitalize()}, rms")
+        tables.append(Table(f"Axis {budget.axis}: what it would be", named, others))
     text = " ".join(
         [
             "Variances of causes that know nothing of each other add up (docs/budget.md).",
@@ -50,7 +52,7 @@ def _summed_up(budget: AxisBudget) -> Plot:
     """Variance below each frequency: a line is a step, noise a slope."""
     hertz = budget.hertz
     shown = budget.told_apart()
-    curves = [Curve("whole", hertz, np.cumsum(np.sum([cause.power for cause in budget.causes], axis=0)))]
+    curves = [Curve(budget.sum_name, hertz, np.cumsum(np.sum([cause.power for cause in budget.causes], axis=0)))]
     curves += [Curve(cause.name, hertz, np.cumsum(cause.power)) for cause in shown]
     if budget.bound is not None:
         ends = hertz[[0, -1]]

@@ -132,13 +132,15 @@ def test_recordings_that_show_no_path_error_are_refused(prepared):
 
 @pytest.mark.long
 def test_of_a_real_cell_only_what_the_configuration_says_is_budgeted(prepared, monkeypatch):
-    monkeypatch.setattr(type(prepared.wiring.drivers["cell"]), "simulated_axis", lambda self, name: None)
+    real = type(prepared.wiring.drivers["cell"])
+    monkeypatch.setattr(real, "simulated_axis", lambda self, name: None)
+    monkeypatch.setattr(real, "simulated", False)
     (found,) = budget_of(prepared, ["x"], SECONDS, 1, 1.0, silent)
     assert by_name(found).keys() == {TRACKER, STAGE}
     assert by_name(found)[TRACKER] == pytest.approx(0.35, rel=0.05)
     assert found.bound is None
     assert found.measured_um is None
-    assert "a recording shows them" in found.unknown[0]
+    assert "of a real cell does not hold them; a recording shows them" in found.unknown[0]
 
 
 def test_configurations_without_a_tracker_of_the_axes_are_refused(prepared):

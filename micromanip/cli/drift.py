@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from datetime import UTC, datetime
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -58,8 +59,8 @@ def command(
     place (`micromanip hold`). A small multisine is played as by `sensitivity`. Without a history the figures are only
     compared with the model in the configuration. With CONFIG the simulated cell is measured, in virtual time.
 
-    Exit code 1 where a figure drifts or is outside of what robustness was judged for, and where a margin is below
-    `accept` or soon will be.
+    Exit code 1 where a figure drifts or is outside of what robustness was judged for, and where a margin is surely
+    below `accept` or soon will be.
     """
     from micromanip.design.drift import append, judge, read_history
     from micromanip.design.drift.checking import of_the_model
@@ -165,7 +166,8 @@ def _document(check: Check, judged: Judged) -> dict[str, Any]:
     ]  # fmt: skip
     return {"axis": check.axis, "time": check.time.isoformat(timespec="seconds"), "tuning": check.tuning,
             "checks": judged.checks, "figures": watched, "stage_gain_dB": check.figures["stage_gain_dB"],
-            "stage_phase_deg": check.figures["stage_phase_deg"], "problems": list(judged.problems)}  # fmt: skip
+            "stage_phase_deg": check.figures["stage_phase_deg"], "deviations": dict(check.deviations),
+            "problems": list(judged.problems)}  # fmt: skip
 
 
 def _print(judged: Judged, check: Check) -> None:
@@ -184,4 +186,11 @@ def _print(judged: Judged, check: Check) -> None:
         )  # fmt: skip
     out_console().print(shown)
     if check.figures["stage_gain_dB"] == check.figures["stage_gain_dB"]:
-        say(f"outer loop: {check.figures['stage_gain_dB']:.1f} dB, {check.figures['stage_phase_deg']:.0f} deg")
+        say(f"outer loop: {_margin(check, 'stage_gain_dB', 'dB', 1)}, {_margin(check, 'stage_phase_deg', 'deg', 0)}")
+
+
+def _margin(check: Check, name: str, unit: str, digits: int) -> str:
+    """A margin and what the check knows it to: two deviations."""
+    found, sure = check.figures[name], 2.0 * check.deviations.get(name, float("nan"))
+    between = f" ({found - sure:.{digits}f} to {found + sure:.{digits}f})" if isfinite(sure) else ""
+    return f"{found:.{digits}f} {unit}{between}"

@@ -32,6 +32,7 @@ AGREEMENT = 0.2
 _SURE, _UNKNOWN = 2.0, 20.0
 WINDOW, _NARROW = 7, 3
 """Lines over which measured and modelled plant are compared by default; by fewer it is seen what that flattens."""
+_MARGIN_DRAWS = 24
 _JUDGED = 1.25
 """Where 1/|S| is below this, the sensitivity matters: further away from -1 nothing happens."""
 
@@ -91,10 +92,28 @@ class Sensitivity:
 
     def measured_margins(self, slope: float = 1.0) -> Margins:
         """Margins of the measured loop with `slope` times its gain, over the lines' frequencies; stability unknown."""
-        ratio, omega = self.measured / self.predicted, 2 * np.pi * self.frequency_Hz
+        return self._margins(slope * self.measured)
+
+    def margin_deviations(self) -> tuple[float, float]:
+        """Standard deviations of the measured gain (dB) and phase margin (degrees), by drawing what L may be.
+
+        Infinite where one of the drawn margins is: nothing bounds it.
+        """
+        random = np.random.default_rng(0)
+        found = []
+        for _ in range(_MARGIN_DRAWS):
+            apart = random.normal(size=(2, len(self.measured))) * np.sqrt(0.5)
+            drawn = self._margins(self.measured + self.deviation * (apart[0] + 1j * apart[1]))
+            found.append((drawn.gain_dB, drawn.phase_deg))
+        bounded = np.isfinite(found).all(axis=0)
+        gain_dB, phase_deg = np.where(bounded, np.where(bounded, found, 0.0).std(axis=0), np.inf)
+        return float(gain_dB), float(phase_deg)
+
+    def _margins(self, measured: Complex) -> Margins:
+        ratio, omega = measured / self.predicted, 2 * np.pi * self.frequency_Hz
 
         def response(w: Array) -> Complex:
-            return np.asarray(slope * self.model(w) * np.interp(w, omega, ratio))
+            return np.asarray(self.model(w) * np.interp(w, omega, ratio))
 
         return curve_margins(response, omega)
 

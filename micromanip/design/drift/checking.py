@@ -52,8 +52,10 @@ def checked(
     tuned = of_the_model(settings, configuration.loop.period_ns * 1e-9)
     figures = asdict(plant_figures(responses.get("stage"), responses.get("strain"), tuned))
     figures |= dict.fromkeys(MARGINS, math.nan)
+    deviations: dict[str, float] = {}
     if "stage" in responses:
         found = judge_running(configuration, path, axis, "stage", responses["stage"])
         margins = found.measured[found.nominal]
         figures |= dict(zip(MARGINS, (margins.gain_dB, margins.phase_deg), strict=True))
-    return Check(time, axis, tuning_hash(settings), figures)
+        deviations = dict(zip(MARGINS, found.loop.margin_deviations(), strict=True))
+    return Check(time, axis, tuning_hash(settings), figures, deviations)

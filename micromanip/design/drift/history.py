@@ -10,7 +10,8 @@ import csv
 import fcntl
 import math
 import os
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -35,12 +36,16 @@ HEADER = ("time", "axis", "tuning", *COLUMNS)
 
 @dataclass(frozen=True)
 class Check:
-    """One check: when (UTC), of which axis under which tuning, and its figures by the names of `COLUMNS`, or NaN."""
+    """One check: when (UTC), of which axis under which tuning, and its figures by the names of `COLUMNS`, or NaN.
+
+    `deviations` are those of the `MARGINS`, of a check that was just made; the file does not keep them.
+    """
 
     time: datetime
     axis: str
     tuning: str
     figures: dict[str, float]
+    deviations: Mapping[str, float] = field(default_factory=dict)
 
     def row(self) -> list[str]:
         """As in the file; an empty field where there is no such figure."""

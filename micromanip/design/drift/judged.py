@@ -29,8 +29,9 @@ DRAWN = {
 """Shares of the first figure within which plants are drawn when a tuning's robustness is judged."""
 _REMEMBERED, _FEWEST, _AHEAD, _SIGNIFICANT = 20, 6, 20, 0.01
 """A margin's slope: over so many checks, of at least so many, looked so many ahead, at that level."""
-_AVERAGED, _SURELY = 3, 0.95
-"""A single check knows a margin to some 2 %; many a tuning was made right up to what is accepted."""
+_AVERAGED, _SURELY, _SURE = 3, 0.95, 2.0
+"""Many a tuning was made right up to what is accepted: a margin is below that where its mean is by twice what it is
+known to, and by 5 %."""
 
 
 @dataclass(frozen=True)
@@ -111,9 +112,11 @@ def _margins(checks: Sequence[Check], accept: Accept) -> Iterator[str]:
             continue
         averaged = seen[-_AVERAGED:]
         mean = float(np.mean(averaged))
-        if mean < _SURELY * least:
+        known = _SURE * checks[-1].deviations.get(name, math.nan)
+        if mean < least - np.fmax((1.0 - _SURELY) * least, known / math.sqrt(len(averaged))):
+            within = "" if math.isnan(known) else f", known to {known:.2g}"
             over = f", {mean:.3g} on average over {len(averaged)} checks" if len(averaged) > 1 else ""
-            yield f"{name} is {seen[-1]:.3g}{over}: at least {least:g} is asked for (`accept`)"
+            yield f"{name} is {seen[-1]:.3g}{within}{over}: at least {least:g} is asked for (`accept`)"
         elif len(seen) >= _FEWEST:
             line = linregress(np.arange(len(seen)), seen, alternative="less")
             now = line.intercept + line.slope * (len(seen) - 1)

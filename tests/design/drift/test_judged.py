@@ -81,6 +81,20 @@ def test_margins_below_and_on_their_way_there():
     )  # fmt: skip
 
 
+def test_a_margin_that_is_not_surely_below_is_no_alarm():
+    """On another make of stage 5.4 dB were told where 7.2 were true: 5 s know it to 1 dB there."""
+
+    def checks(count, deviation_dB):
+        figures = FIGURES | {"stage_gain_dB": 5.2}
+        return [Check(c.time, "x", "abc", figures, {"stage_gain_dB": deviation_dB}) for c in series(count)]
+
+    assert judge(checks(1, 0.9), TUNED, Accept()).problems == ()
+    assert judge(checks(3, 0.9), TUNED, Accept()).problems == ()
+    (said,) = judge(checks(3, 0.6), TUNED, Accept()).problems
+    assert said.startswith("stage_gain_dB is 5.2, known to 1.2, 5.2 on average over 3 checks: at least 6 is asked for")
+    assert len(judge(checks(1, 0.1), TUNED, Accept()).problems) == 1
+
+
 def test_the_history_is_read_as_it_was_written(tmp_path):
     file, checks = tmp_path / "drift.csv", series(3)
     checks[1].figures["mode_Hz"] = math.nan

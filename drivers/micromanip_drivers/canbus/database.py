@@ -14,12 +14,13 @@ from cantools.database.errors import UnsupportedDatabaseFormatError
 from micromanip.driver import CLASSIC_LENGTHS, FD_LENGTHS, ConfigError, did_you_mean, require_regular
 
 from ..saved_text import decoded
+from .bit_field import GREATEST
 
 # its warnings are about messages that we refuse in words of our own, where they matter
 logging.getLogger("cantools").addHandler(logging.NullHandler())
 
 _MOST_BYTES = 20_000_000
-_MOST_BITS, _FLOATING_BITS = 64, (16, 32, 64)
+_MOST_BITS = 64
 
 
 class Database:
@@ -38,7 +39,7 @@ class Database:
         except OSError as error:
             raise ConfigError(f"database: {file} can't be read: {error.strerror}") from error
         except UnsupportedDatabaseFormatError as error:
-            raise self._refused(str(error.e_dbc)) from error
+            raise self._refused(_said(error.e_dbc)) from error
         except cantools.Error as error:  # a signal without bits
             raise self._refused(str(error)) from error
 
@@ -79,6 +80,11 @@ class Database:
         return ConfigError(f"database: {self._file}{f':{line}' if line else ''}: {what}: {' '.join(why.split())}")
 
 
+def _said(problem: Exception | None) -> str:
+    """In words: of an attribute that is not defined cantools says its name only, by a KeyError."""
+    return f"{problem} is used and not defined (BA_DEF_)" if isinstance(problem, KeyError) else str(problem)
+
+
 def nonsense(message: Any) -> str | None:
     """What makes no sense in a message of cantools, so that nobody can read or write its signals; None for nothing."""
     try:
@@ -86,16 +92,14 @@ def nonsense(message: Any) -> str | None:
     except cantools.Error as error:
         return str(error)
     for one in message.signals:
-        if one.is_float and one.length not in _FLOATING_BITS:
+        if one.is_float and one.length not in GREATEST:
             return f"The signal {one.name} is a floating-point number of {one.length} bits in message {message.name}."
         if one.length > _MOST_BITS:
             return f"The signal {one.name} has {one.length} bits, more than {_MOST_BITS}, in message {message.name}."
         if not _scales(one):
             scaling = f"scale {one.scale} and offset {one.offset}"
             return f"The signal {one.name} has {scaling}, which give no values, in message {message.name}."
-    try:
-        switches_bitrate(message)
-    except ValueError:
+    if "CANFD_BRS" in message.dbc.attributes and _attribute(message, "CANFD_BRS") not in (0, 1):
         return f"The attribute CANFD_BRS is neither 0 nor 1 in message {message.name}."
     return None
 
@@ -131,8 +135,28 @@ def identity(message: Any) -> tuple[int, bool]:
 
 def switches_bitrate(message: Any) -> bool:
     """If a CAN FD message of cantools has its data at the higher rate: as the attribute CANFD_BRS says, else it has."""
-    attribute = message.dbc.attributes.get("CANFD_BRS") if message.dbc else None
-    return attribute is None or bool(int(attribute.value))
+    return _attribute(message, "CANFD_BRS") != 0
+
+
+def start_value(signal: Any) -> float:
+    """What a signal of cantools begins with: its GenSigStartValue, or the file's default of that; 0 without either.
+
+    A default of 0 is what editors put there by themselves: a code that is not meant to be one.
+    """
+    own = signal.raw_initial
+    code = own if own is not None else _attribute(signal, "GenSigStartValue") or None
+    return 0.0 if code is None else float(code * signal.scale + signal.offset)
+
+
+def _attribute(described: Any, name: str) -> float | None:
+    """The number that an attribute of a message or a signal is, of an ENUM the place in it; where it has none of its
+    own it is the file's default, which programs don't repeat.
+    """
+    own, definition = (named.get(name) for named in (described.dbc.attributes, described.dbc.attribute_definitions))
+    value = own.value if own is not None else definition.default_value if definition is not None else None
+    if isinstance(value, str) and definition.choices and value in definition.choices:
+        value = definition.choices.index(value)
+    return value if isinstance(value, int | float) else None
 
 
 def _must_be_plain(key: str, message: Any) -> None:

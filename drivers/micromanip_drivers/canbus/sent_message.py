@@ -11,7 +11,7 @@ import numpy as np
 from micromanip.driver import Channel, ConfigError, OutputRefused
 
 from .bit_field import bit_field
-from .database import identity, switches_bitrate, whole_number
+from .database import identity, start_value, switches_bitrate, whole_number
 from .options import Sent
 from .plan import PackPlan
 
@@ -34,8 +34,7 @@ class SentMessage:
             raise ConfigError(f"{key}: {self.name} has no signals but its counter")
         latency_s = frame_s if options.latency_us is None else options.latency_us * 1e-6
         self.outputs = [
-            Channel(f"{self.name}.{one.name}", options.rate_hz, latency_s, safe=float(one.initial or 0.0))
-            for one in signals
+            Channel(f"{self.name}.{one.name}", options.rate_hz, latency_s, safe=start_value(one)) for one in signals
         ]
         self.indices = tuple(range(first, first + len(signals)))
         self._slice = slice(first, first + len(signals))

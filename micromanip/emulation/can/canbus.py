@@ -77,9 +77,13 @@ def _ends(signal: Any) -> tuple[float, float, bool]:
 
 
 def _switches_bitrate(message: Any) -> bool:
-    """Whether the data of a CAN FD message go at the second rate: as its attribute CANFD_BRS says, else they do."""
-    attribute = message.dbc.attributes.get("CANFD_BRS") if message.dbc else None
-    return attribute is None or bool(int(attribute.value))
+    """Whether the data of a CAN FD message go at the second rate: as its attribute CANFD_BRS says, or the file's
+    default of that, else they do.
+    """
+    if own := message.dbc.attributes.get("CANFD_BRS"):
+        return bool(int(own.value))
+    definition = message.dbc.attribute_definitions.get("CANFD_BRS")
+    return definition is None or definition.default_value not in ("0", 0)
 
 
 @dataclass(kw_only=True)

@@ -7,12 +7,13 @@ from pathlib import Path
 import can
 import cantools
 import pytest
-from micromanip_drivers.canbus.database import Database
+from micromanip_drivers.canbus.database import Database, switches_bitrate
 from micromanip_drivers.canbus.driver import CanBus, CanBusOptions
 from pydantic import ValidationError
 
 from micromanip.bus.errors import DeviceFault, OutputRefused, TransientError
 from micromanip.bus.inbox import Inbox
+from micromanip.emulation.can.canbus import DbcMessage
 from micromanip.errors import ConfigError
 
 FOLDER = Path(__file__).parents[3] / "config"
@@ -311,6 +312,50 @@ def test_a_message_that_makes_no_sense_is_refused_where_it_is_used(tmp_path, tex
 def test_of_two_messages_of_one_name_none_is_meant(tmp_path):
     (tmp_path / "test.dbc").write_text(DBC + 'BO_ 9 Plain: 8 A\n SG_ value : 0|16@1+ (1,0) [0|0] "" A\n')
     with pytest.raises(ConfigError, match=r"^receive.Plain: test.dbc has 2 messages Plain: give each a name"):
+        CanBus(options("test.dbc", receive={"Plain": {"rate_hz": 1.0}}, send={}), tmp_path)
+
+
+ATTRIBUTES = """
+BA_DEF_ BO_ "VFrameFormat" ENUM "a","b","c","d","e","f","g","h","i","j","k","l","m","n",
+ "StandardCAN_FD","ExtendedCAN_FD";
+BA_DEF_ BO_ "CANFD_BRS" ENUM "0","1";
+BA_DEF_ SG_ "GenSigStartValue" FLOAT 0 100000;
+BA_DEF_DEF_ "VFrameFormat" "StandardCAN_FD";
+BA_DEF_DEF_ "CANFD_BRS" "0";
+BA_DEF_DEF_ "GenSigStartValue" 20;
+"""
+"""What an editor writes: defaults, and of a message or a signal only what differs from them."""
+
+
+@pytest.mark.parametrize(("own", "switches"), [("", False), ('BA_ "CANFD_BRS" BO_ 1 1;\n', True)])
+def test_what_a_message_does_not_say_is_the_files_default(tmp_path, own, switches):
+    (tmp_path / "test.dbc").write_text(DBC + ATTRIBUTES + own)
+    message = Database(tmp_path / "test.dbc").message("send.Plain", "Plain")
+    assert (message.is_fd, switches_bitrate(message)) == (True, switches)
+    device = DbcMessage(message, counter=None)
+    assert device.frame({"value": 0, "count": 0}, 0).bitrate_switch == switches
+
+
+@pytest.mark.parametrize(
+    ("said", "rest"),
+    [
+        (DBC, 0.0),
+        (DBC + ATTRIBUTES, 20.0),
+        (DBC + ATTRIBUTES + 'BA_ "GenSigStartValue" SG_ 1 value 3;\n', 3.0),
+        (DBC + ATTRIBUTES + 'BA_ "GenSigStartValue" SG_ 1 value 3;\nVAL_ 1 value 0 "off" 3 "slow" ;\n', 3.0),
+        (DBC + ATTRIBUTES.replace('StartValue" 20', 'StartValue" 0').replace("0|16@1+ (1,0)", "0|16@1+ (1,9)"), 0.0),
+    ],
+    ids=["none", "default", "own", "named", "a default that nobody chose"],
+)
+def test_an_output_rests_at_its_start_value(tmp_path, said, rest):
+    (tmp_path / "test.dbc").write_text(said)
+    bus = CanBus(options("test.dbc", receive={}, send={"Plain": {"rate_hz": 1.0}}), tmp_path)
+    assert bus.outputs[0].safe == rest
+
+
+def test_an_attribute_that_is_not_defined_is_named(tmp_path):
+    (tmp_path / "test.dbc").write_text(DBC.replace("BO_ 3 Long", 'BA_ "Speed" BO_ 1 5;\nBO_ 3 Long', 1))
+    with pytest.raises(ConfigError, match=re.escape("'Speed' is used and not defined (BA_DEF_)")):
         CanBus(options("test.dbc", receive={"Plain": {"rate_hz": 1.0}}, send={}), tmp_path)
 
 

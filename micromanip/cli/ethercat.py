@@ -15,8 +15,11 @@ if TYPE_CHECKING:
     from micromanip.bus.ethercat.esi import EsiDevice
 
 
-class _Product(click.ParamType):  # type: ignore[type-arg]  # generic in newer versions of click only
+class _Code(click.ParamType):  # type: ignore[type-arg]  # generic in newer versions of click only
     name = "code"
+
+    def __init__(self, what: str) -> None:
+        self._what = what
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
         try:
@@ -24,7 +27,7 @@ class _Product(click.ParamType):  # type: ignore[type-arg]  # generic in newer v
         except ValueError:
             code = -1
         if not 0 <= code <= 0xFFFF_FFFF:
-            self.fail(f"{value!r:.40} is no product code; they look like 0x1003 or 4099.", param, ctx)
+            self.fail(f"{value!r:.40} is no {self._what}; they look like 0x1003 or 4099.", param, ctx)
         return code
 
 
@@ -39,20 +42,52 @@ def command() -> None:
     epilog="Example: micromanip ethercat esi config/ethercat/piezo-cell.xml --product 0x1003",
 )
 @click.argument("file", type=click.Path(path_type=Path), metavar="FILE")
-@click.option("--product", type=_Product(), help="Only this one, by its code: 0x1003.")
+@click.option("--product", type=_Code("product code"), help="Only this one, by its code: 0x1003.")
+@click.option("--revision", type=_Code("revision"), help="Only this one of its revisions: 0x110000.")
 @json_option
-def esi(file: Path, product: int | None, as_json: bool) -> None:
+def esi(file: Path, product: int | None, revision: int | None, as_json: bool) -> None:
     """List the devices of an ESI FILE; of a single one write the keys below `terminals` of a configuration.
 
     These are the PDOs that it has assigned from the start. Scales and ranges stand in its manual, not in the file.
     """
+    from micromanip.errors import UsageError
+
+    devices = _all(file) if product is None else _of_product(file, product)
+    if revision is not None:
+        there = ", ".join(sorted({_revision(each) for each in devices}))
+        devices = [each for each in devices if each.revision == revision]
+        if not devices:
+            raise UsageError(f"{file} has no device with the revision 0x{revision:x}; it has {there}")
+    print_answer([_document(each) for each in devices], lambda _: _show(devices), as_json)
+
+
+def _all(file: Path) -> Sequence[EsiDevice]:
+    """Those of a file that can be read; what is wrong with each other one is told."""
+    from micromanip.bus.ethercat.esi import esi_listing
+    from micromanip.errors import ConfigError
+
+    found = esi_listing(file)
+    problems = [each for each in found if isinstance(each, ConfigError)]
+    devices = [each for each in found if not isinstance(each, ConfigError)]
+    if not devices:
+        raise problems[0]
+    for problem in problems:
+        say(f"left out: {problem}", err=True)
+    return devices
+
+
+def _of_product(file: Path, product: int) -> Sequence[EsiDevice]:
     from micromanip.bus.ethercat.esi import read_esi
     from micromanip.errors import UsageError
 
     devices = read_esi(file, product)
     if not devices:
         raise UsageError(f"{file} has no device with the product code 0x{product:x}; without --product all are listed")
-    print_answer([_document(each) for each in devices], lambda _: _show(devices), as_json)
+    return devices
+
+
+def _revision(device: EsiDevice) -> str:
+    return "any" if device.revision is None else f"0x{device.revision:x}"
 
 
 def _document(device: EsiDevice) -> dict[str, Any]:
@@ -66,6 +101,7 @@ def _document(device: EsiDevice) -> dict[str, Any]:
         "coe": device.has_coe,
         "pdos_may_be_mapped": device.maps,
         "clock": device.has_clock,
+        "slots": device.has_slots,
         "terminal": {name: keys},
         "not_mapped": [
             {"pdo": pdo.index, "index": entry.index, "subindex": entry.subindex, "bits": entry.bits, "type": entry.type}
@@ -82,8 +118,7 @@ def _show(devices: Sequence[EsiDevice]) -> None:
     if len(devices) > 1:
         table = Figures("product", "revision", "name", "outputs", "inputs", "clock")
         for each in devices:
-            revision = "any" if each.revision is None else f"0x{each.revision:x}"
-            numbers = (f"0x{each.product:x}", revision, each.name)
+            numbers = (f"0x{each.product:x}", _revision(each), each.name)
             table.add_row(
                 *numbers, *(str(len(p)) for p in (each.outputs, each.inputs)), "yes" if each.has_clock else "no"
             )
@@ -91,6 +126,8 @@ def _show(devices: Sequence[EsiDevice]) -> None:
         return
     (device,) = devices
     click.echo("\n".join(lines_of(*terminal_keys(device, set()))))
+    if device.has_slots:
+        say("# it has slots: PDOs of the modules in them are not read, and are to be added")
     for pdo, entry in not_mapped(device):
         say(
             f"# PDO 0x{pdo.index:04x}: no field for 0x{entry.index:04x}:{entry.subindex:02x} {entry.name}, "

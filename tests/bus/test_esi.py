@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from micromanip.bus.ethercat.esi import esi_products, read_esi
+from micromanip.bus.ethercat.esi import esi_listing, esi_products, read_esi
 from micromanip.bus.ethercat.esi_keys import lines_of, not_mapped, terminal_keys
 from micromanip.errors import ConfigError, MicromanipError
 
@@ -96,7 +96,7 @@ def test_bits_become_fields_where_type_and_width_agree(tmp_path, kind, bits, our
         ("<Index>#x1600", "<Index>-1", 5, "Index '-1' is no number"),
         ("<BitLen>16", "<BitLen>70000", 6, "BitLen '70000' is no number from 0 to 65535"),
         ("<BitLen>8</BitLen>", "", 7, "<Entry> has no <BitLen>"),
-        (' ProductCode="4099"', "", 3, "ProductCode '' is no number"),
+        (' ProductCode="4099"', "", 3, "<Type> of AMP has no ProductCode"),
         ('<Type ProductCode="4099" RevisionNo="#X2">AMP</Type>', "", 2, "<Device> has no <Type>"),
         ("<Id>17229</Id>", "", 1, "<Vendor> has no <Id>"),
         ("</TxPdo>", "", 11, "this is no XML: mismatched tag"),
@@ -177,7 +177,7 @@ MBoxOut</Sm>
 def test_files_as_makers_write_them(tmp_path, data):
     """A whole series in one file, some of it not as it should be: a terminal is read in spite of its neighbours."""
     (tmp_path / "device.xml").write_bytes(data)
-    with pytest.raises(ConfigError, match=r"device\.xml:8: ProductCode '' is no number"):
+    with pytest.raises(ConfigError, match=r"device\.xml:8: <Type> of Coupler without a code has no"):
         read_esi(tmp_path / "device.xml")
     (device,) = read_esi(tmp_path / "device.xml", 0x0C1F3052)
     assert (device.vendor, device.revision) == (0xBEEF, 0x110000)
@@ -198,6 +198,9 @@ def test_files_as_makers_write_them(tmp_path, data):
         read_esi(tmp_path / "device.xml", 0x0C1E3052)
     assert read_esi(tmp_path / "device.xml", 7) == []
     assert esi_products(tmp_path / "device.xml") == [202321999, 0x0C1E3052, 0x0C1F3052]
+    coupler, broken, *others = esi_listing(tmp_path / "device.xml")
+    assert [str(each).rpartition("/")[2][:13] for each in (coupler, broken)] == ["device.xml:8:", "device.xml:9:"]
+    assert [each.product for each in others] == [0x0C1F3052, 202321999]
 
 
 def test_a_file_that_only_refers_to_another(tmp_path):

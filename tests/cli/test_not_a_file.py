@@ -43,6 +43,11 @@ def test_a_recording(kind, suffix, no_file, capsys):
     assert re.search("not a regular file|Is a directory", capsys.readouterr().err)
 
 
+def test_the_file_of_a_terminal(no_file, capsys):
+    assert code_of("ethercat", "esi", no_file) in (64, 69)
+    assert re.search("not a regular file|Is a directory", capsys.readouterr().err)
+
+
 def test_samples_of_the_reference(no_file, capsys):
     text = (CONFIG / "factory.yaml").read_text()
     assert "reference: {source: hold, offset_um: 66}" in text

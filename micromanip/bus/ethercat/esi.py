@@ -14,6 +14,7 @@ from xml.parsers import expat
 
 from micromanip.bus.number_options import PACKED
 from micromanip.errors import ConfigError, system_error
+from micromanip.files.regular_file import open_regular
 
 MOST_BYTES = 64 * 1024 * 1024
 _MOST_DEEP = 100
@@ -111,12 +112,10 @@ class _Read:
     def document(self) -> Element:
         """Its root. Raises ConfigError."""
         try:
-            size = self.path.stat().st_size
-            text = self.path.read_bytes() if size <= MOST_BYTES else b""
+            with open_regular(self.path, MOST_BYTES) as opened:
+                text = opened.read()
         except OSError as problem:
             raise system_error(problem, self.path) from problem
-        if size > MOST_BYTES:
-            raise ConfigError(f"{self.path}: {size} bytes are more than an ESI file has, at most {MOST_BYTES}")
         parser = expat.ParserCreate()
         parser.buffer_text = True
 
@@ -173,6 +172,29 @@ def read_esi(path: Path, product: int | None = None) -> Sequence[EsiDevice]:
     Raises ConfigError with file and line, another MicromanipError if it can't be opened.
     """
     read = _Read(path)
+    vendor, found = _vendor_and_devices(read)
+    return [_device(read, vendor, each) for each in found if product is None or _product(read, each) == product]
+
+
+def esi_listing(path: Path) -> Sequence[EsiDevice | ConfigError]:
+    """Each device of a file, or in its place why it can't be read: a maker's couplers may have no product code.
+
+    Raises as `read_esi` where that is so for the file as a whole.
+    """
+    read = _Read(path)
+    vendor, found = _vendor_and_devices(read)
+
+    def listed(element: Element) -> EsiDevice | ConfigError:
+        try:
+            return _device(read, vendor, element)
+        except ConfigError as problem:
+            return problem
+
+    return [listed(each) for each in found]
+
+
+def _vendor_and_devices(read: _Read) -> tuple[int, Sequence[Element]]:
+    """The vendor's number, and the elements of the devices, of which there is one at least. Raises ConfigError."""
     root = read.document()
     if root.tag != "EtherCATInfo":
         raise read.error(read.lines[root], f"<{root.tag[:40]}> is no ESI file: that begins with <EtherCATInfo>")
@@ -185,7 +207,7 @@ def read_esi(path: Path, product: int | None = None) -> Sequence[EsiDevice]:
         other = root.find("InfoReference")
         where = "" if other is None else f"; it refers to another file: {_text(other)[:80]}"
         raise read.error(read.lines[root], f"there is no <Device> in <Descriptions> <Devices>{where}")
-    return [_device(read, number, each) for each in found if product is None or _product(read, each) == product]
+    return number, found
 
 
 def esi_products(path: Path) -> Sequence[int]:
@@ -208,8 +230,11 @@ def _device(read: _Read, vendor: int, element: Element) -> EsiDevice:
     kind, coe = element.find("Type"), element.find("Mailbox/CoE")
     if kind is None:
         raise read.error(read.lines[element], "<Device> has no <Type>")
+    if not (kind.get("ProductCode") or "").strip():
+        name = _name(element) or _text(kind)
+        raise read.error(read.lines[kind], f"<Type> of {name[:60] or 'a device'} has no ProductCode")
     product = read.number(kind, kind.get("ProductCode"), "ProductCode", 0xFFFF_FFFF)
-    revision = kind.get("RevisionNo")
+    revision = (kind.get("RevisionNo") or "").strip() or None
     own_types = {
         _text(each.find("Name")): _text(each.find("BaseType"))
         for each in element.iterfind("Profile/Dictionary/DataTypes/DataType")

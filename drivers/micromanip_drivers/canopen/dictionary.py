@@ -44,10 +44,16 @@ class Dictionary:
     def value(self, index: int, subindex: int = 0) -> int:
         """What an integer object is when the device starts: its ParameterValue (DCF), or its DefaultValue."""
         variable = self.variable(index, subindex)
-        value = variable.default if variable.value is None else variable.value
-        if not isinstance(value, int):
-            raise ConfigError(f"{self.file}: object {number(index, subindex)} ({variable.name}) has no DefaultValue")
-        return value
+        what = f"{self.file}: object {number(index, subindex)} ({variable.name})"
+        for key, said, value in (
+            ("ParameterValue", getattr(variable, "value_raw", ""), variable.value),
+            ("DefaultValue", getattr(variable, "default_raw", ""), variable.default),
+        ):
+            if isinstance(value, int):
+                return value
+            if said:
+                raise ConfigError(f"{what}: {key} {said[:40]!r} is no number")
+        raise ConfigError(f"{what} has no DefaultValue")
 
     def find(self, name: str) -> ODVariable:
         """The object called `name`, or with that number ("8130sub1")."""

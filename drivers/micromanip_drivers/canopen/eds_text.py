@@ -12,6 +12,8 @@ import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from canopen.objectdictionary import datatypes
+
 from micromanip.driver import ConfigError
 
 from ..saved_text import decoded
@@ -35,7 +37,8 @@ _NUMBERS = (
     "NrOfEntries",
     *map("Dummy{:04d}".format, range(1, 8)),
 )
-_VARIABLE, _DOMAIN, _WITH_SUBS = 7, 2, (8, 9)
+_VALUES = ("DefaultValue", "ParameterValue", "LowLimit", "HighLimit")
+_VARIABLE, _DOMAIN, _WITH_SUBS, _TYPES = 7, 2, (8, 9), (5, 6)
 
 
 @dataclass
@@ -52,7 +55,7 @@ def objects_of(file: Path) -> io.StringIO:
 
     Raises ConfigError, as ``file:line: what``, for what is there twice, is missing or no number; OSError.
     """
-    sections = _sections(file, decoded(file.read_bytes(), "latin-1"))
+    sections = _objects(_sections(file, decoded(file.read_bytes(), "latin-1")))
     for section in sections.values():
         _complete(file, section, sections)
     text = io.StringIO("[DeviceInfo]\n")  # which canopen would miss
@@ -82,6 +85,17 @@ def _sections(file: Path, text: str) -> dict[str, _Section]:
     return sections
 
 
+def _objects(sections: dict[str, _Section]) -> dict[str, _Section]:
+    """Without the data types of the maker's own, and what belongs to them: they are no objects."""
+    types = {name for name, each in sections.items() if int(each.values.get("ObjectType", _VARIABLE)) in _TYPES}
+    return {name: each for name, each in sections.items() if _index(name) not in types}
+
+
+def _index(name: str) -> str:
+    """The section of the object that another section belongs to."""
+    return name.partition("sub")[0].removesuffix("Name")
+
+
 def _named(said: str) -> str | None:
     """A section that is used, as canopen calls it; None for any other."""
     if said.lower() == _DUMMIES.lower():
@@ -103,10 +117,17 @@ def _take(file: Path, line: int, section: _Section, said: str) -> None:
         if not value:
             return
         try:
-            value = str(int(value, 10 if value.isdigit() else 0))  # leading zeros do no harm
+            value = str(int(_without_zeros(value), 0))
         except ValueError:
             raise ConfigError(f"{file}:{line}: {key} {value[:40]!r} in [{section.name}] is no number") from None
     section.values[key] = value
+
+
+def _without_zeros(value: str) -> str:
+    """A number that begins with zeros, which canopen does not take, without them: octal (CiA 306) if it may be."""
+    if re.fullmatch("0[0-9]+", value) is None:
+        return value
+    return str(int(value, 10 if set(value) & {"8", "9"} else 8))
 
 
 def _complete(file: Path, section: _Section, sections: dict[str, _Section]) -> None:
@@ -115,7 +136,7 @@ def _complete(file: Path, section: _Section, sections: dict[str, _Section]) -> N
     if name == _DUMMIES:
         values.update({f"Dummy{n:04d}": values.get(f"Dummy{n:04d}", "0") for n in range(1, 8)})
         return
-    index = name.partition("sub")[0].removesuffix("Name")
+    index = _index(name)
     if len(index) != len("1000"):  # a type of some editor's own
         return
     if index not in sections:
@@ -125,6 +146,8 @@ def _complete(file: Path, section: _Section, sections: dict[str, _Section]) -> N
     if kind == _DOMAIN:
         values.setdefault("DataType", str(0xF))
         values.setdefault("AccessType", "rw")
+    if int(values.get("DataType", 0)) in datatypes.INTEGER_TYPES:
+        values.update({key: _without_zeros(values[key]) for key in _VALUES if key in values})
     if not name.endswith("Name") and (kind not in _WITH_SUBS or "CompactSubObj" in values):
         wanted += ["DataType", "AccessType"]
     for key in wanted:

@@ -126,12 +126,14 @@ def _pdo(node: str, dictionary: Dictionary, direction: Direction, pdo: int, opti
 
 def _carried(name: str, objects: Sequence[Mapped], where: str) -> Mapped:
     """The object of a PDO that is called `name`, or has that number."""
-    for mapped in objects:
-        variable = mapped.variable
-        if name.lower().removeprefix("0x") == number(variable.index, variable.subindex).lower():
-            return mapped
-        if name in (variable.name, variable.qualname):
-            return mapped
+    by_number = {number(mapped.variable.index, mapped.variable.subindex).lower(): mapped for mapped in objects}
+    if found := by_number.get(name.lower().removeprefix("0x")):
+        return found
+    called = {key: m for key, m in by_number.items() if name in (m.variable.name, m.variable.qualname)}
+    if len(called) > 1:
+        raise ConfigError(f"{where} carries several objects called {name}: give the number, {' or '.join(called)}")
+    if called:
+        return next(iter(called.values()))
     known = [mapped.variable.name for mapped in objects]
     hint = did_you_mean(name, known, "it carries")
     raise ConfigError(f"{where} carries no object called {name}; {hint}")

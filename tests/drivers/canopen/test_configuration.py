@@ -164,12 +164,14 @@ def of_other_programs(text):
     yield (text.replace("\n", "\r\n") + "\x1a").encode("utf-8-sig")
     yield text.encode("utf-16")
     yield text.replace("VendorName=micromanip", "VendorName=Müller Meßtechnik").encode("latin-1")
-    yield re.sub(r"DataType=0x(\w+)", lambda t: f"DataType={int(t[1], 16):04d}", text).encode()
+    yield re.sub(r"DataType=0x(\w+)", lambda t: f"DataType={int(t[1], 16):04o}", text).encode()
+    yield re.sub(r"DefaultValue=(0x\w+|\d+)", lambda v: f"DefaultValue=0{int(v[1], 0):o}", text).encode()
+    yield f"{text}[0040]\nParameterName=MY_TYPE\nObjectType=6\n[0040sub0]\nParameterName=n\n".encode()
     yield text.replace("0x", "0X").replace("VendorNumber=0XFFFF0001", "VendorNumber=").encode()
     yield re.sub(r"Dummy000\d=.*\n", "", text).encode() + b"[Comments]\nLines=3\nLine1=two are missing\n"
 
 
-@pytest.mark.parametrize("program", range(11))
+@pytest.mark.parametrize("program", range(13))
 def test_an_eds_of_another_program_says_the_same(tmp_path, program):
     def objects(data):
         (tmp_path / "sensor.eds").write_bytes(data)
@@ -185,6 +187,24 @@ def test_an_eds_of_another_program_says_the_same(tmp_path, program):
     same = objects(text.encode())
     assert len(same) > 60
     assert objects(list(of_other_programs(text))[program]) == same
+
+
+def test_a_value_that_is_no_number_is_told_and_not_replaced_by_the_default(folder):
+    section(folder, "sensor", "1A00sub1", "DefaultValue", "0x81300118\nParameterValue=81300318h")
+    refused(r"object 1A00sub1 \(Mapped object 1\): ParameterValue '81300318h' is no number", folder)
+    section(folder, "sensor", "1A00sub1", "ParameterValue", "")
+    driver(folder)
+    section(folder, "sensor", "1A00sub1", "DefaultValue", "$NODE+1")
+    refused(r"object 1A00sub1 \(Mapped object 1\): DefaultValue '\$NODE\+1' is no number", folder)
+
+
+def test_two_objects_of_one_name_in_a_pdo_are_told_apart_by_their_numbers(folder):
+    section(folder, "sensor", "8130sub2", "ParameterName", "strain_x")
+    signals = {"strain_x": {"scale": 1.0}}
+    said = "tpdo 1 carries several objects called strain_x: give the number, 8130sub1 or 8130sub2"
+    refused(said, folder, nodes__sensor__tpdo__1__signals=signals)
+    signals = {"strain_x": {"scale": 1.0, "object": "0x8130sub2"}}
+    assert driver(folder, nodes__sensor__tpdo__1__signals=signals).inputs
 
 
 def test_a_domain_may_leave_out_what_all_domains_are(tmp_path):

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from micromanip.errors import system_error
 from micromanip.faults import KINDS
+from micromanip.files.table_line import table_line
 from micromanip.recordings.table import Array
 from micromanip.recordings.trend import (
     COUNTED,
@@ -148,7 +149,7 @@ def write_csv(trend: Trend, fields: list[str], to: Path) -> None:
     with to.open("x", encoding="ascii") as file:
         file.write(",".join([TIME, *names]) + "\n")
         for k, stamp in enumerate(trend.time):
-            file.write(",".join([str(stamp), *(f"{trend.columns[name][k]:.{_DIGITS}g}" for name in names)]) + "\n")
+            file.write(table_line([str(stamp), *(f"{trend.columns[name][k]:.{_DIGITS}g}" for name in names)]) + "\n")
 
 
 def draw(trend: Trend, fields: list[str], to: Path) -> None:

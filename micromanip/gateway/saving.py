@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.errors import UsageError
+from micromanip.files.table_line import table_line
 
 from .cell import Source
 from .views import names, number
@@ -51,6 +52,6 @@ async def _text(
 
 def _rows(cycles: NDArray[np.int64], values: NDArray[np.float32], period_s: float) -> str:
     return "".join(
-        f"{cycle},{cycle * period_s:.9g},{','.join(f'{value:.9g}' for value in row)}\n"
+        f"{cycle},{cycle * period_s:.9g},{table_line(f'{value:.9g}' for value in row)}\n"
         for cycle, row in zip(cycles.tolist(), values.T.tolist(), strict=True)
     )

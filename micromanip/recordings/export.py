@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.errors import CheckFailed, DeviceUnavailable, UsageError, did_you_mean, system_error
+from micromanip.files.table_line import table_line
 
 from .hdf5 import ENDINGS as HDF5
 from .telemetry import Telemetry
@@ -181,7 +182,7 @@ def _write_csv(telemetry: Telemetry, to: Path, names: Mapping[str, str], cut: Cu
         file.write(",".join([_TIME, *names]) + "\n")
         for part in _parts(telemetry, names, cut):
             rows = zip(*(values.tolist() for values in part.values()), strict=True)
-            file.writelines(",".join(map(repr, row)) + "\n" for row in rows)
+            file.writelines(table_line(map(repr, row)) + "\n" for row in rows)
             count += len(part[_TIME])
     return count
 

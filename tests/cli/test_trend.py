@@ -91,6 +91,14 @@ def test_to_csv_and_back(folder, tmp_path, capsys):
     assert "is there already" in capsys.readouterr().err
 
 
+def test_what_is_not_known_is_written_as_other_programs_read_it(tmp_path):
+    """Also where the file is of a version that wrote ``nan``."""
+    old, to = tmp_path / "2026-11-01-minutes.csv", tmp_path / "new.csv"
+    old.write_text(f"{HEAD}\n2026-11-01T10:00:00,60,600000,2,0,7,0,1,nan,3\n")
+    assert code_of("trend", old, "--to", to) == 0
+    assert to.read_text().splitlines()[1].split(",")[-2:] == ["NaN", "3"]
+
+
 def test_a_picture_has_no_line_over_a_gap(folder, tmp_path):
     to = tmp_path / "error.svg"
     assert code_of("trend", folder, "--field", "error_um_x_rms", "--to", to) == 0

@@ -84,6 +84,9 @@ def test_sine_over_a_second_and_a_minute(tmp_path, batch):
             found = trend.columns[f"error_um_x_{each}"]
             np.testing.assert_allclose(found[:known], value, atol=3e-5)
             assert np.isnan(found[known:]).all()
+    written = (tmp_path / "2026-11-23-seconds.csv").read_text()
+    assert "NaN" in written
+    assert "nan" not in written, "other programs take that for text"
     np.testing.assert_allclose(seconds.columns["voltage_V_x_mean"], np.arange(60) + 0.4995, rtol=1e-5)
     assert minutes.columns["voltage_V_x_max"].tolist() == [59.999]
     assert minutes.columns["voltage_V_x_rms"][0] == pytest.approx(60 / np.sqrt(3), rel=1e-4)

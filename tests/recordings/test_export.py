@@ -1,5 +1,6 @@
 """A recording in other formats, read back by their own libraries: bit for bit what the ring held."""
 
+import dataclasses
 import json
 
 import h5py
@@ -93,6 +94,18 @@ def test_csv(recorded, tmp_path):
     assert bits(found[:, 2]) == bits(rows["axis"]["stage_um"][:, 0])
     table = read_table(tmp_path / "run.csv")
     assert bits(table["stage_um_y"]) == bits(rows["axis"]["stage_um"][:, 1])
+
+
+def test_csv_of_what_is_not_known_is_a_column_of_numbers_elsewhere(recorded, tmp_path):
+    """polars takes ``NaN``, ``inf`` and ``-inf`` for numbers, and a column with another spelling for text."""
+    telemetry = open_telemetry(recorded[0])
+
+    def parts(paths):
+        yield {path: np.array([0, 1, 2] if path == "cycle" else [np.nan, np.inf, -np.inf]) for path in paths}
+
+    export(dataclasses.replace(telemetry, parts=parts), tmp_path / "run.csv", signals=["stage_um_x"])
+    _, *lines = (tmp_path / "run.csv").read_text().splitlines()
+    assert [line.split(",")[1] for line in lines] == ["NaN", "inf", "-inf"]
 
 
 @pytest.mark.parametrize("kind", [".h5", ".hdf5", ".parquet", ".mat", ".MAT", ".CSV"])

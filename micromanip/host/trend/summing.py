@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from micromanip.files.table_line import table_line
 from micromanip.host.axis_values import QUANTITIES
 from micromanip.host.windows import Array
 from micromanip.recordings.trend import COUNTED, FAULT, MINUTE, SECOND, STATE, STATISTICS, TIME
@@ -150,4 +151,4 @@ class Summing:
 
     def _line(self, every: str, unix_s: int, summary: Summary) -> None:
         stamp = datetime.fromtimestamp(unix_s, UTC).strftime("%Y-%m-%dT%H:%M:%S")
-        self._put(every, stamp[:10], ",".join([stamp, *summary.cells(self._watched)]))
+        self._put(every, stamp[:10], table_line([stamp, *summary.cells(self._watched)]))

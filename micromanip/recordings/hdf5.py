@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import struct
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
@@ -19,6 +20,9 @@ from .telemetry import Piece, Telemetry
 ENDINGS = (".h5", ".hdf5")
 _PART_ROWS, _PIECE_ROWS = 50_000, 4096
 _MOST_VALUES = 250_000_000
+_SUPERBLOCK = struct.Struct("<8xBxxB16xQ")
+"""Version, flags, and where the file ends, in the version that has flags."""
+_WITH_FLAGS, _WRITTEN_AND_READ = 3, 4
 _UNIT_ATTRIBUTES = ("units", "unit", "Units", "Unit")
 
 
@@ -39,15 +43,24 @@ def opened(file: Path) -> Iterator[Any]:
     """
     h5py = require_h5py(file)
     try:
-        try:
-            contents = h5py.File(file)
-        except OSError:
-            contents = h5py.File(file, swmr=True)
-        with contents:
+        with h5py.File(file, swmr=_was_left_open(file)) as contents:
             yield contents
     except (OSError, KeyError, RuntimeError, ValueError, TypeError) as problem:
         why = str(problem).splitlines()[0] if str(problem) else type(problem).__name__
         raise CheckFailed(f"{file}: it is cut off, damaged, or no HDF5 ({why}); copy it again") from problem
+
+
+def _was_left_open(file: Path) -> bool:
+    """Whether its writer, one that lets others read meanwhile, has not closed it, and all that it tells of is there.
+
+    Only such a file is read as one that is being written: where a piece is missing, HDF5 waits for it without end.
+    """
+    with file.open("rb") as stream:
+        head = stream.read(_SUPERBLOCK.size)
+    if len(head) < _SUPERBLOCK.size:
+        return False
+    version, flags, end = _SUPERBLOCK.unpack(head)
+    return version == _WITH_FLAGS and bool(flags & _WRITTEN_AND_READ) and end <= file.stat().st_size
 
 
 def read_hdf5(file: Path) -> Table:

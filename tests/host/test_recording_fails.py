@@ -195,6 +195,25 @@ def test_killed_in_the_middle_of_a_write(tmp_path, after_ms):
     assert len(cycles) % 700 == 0 or len(cycles) % 1000 == 0
 
 
+@pytest.mark.parametrize("closed", [True, False])
+def test_a_file_that_is_cut_off_is_refused_at_once(tmp_path, closed):
+    """In a process of its own: read as a file that is being written, HDF5 waits for the rest, and can't be stopped."""
+    recording = begun(tmp_path / "run.h5")
+    recording.append(some_rows(1, 5000), slots())
+    if closed:
+        recording.close()
+    content = (tmp_path / "run.h5").read_bytes()
+    (tmp_path / "cut.h5").write_bytes(content[: len(content) // 2])
+    read = "import pathlib, sys, micromanip.recordings as r; r.read_table(pathlib.Path(sys.argv[1]))"
+    reader = [sys.executable, "-c", read, str(tmp_path / "cut.h5")]
+    ended = subprocess.run(reader, capture_output=True, text=True, timeout=60, check=False)
+    assert "CheckFailed" in ended.stderr
+    assert "cut.h5: it is cut off, damaged, or no HDF5" in ended.stderr
+    if not closed:
+        assert len(read_table(tmp_path / "run.h5")["t_s"]) == 5000
+        recording.close()
+
+
 def test_lost_rows_are_told_in_the_file_before_it_ends(tmp_path):
     recording = begun(tmp_path / "run.h5")
     recording.append(some_rows(1, 100), slots())

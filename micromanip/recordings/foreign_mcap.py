@@ -7,14 +7,16 @@ stands ``TOPIC.log_time``, s since the file's first message. Other encodings nee
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 
 from micromanip.errors import CheckFailed
 
+from .mcap_places import MAGIC
 from .table import Array, Table
 
 _JSON = "json"
@@ -30,6 +32,8 @@ def read_foreign(file: Path) -> Table:
     others: dict[str, str] = {}
     try:
         with file.open("rb") as stream:
+            if not _is_ended(stream):
+                raise CheckFailed(f"{file}: it is cut off, its end is missing; copy it again, or `mcap recover` it")
             for _, channel, message in make_reader(stream, validate_crcs=True).iter_messages():
                 if channel.message_encoding != _JSON:
                     others[channel.topic] = channel.message_encoding or "no encoding"
@@ -56,6 +60,15 @@ def read_foreign(file: Path) -> Table:
             "wanted as JSON, or export it as CSV or Parquet"
         )
     return Table(file, columns, dict.fromkeys(clocks.values(), "s"), clocks=clocks)
+
+
+def _is_ended(stream: IO[bytes]) -> bool:
+    """Whether it ends as a whole file does; it is at its beginning again."""
+    begin = stream.seek(0, os.SEEK_END) - len(MAGIC)
+    stream.seek(max(begin, 0))
+    found = begin >= len(MAGIC) and stream.read() == MAGIC
+    stream.seek(0)
+    return found
 
 
 def _numbers(name: str, value: Any) -> Iterator[tuple[str, float]]:

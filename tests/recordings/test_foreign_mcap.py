@@ -138,3 +138,19 @@ def test_a_damaged_file_of_another_program_is_told(tmp_path):
     damage(file, 0.0)
     with pytest.raises(CheckFailed, match=r"foreign\.mcap: it is damaged, or not a recording of ours \(crc"):
         take(file, Wanted(["u", "y"]))
+
+
+@pytest.mark.parametrize("share", [0.0, 0.5, 0.999])
+def test_one_that_is_cut_off_is_told_to_be_so(tmp_path, share):
+    with (tmp_path / "bench.mcap").open("wb") as out:
+        writer = Writer(out, compression=CompressionType.NONE)
+        writer.start("", "another program")
+        bench = writer.register_channel("/bench", "json", 0)
+        for k in range(50):
+            writer.add_message(bench, k * 1_000_000, json.dumps({"u": k}).encode(), 0)
+        writer.finish()
+    content = (tmp_path / "bench.mcap").read_bytes()
+    assert read_table(tmp_path / "bench.mcap")["/bench.u"].tolist() == list(range(50))
+    (tmp_path / "cut.mcap").write_bytes(content[: max(8, int(share * len(content)))])
+    with pytest.raises(CheckFailed, match=r"cut\.mcap: it is cut off, its end is missing; copy it again"):
+        read_table(tmp_path / "cut.mcap")

@@ -9,9 +9,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 from cryptography import x509
+from cryptography.exceptions import UnsupportedAlgorithm
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
 
 from micromanip.errors import ConfigError, system_error
+from micromanip.files.regular_file import open_regular
 
 from .private import read_private
 
@@ -26,17 +28,22 @@ def checked(certificate: Path, key: Path, mend: str = "have a new one made") -> 
     group may: so Debian keeps keys for several programs.
     """
     try:
-        content = certificate.read_bytes()
+        with open_regular(certificate) as opened:
+            content = opened.read()
     except OSError as problem:
         raise system_error(problem, certificate) from problem
     try:
         found = x509.load_pem_x509_certificates(content)[0]
+        public = found.public_key()
+    except (ValueError, UnsupportedAlgorithm) as problem:
+        raise ConfigError(f"{certificate}: not a certificate in PEM, of a kind that is known here") from problem
+    try:
         private = load_pem_private_key(read_private(key, "this key", group_may=True).encode(), None)
-    except (ValueError, TypeError) as problem:
-        raise ConfigError(
-            f"{certificate}, {key}: not a certificate with its key, in PEM and without a password"
-        ) from problem
-    if found.public_key() != private.public_key():
+    except TypeError as problem:
+        raise ConfigError(f"{key}: this key has a password; write it without one, `openssl pkey`") from problem
+    except (ValueError, UnsupportedAlgorithm) as problem:
+        raise ConfigError(f"{key}: not a private key in PEM, of a kind that is known here") from problem
+    if public != private.public_key():
         raise ConfigError(f"{key} is not the key of {certificate}; {mend}")
     now = datetime.datetime.now(datetime.UTC)
     if found.not_valid_after_utc < now:

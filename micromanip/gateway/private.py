@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import io
 import os
-import stat
 from pathlib import Path
 
 from micromanip.errors import PermissionDenied, system_error
+from micromanip.files.regular_file import open_regular
 
 
 def read_private(path: Path, holds: str, *, group_may: bool = False) -> str:
@@ -15,9 +16,9 @@ def read_private(path: Path, holds: str, *, group_may: bool = False) -> str:
     With `group_may` the file's group is let read it. Raises what `system_error` makes of a file that can't be read.
     """
     try:
-        with path.open(encoding="utf-8", errors="replace") as file:
+        with io.TextIOWrapper(open_regular(path), encoding="utf-8", errors="replace") as file:
             found = os.fstat(file.fileno())
-            if not stat.S_ISREG(found.st_mode) or found.st_mode & (0o037 if group_may else 0o077):
+            if found.st_mode & (0o037 if group_may else 0o077):
                 mode = "640" if group_may else "600"
                 raise PermissionDenied(
                     f"{path}: others may read {holds}; make a new one, or `chmod {mode} {path}` where nobody has"

@@ -2,6 +2,7 @@
 
 import asyncio
 import ipaddress
+import os
 import re
 import time
 
@@ -12,9 +13,15 @@ pytest.importorskip("uvicorn", reason="the extra gateway is not installed")
 
 from cryptography import x509
 from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.hazmat.primitives.serialization import (
+    BestAvailableEncryption,
+    Encoding,
+    PrivateFormat,
+    load_pem_private_key,
+)
 from prometheus_client.parser import text_string_to_metric_families
 
-from micromanip.errors import ConfigError, PermissionDenied
+from micromanip.errors import ConfigError, DeviceUnavailable, PermissionDenied
 from micromanip.gateway import certificates, serving
 from micromanip.gateway.cell import Cell
 from micromanip.gateway.certificates import InUse, checked, is_for
@@ -64,15 +71,58 @@ def put_in(folder, public, private):
 
 
 def test_the_key_of_another_is_refused(tmp_path, lines):
-    public, private = made(tmp_path)
+    public, _ = made(tmp_path)
     _, other = certificate(tmp_path, "other", key=ec.generate_private_key(ec.SECP256R1()))
     with pytest.raises(ConfigError, match=r"other-key\.pem is not the key of .*cell\.pem"):
         serving.serve(options(tmp_path, public, other), lines.append)
     with pytest.raises(ConfigError, match=r"server\.key is not the key of .*server\.pem"):
         put_in(tmp_path / "opcua", public, other)
-    with pytest.raises(ConfigError, match="not a certificate with its key"):
-        checked(private, public)
     assert lines == []
+
+
+SM2 = """-----BEGIN CERTIFICATE-----
+MIIBbjCCAROgAwIBAgIUOz5djA9BZtkSn4r284G7zU/cZyUwCgYIKoEcz1UBg3Uw
+DDEKMAgGA1UEAwwBYTAeFw0yNjExMjUxNzU4MjNaFw0yNzAyMjMxNzU4MjNaMAwx
+CjAIBgNVBAMMAWEwWTATBgcqhkjOPQIBBggqgRzPVQGCLQNCAASpjWV3Le+W06Mn
+dTyOBKFMgV9LfaRLxYOAaq6cN/Lq3iZ7h+SiyHqJ7H0xp84QZn9QJAht/futTJ9j
+6N8nCM/so1MwUTAdBgNVHQ4EFgQUNrKTEhICFAAjrS5+zjnydF6TAzswHwYDVR0j
+BBgwFoAUNrKTEhICFAAjrS5+zjnydF6TAzswDwYDVR0TAQH/BAUwAwEB/zAKBggq
+gRzPVQGDdQNJADBGAiEA8+n6lfIPqigH6veoeWGnnJpP205SfQhQu8AaevabgQcC
+IQCJBfEeRkyFCYPgmv6ez5SfSi7A1w/e5snBHH+H/HgiVg==
+-----END CERTIFICATE-----
+"""
+"""Of a curve that is not supported."""
+
+
+def test_which_of_the_two_can_not_be_used_is_said(tmp_path):
+    public, private = made(tmp_path)
+    locked = tmp_path / "locked.pem"
+    locked.touch(0o600)
+    key = load_pem_private_key(private.read_bytes(), None)
+    locked.write_bytes(key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, BestAvailableEncryption(b"secret")))
+    der = tmp_path / "cell.der"
+    der.write_bytes(x509.load_pem_x509_certificate(public.read_bytes()).public_bytes(Encoding.DER))
+    odd = tmp_path / "sm2.pem"
+    odd.write_text(SM2)
+    for files, words in (
+        ((private, public), r"cell-key\.pem: not a certificate in PEM"),
+        ((der, private), r"cell\.der: not a certificate in PEM"),
+        ((odd, private), r"sm2\.pem: not a certificate in PEM, of a kind that is known here"),
+        ((public, locked), r"locked\.pem: this key has a password; write it without one"),
+    ):
+        with pytest.raises(ConfigError, match=words):
+            checked(*files)
+    public.chmod(0o600)
+    with pytest.raises(ConfigError, match=r"cell\.pem: not a private key in PEM"):
+        checked(public, public)
+
+
+def test_a_pipe_is_not_waited_for(tmp_path):
+    public, private = made(tmp_path)
+    os.mkfifo(tmp_path / "pipe", 0o600)
+    for files in ((tmp_path / "pipe", private), (public, tmp_path / "pipe")):
+        with pytest.raises(DeviceUnavailable, match="pipe: it is not a regular file"):
+            checked(*files)
 
 
 @pytest.mark.parametrize(("mode", "may"), [(0o600, True), (0o640, True), (0o644, False), (0o660, False)])

@@ -311,7 +311,7 @@ def test_the_server_s_key_is_its_owner_s_alone(tmp_path):
 @pytest.mark.parametrize(
     ("place", "content", "words"),
     [
-        ("server.pem", b"nonsense", "not a certificate with its key"),
+        ("server.pem", b"nonsense", "not a certificate in PEM"),
         ("operate/ana.pem", b"-----BEGIN CERTIFICATE-----\nAAAA\n", "ana.pem: expected a certificate"),
         ("observe/notes.txt", b"", "notes.txt: expected a certificate, PEM or DER"),
     ],

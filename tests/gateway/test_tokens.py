@@ -66,7 +66,7 @@ def test_a_wrong_line_is_told(tmp_path, text, said):
         ({"listen": "127.0.0.1:99999"}, UsageError, "expected HOST:PORT"),
         ({"behind_proxy": "cell.example"}, UsageError, "such as https://cell.example"),
         ({"certificate": "cell.pem"}, UsageError, "go together"),
-        ({"certificate": "cell.yaml", "key": "cell.yaml"}, ConfigError, "not a certificate with its key"),
+        ({"certificate": "cell.yaml", "key": "cell.yaml"}, ConfigError, "not a certificate in PEM"),
         ({"certificate": "none.pem", "key": "cell.yaml"}, UsageError, r"none\.pem: No such file"),
         ({"config": "nowhere.yaml"}, UsageError, r"nowhere\.yaml: No such file"),
         ({"listen": "192.0.2.1:8090", "behind_proxy": "https://cell.example"}, DeviceUnavailable, "choose another"),

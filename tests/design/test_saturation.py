@@ -66,6 +66,7 @@ def test_the_simulated_cell_does_the_same_after_a_stall_unless_calm_gains_catch_
     outer = cell.parameters[0]["axis"]["outer"]
     if not calm:
         outer["far_feedback"], outer["far_reference"] = outer["feedback"], outer["reference"]
+        cell.parameters[0]["axis"]["fallback"] = cell.parameters[0]["axis"]["pid"]
     cell.arm()
     cell.run(3.0)
     for _ in range(8):

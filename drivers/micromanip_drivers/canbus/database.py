@@ -99,7 +99,7 @@ def nonsense(message: Any) -> str | None:
         if not _scales(one):
             scaling = f"scale {one.scale} and offset {one.offset}"
             return f"The signal {one.name} has {scaling}, which give no values, in message {message.name}."
-    if "CANFD_BRS" in message.dbc.attributes and _attribute(message, "CANFD_BRS") not in (0, 1):
+    if message.dbc and "CANFD_BRS" in message.dbc.attributes and _attribute(message, "CANFD_BRS") not in (0, 1):
         return f"The attribute CANFD_BRS is neither 0 nor 1 in message {message.name}."
     return None
 
@@ -152,6 +152,8 @@ def _attribute(described: Any, name: str) -> float | None:
     """The number that an attribute of a message or a signal is, of an ENUM the place in it; where it has none of its
     own it is the file's default, which programs don't repeat.
     """
+    if described.dbc is None:  # made by hand, of no file
+        return None
     own, definition = (named.get(name) for named in (described.dbc.attributes, described.dbc.attribute_definitions))
     value = own.value if own is not None else definition.default_value if definition is not None else None
     if isinstance(value, str) and definition.choices and value in definition.choices:

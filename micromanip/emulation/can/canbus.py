@@ -80,6 +80,8 @@ def _switches_bitrate(message: Any) -> bool:
     """Whether the data of a CAN FD message go at the second rate: as its attribute CANFD_BRS says, or the file's
     default of that, else they do.
     """
+    if message.dbc is None:
+        return True
     if own := message.dbc.attributes.get("CANFD_BRS"):
         return bool(int(own.value))
     definition = message.dbc.attribute_definitions.get("CANFD_BRS")

@@ -26,12 +26,23 @@ from micromanip.rt import (
     telemetry,
     watch,
 )
-from micromanip.rt.laws import coordinate_transform, estimator, feedforward, lqg, pid, reference, sensor, shaping
+from micromanip.rt.laws import (
+    coordinate_transform,
+    estimator,
+    feedforward,
+    lqg,
+    pid,
+    reference,
+    sensor,
+    shaping,
+    steady,
+)
 
 _C_TYPES = {"float64": "double", "int64": "int64_t", "int32": "int32_t"}
 _ENUMERATIONS = (record, records, states, phases, estimator)
 _SINGLE = (
     (reference, ("SIGNAL", "JOG", "MAX_MODES", "REFERENCE_STATES", "STOOD_STILL")),
+    (steady, ("SURE_NATS", "LOST_NATS", "ANEW_NATS", "FAR_SIGMA")),
     (outrun, ("BEHIND", "FAR", "RELAPSED", "UNSEEN", "AT_ONCE", "REMEMBERED")),
 )
 _LAWS = (shaping, feedforward, pid, estimator, lqg, reference, sensor, coordinate_transform)

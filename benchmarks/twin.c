@@ -130,7 +130,7 @@ static bool read_signal(const struct signal *signal, struct sensor_state *s, int
 static inline bool is_silent(const struct sensor_state *s, int64_t ns) { return s->sequence == 0 || s->silent_ns > ns; }
 
 /* Tracker: position, velocity, acceleration and oscillations, extrapolated in closed form. */
-static void extrapolate(const struct reference_parameters *p, const struct reference_state *s,
+static void extrapolate(const struct reference_parameters *p, const double *restrict detuning,
                         const double *restrict from, double tau_s, double *restrict to)
 {
     to[0] = from[0] + tau_s * (from[1] + 0.5 * tau_s * from[2]);
@@ -138,7 +138,7 @@ static void extrapolate(const struct reference_parameters *p, const struct refer
     to[2] = from[2];
     for (int k = 0; k < p->modes; k++) {
         double omega = p->oscillator[k], left = p->decay[k] > 0.0 ? exp(-p->decay[k] * tau_s) : 1.0;
-        double angle = (omega + s->detuning[k]) * tau_s, sine = left * sin(angle), cosine = left * cos(angle);
+        double angle = (omega + detuning[k]) * tau_s, sine = left * sin(angle), cosine = left * cos(angle);
         const double *o = from + 3 + 2 * k;
         to[3 + 2 * k] = cosine * o[0] + sine / omega * o[1];
         to[4 + 2 * k] = -omega * sine * o[0] + cosine * o[1];
@@ -154,17 +154,18 @@ static double position(const double *w)
 }
 
 /* Joints that swing at another frequency: found from what each correction turns their oscillations by. */
-static void follow_joints(const struct reference_parameters *p, struct reference_state *s, double innovation)
+static void follow_joints(const struct reference_parameters *p, const double *gains, const double *pull,
+                          const double *floor_um2, double *detuning, const double *w, double innovation)
 {
     for (int k = 0; k < p->modes; k++) {
         if (!(p->detuning_high[k] > 0.0))
             continue;
-        const double *o = s->w + 3 + 2 * k, *gain = p->gain + 3 + 2 * k;
+        const double *o = w + 3 + 2 * k, *gain = gains + 3 + 2 * k;
         double rate = o[1] / p->oscillator[k], square = o[0] * o[0] + rate * rate, slew = p->detuning_slew[k];
-        if (square > p->swing_floor_um2[k]) {
+        if (square > floor_um2[k]) {
             double lead = innovation * (rate * gain[0] - o[0] * gain[1] / p->oscillator[k]) / square;
-            double found = s->detuning[k] + most(-slew, least(slew, p->detuning_pull[k] * lead));
-            s->detuning[k] = most(p->detuning_low[k], least(p->detuning_high[k], found));
+            double found = detuning[k] + most(-slew, least(slew, pull[k] * lead));
+            detuning[k] = most(p->detuning_low[k], least(p->detuning_high[k], found));
         }
     }
 }
@@ -185,9 +186,46 @@ static bool foreseen(const struct reference_parameters *p, const struct referenc
     return gap_s <= p->horizon_s || (s->silent <= p->horizon_cycles && gap_s <= STOOD_STILL * p->horizon_s);
 }
 
+/* A surer predictor beside it, believed as far as the samples have made it likelier. */
+static void narrow_anew(struct reference_state *s)
+{
+    for (int i = 0; i < REFERENCE_STATES; i++)
+        s->narrow[i] = s->wide[i];
+    for (int k = 0; k < MAX_MODES; k++)
+        s->narrow_detuning[k] = s->wide_detuning[k];
+    s->trust = ANEW_NATS;
+}
+
+static void follow_narrowly(const struct reference_parameters *p, struct reference_state *s, double value, double gap_s,
+                            double innovation)
+{
+    extrapolate(p, s->narrow_detuning, s->narrow, gap_s, s->w);
+    s->w[2] -= p->returning * gap_s * s->w[1];
+    double own = value - position(s->w);
+    double trust = s->trust + (innovation * innovation - own * own) / (2.0 * p->steady_um2);
+    if (!(own * own <= FAR_SIGMA * FAR_SIGMA * p->steady_um2 && trust > LOST_NATS)) {
+        narrow_anew(s);
+        return;
+    }
+    s->trust = least(SURE_NATS, trust);
+    for (int i = 0; i < REFERENCE_STATES; i++)
+        s->narrow[i] = s->w[i] + p->steady_gain[i] * own;
+    follow_joints(p, p->steady_gain, p->steady_pull, p->steady_floor_um2, s->narrow_detuning, s->w, own);
+}
+
+static void give_both(struct reference_state *s)
+{
+    double share = 1.0 / (1.0 + exp(-s->trust));
+    for (int i = 0; i < REFERENCE_STATES; i++)
+        s->filtered[i] = s->wide[i] + share * (s->narrow[i] - s->wide[i]);
+    for (int k = 0; k < MAX_MODES; k++)
+        s->detuning[k] = s->wide_detuning[k] + share * (s->narrow_detuning[k] - s->wide_detuning[k]);
+}
+
 static void tracker_sample(const struct reference_parameters *p, struct reference_state *s, double value, int64_t time_ns)
 {
     double gap_s = (double)(time_ns - s->time_ns) * 1e-9, innovation = NAN;
+    double *own = p->steady ? s->wide : s->filtered, *detuning = p->steady ? s->wide_detuning : s->detuning;
     if (!(isfinite(value) && p->low_um <= value && value <= p->high_um)) {
         s->rejected++;
         return;
@@ -195,7 +233,7 @@ static void tracker_sample(const struct reference_parameters *p, struct referenc
     if (s->time_ns != 0 && gap_s <= 0.0)
         return;
     if (s->time_ns != 0 && foreseen(p, s, gap_s)) {
-        extrapolate(p, s, s->filtered, gap_s, s->w);
+        extrapolate(p, detuning, own, gap_s, s->w);
         innovation = value - position(s->w);
     }
     bool lost = s->followed && !isfinite(innovation);
@@ -207,12 +245,19 @@ static void tracker_sample(const struct reference_parameters *p, struct referenc
     }
     s->silent = s->doubted = 0;
     for (int i = 0; i < REFERENCE_STATES; i++)    /* anew from the first sample, and from the first after a gap */
-        s->filtered[i] = isfinite(innovation) ? s->w[i] + p->gain[i] * innovation : i == 0 ? value : 0.0;
+        own[i] = isfinite(innovation) ? s->w[i] + p->gain[i] * innovation : i == 0 ? value : 0.0;
     if (isfinite(innovation))
-        follow_joints(p, s, innovation);
+        follow_joints(p, p->gain, p->detuning_pull, p->swing_floor_um2, detuning, s->w, innovation);
     else
         for (int k = 0; k < MAX_MODES; k++)
-            s->detuning[k] = 0.0;
+            detuning[k] = 0.0;
+    if (p->steady) {
+        if (isfinite(innovation))
+            follow_narrowly(p, s, value, gap_s, innovation);
+        else
+            narrow_anew(s);
+        give_both(s);
+    }
     s->sampled_um = value;
     s->time_ns = time_ns;
 }
@@ -221,7 +266,7 @@ static void tracker_reference(const struct reference_parameters *p, struct refer
 {
     double age_s = (double)(now_ns - s->time_ns) * 1e-9;
     if (p->predict && s->time_ns > 0 && foreseen(p, s, age_s)) {
-        extrapolate(p, s, s->filtered, age_s, s->w);
+        extrapolate(p, s->detuning, s->filtered, age_s, s->w);
         as_rates(p, s);
         return;
     }

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .predictor import Matrix, TrackerSettings, diagonal, reference_transition, shown, stationary, tracker_gain
+from .predictor import Matrix, TrackerSettings, diagonal, sample_transition, shown, stationary, tracker_gain
 
 _PULL, _ACROSS_S, _FLOOR_SIGMA = 1.0, 0.1, 4.0
 """Share of the lead that is taken up, over the share of the error that a sample removes, of a lone oscillation: a
@@ -48,7 +48,7 @@ def detunings(reference: TrackerSettings) -> tuple[Matrix, Matrix]:
 
 def removed(reference: TrackerSettings) -> Matrix:
     """Share (oscillations,) of each one's error that a sample removes: 1 less the radius of its pole."""
-    poles = _poles(reference, reference_transition(reference.oscillations, 1.0 / reference.sample_rate_Hz))
+    poles = _poles(reference, sample_transition(reference, 1.0 / reference.sample_rate_Hz))
     own = [
         np.exp((-each.decay_per_s + 2j * math.pi * each.frequency_Hz) / reference.sample_rate_Hz)
         for each in reference.oscillations
@@ -60,7 +60,7 @@ def removed(reference: TrackerSettings) -> Matrix:
 def joints_radius(reference: TrackerSettings) -> float:
     """Largest pole of the predictor, each frequency being as configured or at an end of its range."""
     step_s = 1.0 / reference.sample_rate_Hz
-    step, (low, high) = reference_transition(reference.oscillations, step_s), detunings(reference)
+    step, (low, high) = sample_transition(reference, step_s), detunings(reference)
     largest = 0.0
     for found in itertools.product(*(sorted({0.0, *ends}) for ends in zip(low, high, strict=True))):
         turns = [

@@ -1,7 +1,8 @@
 """The tracker's predictor as a linear model: how its state moves on, and the gain of its stationary Kalman filter.
 
 State ``[p, v, a, o1, o1', ..]``: position with white jerk, and oscillations whose amplitudes walk, and decay where that
-is said (``rt/laws/reference.py`` runs it).
+is said (``rt/laws/reference.py`` runs it). A path that returns is one whose position swings slowly about a constant: at
+each sample the acceleration goes against the rate (``rt/laws/steady.py``).
 """
 
 from __future__ import annotations
@@ -43,6 +44,8 @@ class TrackerSettings(Protocol):
     @property
     def jerk_um_per_s3(self) -> float: ...
     @property
+    def returns_Hz(self) -> float: ...
+    @property
     def noise_um(self) -> float: ...
 
 
@@ -70,6 +73,13 @@ def reference_transition(oscillations: Sequence[OscillationSettings], period_s: 
     return diagonal(moving, *turns)
 
 
+def sample_transition(reference: TrackerSettings, period_s: float) -> Matrix:
+    """Transition (r, r) from one sample to the next; of a path that returns it is not quite that between them."""
+    step = reference_transition(reference.oscillations, period_s)
+    step[2] -= (2 * np.pi * reference.returns_Hz) ** 2 * period_s * step[1]
+    return step
+
+
 def shown(states: int) -> Matrix:
     """What a sample shows of the state (r,): position and every oscillation."""
     row = np.zeros(states)
@@ -94,7 +104,7 @@ def stationary(reference: TrackerSettings) -> Predictor:
 
 def _stationary(reference: TrackerSettings) -> Predictor:
     h = 1.0 / reference.sample_rate_Hz
-    F = reference_transition(reference.oscillations, h)
+    F = sample_transition(reference, h)
     moving = np.array([[h**5 / 20, h**4 / 8, h**3 / 6], [h**4 / 8, h**3 / 3, h**2 / 2], [h**3 / 6, h**2 / 2, h]])
     blocks, scale = [reference.jerk_um_per_s3**2 * moving], [1.0, _PATH_OMEGA, _PATH_OMEGA**2]
     for each in reference.oscillations:

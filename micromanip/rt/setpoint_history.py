@@ -16,7 +16,7 @@ is the same number.
 from __future__ import annotations
 
 from micromanip.rt.laws.estimator import INPUT_HISTORY
-from micromanip.rt.laws.reference import position
+from micromanip.rt.laws.motion import position
 
 from .jit import compiled
 from .record import Record

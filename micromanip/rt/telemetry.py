@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from micromanip.rt.laws.estimator import output
-from micromanip.rt.laws.reference import position
+from micromanip.rt.laws.motion import position
 from micromanip.rt.laws.sensor import is_on
 from micromanip.rt.laws.tooth import FOLLOWS, tooth_Hz
 

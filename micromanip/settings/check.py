@@ -252,6 +252,18 @@ def _stability(configuration: Configuration) -> Iterator[Finding]:
                 where = ("reference", "axes", name) if name in tracker.axes else ("reference",)
                 yield where, f"no predictor exists for these rates and noises ({problem})"
                 return
+            sure = tracker.of(name).sure
+            try:
+                surest = 0.0 if sure is None else joints_radius(sure)
+            except _NO_SOLUTION as problem:
+                yield ("reference", "axes", name, "steady"), f"no narrow predictor exists for these figures ({problem})"
+                return
+            if not surest < 1.0:
+                yield (
+                    ("reference", "axes", name, "steady"),
+                    f"in the oscillations' ranges the narrow predictor would be unstable: a pole at radius "
+                    f"{surest:.6f}; take less range_percent, or another jerk_um_per_s3",
+                )
             radius = joints_radius(tracker.of(name))
             if not radius < 1.0:
                 yield (

@@ -46,6 +46,10 @@ LONE = predictor(8.0)
 REACH = (LONE["detuning_low"][0], LONE["detuning_high"][0])
 
 
+def taken_up(p, s, w, innovation_um):
+    follow_joints(p, p["gain"], p["detuning_pull"], p["swing_floor_um2"], s["detuning"], w, innovation_um)
+
+
 def path(time_s, *swings):
     """Slow motion, and (um, Hz) for each joint."""
     return sum(um * np.sin(2 * np.pi * hertz * time_s + 0.7 * k) for k, (um, hertz) in enumerate((*SLOW, *swings)))
@@ -162,7 +166,7 @@ def test_where_the_frequency_changes_nothing_steps(o, innovation_um):
         s = record(REFERENCE_STATE, filtered=[3.0, 20.0, 100.0, o[0], 50.0 * o[1]], time_ns=STEP_NS)
         p["predict"] = 1
         expected = np.zeros(REFERENCE_STATES)
-        extrapolate(p, s, s["filtered"], 1e-3, expected)
+        extrapolate(p, s["detuning"], s["filtered"], 1e-3, expected)
         signal_sample(p, s, position(expected) + innovation_um, 2 * STEP_NS)
         signal_reference(p, s, 2 * STEP_NS)
         states.append(s)
@@ -176,7 +180,7 @@ def test_the_lead_is_what_a_correction_turns_it_by(amplitude_um, angle, innovati
     p["swing_floor_um2"], p["detuning_slew"], p["detuning_pull"] = 0.0, 1e6, 1.0
     w = np.array([0.0, 0.0, 0.0, amplitude_um * math.sin(angle), amplitude_um * math.cos(angle) * omega, *[0.0] * 4])
     s, turned = record(REFERENCE_STATE), w + p["gain"] * innovation_um
-    follow_joints(p, s, w, innovation_um)
+    taken_up(p, s, w, innovation_um)
     lead = math.atan2(turned[3], turned[4] / omega) - angle
     lead = (lead + math.pi) % (2 * math.pi) - math.pi
     expected = max(REACH[0], min(REACH[1], lead))
@@ -190,7 +194,7 @@ def test_rate_and_acceleration_are_those_of_the_frequency_found(detuning, o_um, 
     w = np.array([5.0, 40.0, 300.0, o_um, rate_um_per_s, *[0.0] * 4])
     around = np.zeros((3, REFERENCE_STATES))
     for k in range(3):
-        extrapolate(LONE, s, w, (k - 1) * h, around[k])
+        extrapolate(LONE, s["detuning"], w, (k - 1) * h, around[k])
     before, here, after = (position(each) for each in around)
     as_rates(LONE, s, w)
     assert w[1] + w[4] == pytest.approx((after - before) / (2 * h), rel=1e-6, abs=1e-3)
@@ -201,10 +205,10 @@ def test_below_the_floor_the_frequency_stays():
     s = record(REFERENCE_STATE, detuning=[4.0])
     w = np.zeros(REFERENCE_STATES)
     w[3] = 0.99 * math.sqrt(LONE["swing_floor_um2"][0])
-    follow_joints(LONE, s, w, 10.0)
+    taken_up(LONE, s, w, 10.0)
     assert s["detuning"][0] == 4.0
     w[3] *= 1.02
-    follow_joints(LONE, s, w, 10.0)
+    taken_up(LONE, s, w, 10.0)
     assert s["detuning"][0] != 4.0
 
 

@@ -252,5 +252,5 @@ def test_law_is_a_sum_of_products():
 
 def test_reference_transition_is_that_of_extrapolate():
     w, out = state("three oscillations"), np.zeros(REFERENCE_STATES)
-    extrapolate(moved("y"), STILL, w, PERIOD_S, out)
+    extrapolate(moved("y"), STILL["detuning"], w, PERIOD_S, out)
     assert out == pytest.approx(reference_transition(TRACKER.of("y").oscillations, PERIOD_S) @ w)

@@ -93,7 +93,7 @@ STATES = st.lists(st.floats(-100.0, 100.0), min_size=REFERENCE_STATES, max_size=
 @given(STATES, MODES, st.floats(-0.02, 0.02))
 def test_extrapolation_is_the_differential_equation(w, modes, tau_s):
     w, out, used = np.array(w), np.full(REFERENCE_STATES, np.nan), 3 + 2 * len(modes)
-    extrapolate(swinging(*modes), STILL, w, tau_s, out)
+    extrapolate(swinging(*modes), STILL["detuning"], w, tau_s, out)
 
     def slope(_, x):
         turned = [(x[i + 1] - d * x[i], -omega * omega * x[i] - d * x[i + 1]) for i, (omega, d) in parts]
@@ -109,9 +109,9 @@ def test_extrapolation_is_the_differential_equation(w, modes, tau_s):
 def test_extrapolations_add_up(first_s, second_s):
     w = np.array([1.0, 20.0, 300.0, 4.0, -50.0, 2.0, 30.0, -1.0, 8.0])
     p, (middle, end, direct) = swinging((50.0, 0.0), (31.0, 2.0), (90.0, 0.1)), np.zeros((3, REFERENCE_STATES))
-    extrapolate(p, STILL, w, first_s, middle)
-    extrapolate(p, STILL, middle, second_s, end)
-    extrapolate(p, STILL, w, first_s + second_s, direct)
+    extrapolate(p, STILL["detuning"], w, first_s, middle)
+    extrapolate(p, STILL["detuning"], middle, second_s, end)
+    extrapolate(p, STILL["detuning"], w, first_s + second_s, direct)
     assert end == pytest.approx(direct, rel=1e-9, abs=1e-9)
 
 

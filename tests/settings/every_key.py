@@ -81,6 +81,7 @@ def _framed():
     document["axes"]["x"]["coupling"] = {"decouple": True}
     swinging = [{"frequency_Hz": 7.8, "um_per_s": 2.0, "decay_per_s": 0.1, "range_percent": 9.0}]
     document["reference"]["axes"] = {"x": {"oscillations": swinging, "jerk_um_per_s3": 300.0, "noise_um": 0.4}}
+    document["reference"]["axes"]["x"]["steady"] = {"jerk_um_per_s3": 200.0, "returns_Hz": 0.5}
     return document
 
 

@@ -93,6 +93,24 @@ BROKEN = {
         "      oscillations:",
         "reference.axes.x.oscillations: in their ranges the predictor would be unstable: a pole at radius ",
     ),
+    "a narrow predictor that a slow tracker does not bear": (
+        (
+            "  sample_rate_Hz: 1000\n  oscillation_Hz: 8       # the robot's joints\n  noise_um: 0.5\n",
+            "  sample_rate_Hz: 100\n  jerk_um_per_s3: 9.5e+5\n  noise_um: 0.5\n"
+            + _swinging((4.78, 53.0), (13.1, 53.0)).replace("200.0", "34.0", 1).replace("200.0", "10.8")
+            + "      steady: {jerk_um_per_s3: 1.8e+4}\n",
+        ),
+        "      steady:",
+        "reference.axes.x.steady: in the oscillations' ranges the narrow predictor would be unstable: a pole at ",
+    ),
+    "a path that returns as fast as a joint swings": (
+        (
+            "  noise_um: 0.5\n\naxes:",
+            f"  noise_um: 0.5\n{_swinging((8.0, 30.0))}      steady: {{returns_Hz: 6.5}}\n\naxes:",
+        ),
+        "      steady:",
+        "reference.axes.x.steady.returns_Hz: steady.returns_Hz 6.5 must be less than the lowest frequency of an ",
+    ),
     "learning of what follows no tracker": (
         (
             TEXT[TEXT.index("  source: signal") : TEXT.index("\naxes:")],

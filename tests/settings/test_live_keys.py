@@ -44,7 +44,7 @@ USED_BY_NOBODY_THAT_RUNS = {
 
 IS_A_SECTION = (
     *(
-        r"reference\.(source|frame|frame\.lever|sines|axes|axes\.\*\.oscillations)",
+        r"reference\.(source|frame|frame\.lever|sines|axes|axes\.\*\.(oscillations|steady))",
         r"axes\.\*\.(outer|commissioned|inner\.notch|actuator|actuator\.resonances|coupling|coupling\.share)",
         r"axes\.\*\.hysteresis\.(model|shaping)",
     ),

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.control.predictor import reference_transition, shown, tracker_gain
+from micromanip.control.predictor import reference_transition, sample_transition, shown, tracker_gain
 from micromanip.rt.jit import Compiler
 from micromanip.rt.laws.reference import REFERENCE_PARAMETERS, REFERENCE_STATE, signal_reference, signal_sample
 from micromanip.settings.compile.reference import fill_predictor
@@ -42,8 +42,13 @@ class Tracking:
     period_s: float
 
     @cached_property
+    def _acting(self) -> AxisTracker:
+        """The predictor that is believed while all is as was said."""
+        return self.tracker.sure or self.tracker
+
+    @cached_property
     def _gain(self) -> Array:
-        return tracker_gain(self.tracker)
+        return tracker_gain(self._acting)
 
     def _moved(self, time_s: float) -> Array:
         return reference_transition(self.tracker.oscillations, time_s)
@@ -56,7 +61,7 @@ class Tracking:
             return np.asarray(taken[0] * (turn[:, None] ** np.arange(self.every)).sum(axis=1))
         rows = np.array([taken @ self._moved(age) for age in ages])
         given = (turn[:, None] ** np.arange(self.every)) @ rows
-        step = self._moved(self.every * self.period_s)
+        step = sample_transition(self._acting, self.every * self.period_s)
         gain = self._gain
         kept = (np.eye(len(gain)) - np.outer(gain, shown(len(gain)))) @ step
         poles, vectors = np.linalg.eig(kept)

@@ -68,6 +68,8 @@ def _shown(common: Tracker, found: Deviation, samples: Array) -> AxisDeviation:
     if np.std(means) < _MOVES * found.model.noise_um:
         del settings["jerk_um_per_s3"]
         settings["oscillations"] = settings["oscillations"] or None
+        if "steady" in settings:
+            settings["steady"] = {}
     known = AxisDeviation.model_validate(settings)
     if known.jerk_um_per_s3 is None and known.oscillations is not None:
         # with the jerk of all axes it is another filter, which bears other ranges

@@ -13,7 +13,8 @@ comes through, and the filter lags by ``(A dw / b)^2 / 2`` behind an amplitude A
 they are least at ``b^3 = A^2 dw^2 / (h s^2)``. The other parameters are fitted anew beside these walks.
 
 A frequency that may move at all is followed (``rt/laws/joints.py``), as far as no two could find the same one. Then
-`moves_percent` is what the filter bears until it is found.
+`moves_percent` is what the filter bears until it is found, and a narrow one beside it has what is likeliest while
+nothing moves (``steady.py``).
 """
 
 from __future__ import annotations
@@ -31,9 +32,10 @@ from micromanip.control.joints import joints_radius
 from micromanip.control.predictor import reference_transition, shown, tracker_gain
 from micromanip.errors import CheckFailed
 from micromanip.rt.laws.reference import MAX_MODES
-from micromanip.settings.schema.reference import AxisTracker, Oscillation
+from micromanip.settings.schema.reference import AxisTracker, Oscillation, Steady
 
 from .innovations import Whitening, noise_of, with_noise
+from .steady import steady_of
 from .whiteness import Whiteness, judge_innovations
 
 Array = NDArray[np.float64]
@@ -89,6 +91,7 @@ class Deviation:
             ],
             "jerk_um_per_s3": float(f"{self.model.jerk_um_per_s3:.3g}"),
             "noise_um": float(f"{self.model.noise_um:.3g}"),
+            **({} if self.model.steady is None else {"steady": _told(self.model.steady)}),
         }
 
 
@@ -122,13 +125,19 @@ def fit_deviation(samples: Array, rate_Hz: float, moves_percent: float = MOVES_P
     model = with_noise(model, noise_of(model, innovations))
     fitted = judge_innovations(innovations, Whitening.of(model).variance_um2)
     model = _lasting(model, len(samples) / rate_Hz)
-    model = followed(model) if moves_percent > 0.0 else model
+    if moves_percent > 0.0:
+        model = followed(model)
+        model = replace(model, steady=steady_of(_at_rate(model, rate_Hz / thin, 1.0 / thin), means))
     if not fitted.white:
         notes = (
             f"the innovations are not white: {fitted.correlation:+.3f} at lag {fitted.lag}, at most "
             f"{fitted.correlation_bound:.3f} would be chance",
         )
     return Deviation(model, amplitudes, fitted, held_out, len(samples) / rate_Hz, notes)
+
+
+def _told(steady: Steady) -> dict[str, float]:
+    return {name: float(f"{value:.3g}") for name, value in steady.model_dump(exclude_none=True).items()}
 
 
 def _judge(samples: Array, rate_Hz: float) -> None:

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import sosfilt
 
-from micromanip.control.predictor import reference_transition, shown, stationary
+from micromanip.control.predictor import sample_transition, shown, stationary
 from micromanip.settings.schema.reference import AxisTracker
 
 Array = NDArray[np.float64]
@@ -38,10 +38,14 @@ class Whitening:
         """From the predictor's gain."""
         gain, variance, _ = stationary(model)
         step_s = 1.0 / model.sample_rate_Hz
-        step = reference_transition(model.oscillations, step_s)
+        step = sample_transition(model, step_s)
         poles = np.linalg.eigvals((np.eye(len(gain)) - np.outer(gain, shown(len(gain)))) @ step).astype(complex)
         turns = [np.exp((-o.decay_per_s + 2j * np.pi * o.frequency_Hz) * step_s) for o in model.oscillations]
-        zeros = np.array([1.0, 1.0, 1.0, *turns, *np.conj(turns)], dtype=complex)
+        # the path's own: at rest, or of what the acceleration goes against the rate by in a step
+        half = np.pi * model.returns_Hz * step_s
+        turn = 1.0 - 2.0 * half**2 + 2j * half * np.sqrt(1.0 - half**2)
+        path = [1.0, turn, np.conj(turn)] if half > 0.0 else [1.0, 1.0, 1.0]
+        zeros = np.array([*path, *turns, *np.conj(turns)], dtype=complex)
         return cls(np.hstack([_sections(zeros), _sections(poles)]), poles, variance)
 
     def settles_per_s(self, rate_Hz: float) -> float:
@@ -75,7 +79,11 @@ def with_noise(model: AxisTracker, noise_um: float) -> AxisTracker:
     """`model` with another noise, all else in the same proportion to it: its gain stays."""
     factor = noise_um / model.noise_um
     swinging = tuple(o.model_copy(update={"um_per_s": factor * o.um_per_s}) for o in model.oscillations)
-    return replace(model, noise_um=noise_um, jerk_um_per_s3=factor * model.jerk_um_per_s3, oscillations=swinging)
+    steady = model.steady
+    if steady is not None and steady.jerk_um_per_s3 is not None:
+        steady = steady.model_copy(update={"jerk_um_per_s3": factor * steady.jerk_um_per_s3})
+    jerk = factor * model.jerk_um_per_s3
+    return replace(model, noise_um=noise_um, jerk_um_per_s3=jerk, oscillations=swinging, steady=steady)
 
 
 def noise_of(model: AxisTracker, innovations: Array) -> float:

@@ -17,7 +17,8 @@ from typing import Any
 from micromanip.rt.jit import compiled
 from micromanip.rt.record import MAX_AXES, Record, record
 
-from .reference import MAX_MODES, position
+from .joints import MAX_MODES
+from .motion import position
 
 EASED = 0.01
 """Change of a share, um of set-point per um, in the time in which the authority comes."""

@@ -33,17 +33,22 @@ JOINTS_STATE: tuple[Field, ...] = (("detuning", "f8", (MAX_MODES,)),)
 
 
 @compiled
-def follow_joints(p: Record, s: Record, expected: Any, innovation_um: float) -> None:
-    """Take up a sample: the predictor's states were `expected` before the innovation corrected them."""
+def follow_joints(
+    p: Record, gain: Any, pull: Any, floor_um2: Any, detunings: Any, expected: Any, innovation_um: float
+) -> None:
+    """Take up a sample: a predictor's states were `expected` before its `gain` times the innovation corrected them.
+
+    `pull`, `floor_um2` and `detunings` (modes,) are that predictor's.
+    """
     for k in range(p["modes"]):
         if p["detuning_high"][k] > 0.0:
             i, omega, slew = 3 + 2 * k, p["oscillator"][k], p["detuning_slew"][k]
             o1, o2 = expected[i], expected[i + 1] / omega
             square = o1 * o1 + o2 * o2
-            if square > p["swing_floor_um2"][k]:
-                lead = innovation_um * (o2 * p["gain"][i] - o1 * p["gain"][i + 1] / omega) / square
-                detuning = s["detuning"][k] + max(-slew, min(slew, p["detuning_pull"][k] * lead))
-                s["detuning"][k] = max(p["detuning_low"][k], min(p["detuning_high"][k], detuning))
+            if square > floor_um2[k]:
+                lead = innovation_um * (o2 * gain[i] - o1 * gain[i + 1] / omega) / square
+                detuning = detunings[k] + max(-slew, min(slew, pull[k] * lead))
+                detunings[k] = max(p["detuning_low"][k], min(p["detuning_high"][k], detuning))
 
 
 @compiled

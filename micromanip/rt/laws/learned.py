@@ -22,7 +22,7 @@ from micromanip.rt.jit import compiled
 from micromanip.rt.record import Record, record
 
 from .minimum_jerk import minimum_jerk
-from .reference import position
+from .motion import position
 
 IDLE, PLAYS, FINISHED, PATH_LEFT, BROKEN_OFF, WITHDRAWN, PART_ENDED, OTHER_TOOL = range(8)
 """Where an axis' correction stands, or why it ended: with its part; the reference left the path; the axis did not track

@@ -19,7 +19,7 @@ from micromanip.rt.record import Record
 
 from .learned import BROKEN_OFF, FINISHED, OTHER_TOOL, PATH_LEFT, PLAYS, WITHDRAWN
 from .minimum_jerk import minimum_jerk
-from .reference import position
+from .motion import position
 
 
 @compiled

@@ -4,7 +4,8 @@ Own sources are a constant, a sum of sines as (25), a step, samples played cycle
 jogged by hand. A signal
 (laser tracker) arrives late and at its own rate: a Kalman filter with the state ``w = [p, v, a, o1, o1', ..]`` (up to
 three oscillations o of known decay, their frequencies known or found, ``joints.py``) is corrected at each sample's own
-time and extrapolated to now in closed form; it can also just hold the sample. Only finite samples inside ``[low_um,
+time and extrapolated to now in closed form (``motion.py``), with a surer one beside it where one is known
+(``steady.py``); it can also just hold the sample. Only finite samples inside ``[low_um,
 high_um]`` are taken, and none that jumps by more than ``jump_um`` from where it is expected; ``silent`` counts the
 cycles since one was. A signal that stays where it jumped to is believed after the horizon, but not while the axis
 follows it (``followed``): once it has been ``doubted`` for so long it goes on being silent until the watch calls it
@@ -24,12 +25,14 @@ from micromanip.rt.record import Record, record
 
 from .joints import JOINTS, JOINTS_STATE, as_rates, follow_joints, keep_detuning
 from .joints import MAX_MODES as MAX_MODES
+from .motion import extrapolate, position
+from .steady import STATES, STEADY, STEADY_STATE, follow_narrowly, give_both, keep_given, narrow_anew
 
 HOLD, SINES, STEP, SIGNAL, SAMPLES, JOG = range(6)
 
 MAX_SINES = 8
 STOOD_STILL = 5.0
-REFERENCE_STATES = 3 + 2 * MAX_MODES
+REFERENCE_STATES = STATES
 REFERENCE_PARAMETERS = record(
     ("kind", "i8"),
     ("offset_um", "f8"),
@@ -47,6 +50,7 @@ REFERENCE_PARAMETERS = record(
     ("decay", "f8", (MAX_MODES,)),
     *JOINTS,
     ("gain", "f8", (REFERENCE_STATES,)),
+    *STEADY,
     ("horizon_s", "f8"),
     ("horizon_cycles", "i8"),
     ("low_um", "f8"),
@@ -61,6 +65,7 @@ REFERENCE_STATE = record(
     ("w", "f8", (REFERENCE_STATES,)),
     ("ahead", "f8", (REFERENCE_STATES,)),
     *JOINTS_STATE,
+    *STEADY_STATE,
     ("time_ns", "i8"),
     ("sequence", "i8"),
     ("sampled_um", "f8"),
@@ -71,39 +76,6 @@ REFERENCE_STATE = record(
     ("jog_um", "f8"),
     ("jog_step_um", "f8"),
 )
-
-
-@compiled
-def extrapolate(p: Record, s: Record, w: Any, tau_s: float, out: Any) -> None:
-    """`out` = `w` after `tau_s` seconds: constant acceleration, and each oscillation turned and decayed.
-
-    They turn at the frequencies found, in units of the configured ones. Of a decaying one the second state is not quite
-    the rate of the first: both decay alike (Harvey, Forecasting, Structural Time Series Models and the Kalman Filter,
-    section 2.3.3).
-    """
-    out[0] = w[0] + tau_s * (w[1] + 0.5 * tau_s * w[2])
-    out[1] = w[1] + tau_s * w[2]
-    out[2] = w[2]
-    for k in range(p["modes"]):
-        omega = p["oscillator"][k]
-        angle = (omega + s["detuning"][k]) * tau_s
-        sine, cosine = math.sin(angle), math.cos(angle)
-        if p["decay"][k] > 0.0:
-            left = math.exp(-p["decay"][k] * tau_s)
-            sine *= left
-            cosine *= left
-        o, o_dot = w[3 + 2 * k], w[4 + 2 * k]
-        out[3 + 2 * k] = cosine * o + sine / omega * o_dot
-        out[4 + 2 * k] = -omega * sine * o + cosine * o_dot
-
-
-@compiled
-def position(w: Any) -> float:
-    """Where the reference is (um): the path and its oscillations; those that it has not are 0."""
-    total = w[0]
-    for k in range(MAX_MODES):
-        total += w[3 + 2 * k]
-    return total
 
 
 @compiled
@@ -168,9 +140,11 @@ def signal_sample(p: Record, s: Record, value_um: float, time_ns: int) -> None:
     gap_s = (time_ns - s["time_ns"]) * 1e-9
     if s["time_ns"] != 0 and gap_s <= 0.0:
         return
-    filtered, innovation = s["filtered"], math.nan
+    own, detuning, innovation = s["filtered"], s["detuning"], math.nan
+    if p["steady"]:
+        own, detuning = s["wide"], s["wide_detuning"]
     if s["time_ns"] != 0 and is_foreseen(p, s, gap_s):
-        extrapolate(p, s, filtered, gap_s, s["w"])
+        extrapolate(p, detuning, own, gap_s, s["w"])
         innovation = value_um - position(s["w"])
     # once nothing is expected any more, whoever follows it stands where it was last
     lost = s["followed"] != 0 and not math.isfinite(innovation)
@@ -182,14 +156,20 @@ def signal_sample(p: Record, s: Record, value_um: float, time_ns: int) -> None:
     s["silent"] = s["doubted"] = 0
     if math.isfinite(innovation):
         for i in range(REFERENCE_STATES):
-            filtered[i] = s["w"][i] + p["gain"][i] * innovation
-        follow_joints(p, s, s["w"], innovation)
+            own[i] = s["w"][i] + p["gain"][i] * innovation
+        follow_joints(p, p["gain"], p["detuning_pull"], p["swing_floor_um2"], detuning, s["w"], innovation)
+        if p["steady"]:
+            follow_narrowly(p, s, value_um, gap_s, innovation)
     else:  # the first sample, the first after a gap, or a memory that was lost
         for i in range(REFERENCE_STATES):
-            filtered[i] = 0.0
-        filtered[0] = value_um
+            own[i] = 0.0
+        own[0] = value_um
         for k in range(MAX_MODES):
-            s["detuning"][k] = 0.0
+            detuning[k] = 0.0
+        if p["steady"]:
+            narrow_anew(s)
+    if p["steady"]:
+        give_both(s)
     s["sampled_um"] = value_um
     s["time_ns"] = time_ns
 
@@ -199,7 +179,7 @@ def signal_reference(p: Record, s: Record, now_ns: int) -> None:
     """Fill ``s["w"]`` with the signal's reference now; past the horizon its last position is held."""
     age_s = (now_ns - s["time_ns"]) * 1e-9
     if p["predict"] and s["time_ns"] > 0 and is_foreseen(p, s, age_s):
-        extrapolate(p, s, s["filtered"], age_s, s["w"])
+        extrapolate(p, s["detuning"], s["filtered"], age_s, s["w"])
         as_rates(p, s, s["w"])
         return
     for i in range(REFERENCE_STATES):
@@ -214,6 +194,7 @@ def change_modes(old: Record, new: Record, s: Record) -> None:
     first = 3 + 2 * min(old["modes"], new["modes"])
     for i in range(first, REFERENCE_STATES):
         s["filtered"][i] = s["w"][i] = 0.0
+    keep_given(s)
 
 
 @compiled

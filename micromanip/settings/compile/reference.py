@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.control.joints import FollowedJoints, followed_joints
-from micromanip.control.predictor import tracker_gain
+from micromanip.control.predictor import stationary, tracker_gain
 from micromanip.files.regular_file import open_regular
 from micromanip.rt.laws import reference as law
 from micromanip.rt.records import MAX_AXES
@@ -69,6 +69,13 @@ def fill_predictor(r: Any, tracker: AxisTracker) -> None:
         r["oscillator"][k], r["decay"][k] = 2 * math.pi * each.frequency_Hz, each.decay_per_s
     for name, values in zip(FollowedJoints._fields, _followed(tracker), strict=True):
         r[name][:modes] = values
+    sure = tracker.sure
+    r["steady"] = sure is not None
+    if sure is not None:
+        gain, r["steady_um2"], _ = stationary(sure)
+        r["steady_gain"][: len(gain)], r["returning"] = gain, (2 * math.pi * sure.returns_Hz) ** 2
+        own = _followed(sure)
+        r["steady_pull"][:modes], r["steady_floor_um2"][:modes] = own.detuning_pull, own.swing_floor_um2
 
 
 def load_samples(configuration: Configuration, source: Source) -> NDArray[np.float64]:

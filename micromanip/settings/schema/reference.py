@@ -31,6 +31,10 @@ from .key import Live, NewStart
 JointRange = Annotated[float, Field(ge=0, le=60)]
 
 
+_SURE_SHARE = 0.125
+"""Bandwidth of a sure oscillation's filter, in terms of that of the path's: it lets an eighth of the noise through."""
+
+
 @dataclass(frozen=True)
 class AxisTracker:
     """The tracker of one axis, as its predictor needs it."""
@@ -40,6 +44,29 @@ class AxisTracker:
     jerk_um_per_s3: float
     noise_um: float
     predict: bool = True
+    returns_Hz: float = 0.0
+    steady: Steady | None = None
+
+    @property
+    def sure(self) -> AxisTracker | None:
+        """The narrow predictor beside it, if there is one: what is so as long as nothing else is seen.
+
+        A path of jerk q has a filter of the bandwidth ``(q / (s sqrt h))^(1/3)`` (noise s, h between samples), an
+        oscillation that walks by ``b s sqrt(2 h)`` one of b.
+        """
+        if self.steady is None:
+            return None
+        jerk, step_s = self.steady.jerk_um_per_s3 or self.jerk_um_per_s3, 1.0 / self.sample_rate_Hz
+        bandwidth = _SURE_SHARE * (jerk / (self.noise_um * math.sqrt(step_s))) ** (1.0 / 3.0)
+        walk = bandwidth * self.noise_um * math.sqrt(2.0 * step_s)
+        swinging = (each.model_copy(update={"um_per_s": min(each.um_per_s, walk)}) for each in self.oscillations)
+        return replace(
+            self,
+            oscillations=tuple(swinging),
+            jerk_um_per_s3=jerk,
+            returns_Hz=self.steady.returns_Hz,
+            steady=None,
+        )
 
     def at_swings(self, hertz: Iterable[float]) -> AxisTracker:
         """The same once each oscillation has found the nearest of `hertz` in its range, if there is any."""
@@ -118,6 +145,15 @@ class Oscillation(Settings):
         return self.model_copy(update={"frequency_Hz": found})
 
 
+class Steady(Settings):
+    """What is so as long as the samples say nothing else: a second, narrow predictor is believed as far as they do."""
+
+    jerk_um_per_s3: Positive | None = Field(default=None, description="As for the axis; null: the axis' own.")
+    returns_Hz: NotNegative = Field(
+        default=0.0, description="How often the slow path comes and goes, less than the joints swing; 0: it wanders."
+    )
+
+
 class AxisDeviation(Settings):
     """What is known of the deviation of one axis."""
 
@@ -128,6 +164,9 @@ class AxisDeviation(Settings):
     )
     jerk_um_per_s3: Positive | None = Field(default=None, description="As above; null: that of all axes.")
     noise_um: Distance | None = Field(default=None, description="As above; null: that of all axes.")
+    steady: Steady | None = Field(
+        default=None, description="What a second, narrow predictor knows; null: there is only the one."
+    )
 
     @model_validator(mode="after")
     def _are_apart(self) -> Self:
@@ -139,6 +178,11 @@ class AxisDeviation(Settings):
                     f"oscillations at {lower.frequency_Hz:g} and {upper.frequency_Hz:g} Hz could find the same "
                     "frequency: their range_percent must be smaller"
                 )
+        if ordered and self.steady is not None and self.steady.returns_Hz >= ordered[0].range_Hz[0]:
+            raise ValueError(
+                f"steady.returns_Hz {self.steady.returns_Hz:g} must be less than the lowest frequency of an "
+                f"oscillation, {ordered[0].range_Hz[0]:.4g} Hz: the slow path would be one"
+            )
         return self
 
 
@@ -186,6 +230,7 @@ class Tracker(Settings):
             jerk_um_per_s3=self.jerk_um_per_s3 if own.jerk_um_per_s3 is None else own.jerk_um_per_s3,
             noise_um=self.noise_um if own.noise_um is None else own.noise_um,
             predict=self.predict,
+            steady=own.steady,
         )
 
 

@@ -1,5 +1,6 @@
 """The model of a deviation: its likelihood beside a dense Gaussian, known processes found again, honest refusals."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -7,9 +8,10 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from micromanip.control.joints import joints_radius
-from micromanip.control.predictor import reference_transition, shown, tracker_gain
+from micromanip.control.predictor import reference_transition, sample_transition, shown, tracker_gain
 from micromanip.design.deviation.fit import fit_deviation, followed
 from micromanip.design.deviation.innovations import Whitening, log_likelihood, noise_of, with_noise
+from micromanip.design.deviation.steady import steady_of
 from micromanip.design.deviation.whiteness import judge_innovations
 from micromanip.errors import CheckFailed
 from micromanip.settings.schema.reference import AxisDeviation, AxisTracker, Oscillation
@@ -113,6 +115,51 @@ def test_a_frequency_that_may_move_is_followed(found):
     assert [each.range_percent for each in told.oscillations] == [each.range_percent for each in model.oscillations]
     fixed = fit_deviation(_path(7.76), 1000.0, moves_percent=0.0)
     assert all("range_percent" not in each for each in fixed.settings()["oscillations"])
+
+
+def test_beside_it_a_narrow_one_is_what_leaves_least_where_nothing_moves(found):
+    """On another draw, against narrow ones of other figures; and it is written."""
+    steady, another = found.model.steady, _path(7.76, seed=5)
+
+    def left(**other):
+        sure = replace(found.model, steady=steady.model_copy(update=other)).sure
+        return float(np.var(Whitening.of(sure).innovations(another)))
+
+    assert left() < np.var(Whitening.of(found.model).innovations(another))
+    for factor in (0.3, 3.0):
+        assert left() < left(jerk_um_per_s3=factor * steady.jerk_um_per_s3)
+    told = AxisDeviation.model_validate(found.settings()).steady
+    assert told.jerk_um_per_s3 == pytest.approx(steady.jerk_um_per_s3, rel=0.01)
+    assert told.returns_Hz == pytest.approx(steady.returns_Hz, rel=0.01)
+    assert "steady" not in fit_deviation(_path(7.76), 1000.0, moves_percent=0.0).settings()
+
+
+def test_without_a_joint_there_is_nothing_to_be_sure_of():
+    rng = np.random.default_rng(1)
+    samples = 130.0 * np.sin(2 * np.pi * 0.11 * T_S) + rng.normal(0.0, 0.5, len(T_S))
+    assert steady_of(AxisTracker(1000.0, (), 300.0, 0.5), samples) is None
+
+
+def test_a_slow_path_of_one_sine_returns_at_its_frequency():
+    """With the jerk gone: all that is left to be explained is that sine."""
+    rng = np.random.default_rng(2)
+    path = 60.0 * np.sin(2 * np.pi * 0.6 * T_S) + 30.0 * np.sin(2 * np.pi * 8.0 * T_S)
+    model = AxisTracker(1000.0, (Oscillation(frequency_Hz=8.0, um_per_s=3.0),), 1300.0, 0.5)
+    steady = steady_of(model, path + rng.normal(0.0, 0.5, len(T_S)))
+    assert steady.returns_Hz == pytest.approx(0.6, rel=0.02)
+    assert steady.jerk_um_per_s3 < 0.1 * 1300.0
+
+
+def test_innovations_of_a_path_that_returns_are_those_of_stepping_the_filter():
+    model = AxisTracker(500.0, (SWINGING,), 300.0, 0.4, returns_Hz=0.7)
+    samples = np.random.default_rng(3).normal(0.0, 5.0, 3000)
+    F, gain = sample_transition(model, 2e-3), tracker_gain(model)
+    state, row, stepped = np.zeros(5), shown(5), []
+    for sample in samples:
+        state = F @ state
+        stepped.append(sample - row @ state)
+        state = state + gain * stepped[-1]
+    assert Whitening.of(model).innovations(samples)[1500:] == pytest.approx(stepped[1500:], abs=0.05)
 
 
 @pytest.mark.parametrize("hertz", [(8.0, 11.0), (8.0, 9.6), (5.0, 8.0, 13.0)])

@@ -122,6 +122,24 @@ def test_joints_that_swing_at_another_frequency(scene, agreed):
     assert np.all((found != 0.0) & (found >= -3.0) & (found <= 4.0))
 
 
+def test_a_narrow_predictor_beside_the_wide_one(scene, agreed):
+    """Believed at last, and lost where the joint jumps."""
+    p = scene.axes["reference"]
+    p["steady"], p["steady_um2"], p["returning"] = 1, 0.3, 16.0
+    p["steady_gain"][:, :5] = 0.3 * p["gain"][:, :5]
+    p["detuning_low"][:, 0], p["detuning_high"][:, 0] = -3.0, 4.0
+    for pull, floor_um2 in (("detuning_pull", "swing_floor_um2"), ("steady_pull", "steady_floor_um2")):
+        p[pull][:, 0], p[floor_um2][:, 0] = 40.0, 0.01
+    p["detuning_slew"][:, 0], p["jump_um"] = 1.0, np.inf
+    deviation = scene.sensor("deviation")
+    deviation["value"] += 0.5 * np.random.default_rng(6).normal(size=scene.cycles)
+    deviation["value"][1500:] += 15.0
+    deviation["value"][1600:1700] = np.nan
+    state = agreed(scene.recording()).state["axis"]["reference"][0, :3]
+    assert np.all(state["narrow"][:, 0] != state["wide"][:, 0])
+    assert np.all(state["trust"] > -18.0)
+
+
 def test_creep_and_rate_dependence(scene, agreed):
     hysteresis = scene.axes["hysteresis"]
     hysteresis["creeps"], hysteresis["rate_cycles"] = 2, 0.5

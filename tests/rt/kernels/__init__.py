@@ -124,7 +124,7 @@ def outer_course(
         remember(s, u)
         out[k, 0], out[k, 1], out[k, 2] = y, position(w), u
         predict(p, plant, s["scratch"], u)
-        extrapolate(moved, still, w, period_s, exogenous)
+        extrapolate(moved, still["detuning"], w, period_s, exogenous)
         for i in range(len(w)):
             w[i] = exogenous[i]
 

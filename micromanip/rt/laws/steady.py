@@ -1,0 +1,93 @@
+"""A second predictor, surer of itself, that is believed as far as the samples bear it out.
+
+The wide predictor of ``reference.py`` bears what moves: joints that jump, another pose. While nothing does, it lets
+through more of the noise than need be. Beside it runs a narrow one, of the same states and less process noise, whose
+path may also return (`returning`, 1/s^2: the acceleration goes against the rate, so that it swings slowly). What is
+given is both in proportion to how likely the samples have made each (Magill, Optimal Adaptive Estimation of Sampled
+Stochastic Processes, IEEE Transactions on Automatic Control, 1965),
+
+    trust += (e_wide^2 - e_narrow^2) / (2 v),   given = wide + (narrow - wide) / (1 + exp(-trust))
+
+e being the innovations and v the variance that the narrow one states for its own. The wide predictor knows nothing of
+the other. `trust` (nats) is at most `SURE_NATS`, so that doubt comes soon. A sample further than `FAR_SIGMA` from where
+the narrow one expects it, or a trust below `LOST_NATS`, makes that one begin anew where the wide one is, at a trust of
+`ANEW_NATS`.
+"""
+
+from __future__ import annotations
+
+import math
+
+from micromanip.rt.jit import compiled
+from micromanip.rt.record import Field, Record
+
+from .joints import MAX_MODES, follow_joints
+from .motion import extrapolate, position
+
+STATES = 3 + 2 * MAX_MODES
+SURE_NATS, LOST_NATS, ANEW_NATS, FAR_SIGMA = 6.0, -18.0, -9.0, 6.0
+
+STEADY: tuple[Field, ...] = (
+    ("steady", "i8"),
+    ("steady_gain", "f8", (STATES,)),
+    ("steady_um2", "f8"),
+    ("returning", "f8"),
+    ("steady_pull", "f8", (MAX_MODES,)),
+    ("steady_floor_um2", "f8", (MAX_MODES,)),
+)
+STEADY_STATE: tuple[Field, ...] = (
+    ("wide", "f8", (STATES,)),
+    ("narrow", "f8", (STATES,)),
+    ("wide_detuning", "f8", (MAX_MODES,)),
+    ("narrow_detuning", "f8", (MAX_MODES,)),
+    ("trust", "f8"),
+)
+
+
+@compiled
+def narrow_anew(s: Record) -> None:
+    """Let the narrow predictor begin where the wide one is."""
+    for i in range(STATES):
+        s["narrow"][i] = s["wide"][i]
+    for k in range(MAX_MODES):
+        s["narrow_detuning"][k] = s["wide_detuning"][k]
+    s["trust"] = ANEW_NATS
+
+
+@compiled
+def follow_narrowly(p: Record, s: Record, value_um: float, gap_s: float, innovation_um: float) -> None:
+    """Take up a sample `gap_s` after the last, where the wide predictor has taken it up with `innovation_um`."""
+    narrow, expected = s["narrow"], s["w"]
+    extrapolate(p, s["narrow_detuning"], narrow, gap_s, expected)
+    expected[2] -= p["returning"] * gap_s * expected[1]
+    own_um = value_um - position(expected)
+    trust = s["trust"] + (innovation_um * innovation_um - own_um * own_um) / (2.0 * p["steady_um2"])
+    if own_um * own_um <= FAR_SIGMA * FAR_SIGMA * p["steady_um2"] and trust > LOST_NATS:
+        s["trust"] = min(SURE_NATS, trust)
+        for i in range(STATES):
+            narrow[i] = expected[i] + p["steady_gain"][i] * own_um
+        follow_joints(
+            p, p["steady_gain"], p["steady_pull"], p["steady_floor_um2"], s["narrow_detuning"], expected, own_um
+        )
+    else:
+        narrow_anew(s)
+
+
+@compiled
+def give_both(s: Record) -> None:
+    """Fill what is given, ``filtered`` and ``detuning``, from both."""
+    share = 1.0 / (1.0 + math.exp(-s["trust"]))
+    for i in range(STATES):
+        s["filtered"][i] = s["wide"][i] + share * (s["narrow"][i] - s["wide"][i])
+    for k in range(MAX_MODES):
+        s["detuning"][k] = s["wide_detuning"][k] + share * (s["narrow_detuning"][k] - s["wide_detuning"][k])
+
+
+@compiled.rare
+def keep_given(s: Record) -> None:
+    """Under other parameters both go on from what was given."""
+    for i in range(STATES):
+        s["wide"][i] = s["filtered"][i]
+    for k in range(MAX_MODES):
+        s["wide_detuning"][k] = s["detuning"][k]
+    narrow_anew(s)

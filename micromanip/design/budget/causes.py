@@ -97,6 +97,12 @@ def tracker_noise(grid: Grid, loop: Loop, tracking: Tracking, taken: Array, nois
     return grid.white(transfer, noise_um**2 / tracking.every)
 
 
+def followed_share(loop: Loop, tracking: Tracking, taken: Array) -> Complex:
+    """What the stage does (n,) of a sine of the deviation of amplitude 1, at the frequencies of `loop`."""
+    late = np.exp(-1j * loop.omega * tracking.latency_s)
+    return np.asarray(loop.followed * tracking.response(taken, loop.omega) * late / tracking.every)
+
+
 def followed_line(loop: Loop, tracking: Tracking, taken: Array, hertz: float) -> Complex:
     """Error (k,) at the images of a sine of the deviation of amplitude 1 at `hertz`; `loop` is that of those images."""
     late = np.exp(-2j * np.pi * hertz * tracking.latency_s)

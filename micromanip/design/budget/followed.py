@@ -1,12 +1,15 @@
 """How a recorded path was followed: the path, the samples' noise, and what tracking left of both.
 
-What a simulation knows is taken as it is: path and stage. Else the path is the tracker's, smoothed without lag (a low
-pass of zero phase, beyond what stands out of the floor of the samples' spectrum).
+What a simulation knows is taken as it is: path and stage. Else the path is the tracker's, smoothed without lag: a low
+pass H of zero phase, beyond what stands out of the floor of the samples' spectrum. It passes the noise n of that band
+too, so the error seen has (H - T) n where the true one has -T n, T being the way from the samples to the stage; with
+the noise's density, which the samples above that band show, the difference is known in power (`mistaken`).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +26,7 @@ from micromanip.settings.schema.model import Configuration
 from micromanip.settings.schema.reference import AxisTracker
 from micromanip.settings.text.source import Source
 
-from .causes import PREDICTION, TRACKER
+from .causes import PREDICTION, TRACKER, Grid, followed_share
 from .loop import AxisLaws
 from .tracking import Tracking
 
@@ -133,11 +136,13 @@ def tracking_stretch(telemetry: Telemetry, configuration: Configuration, axis: s
 class Followed:
     """How the path (n,), um, was followed through `tracking` and the loop, `noise` (k,) being the samples' own.
 
-    `parts` (n,), um, are what the noise, and delay and prediction, made of the error.
+    `parts` (n,), um, are what the noise, and delay and prediction, made of the error; `smoothing` is how the path was
+    got of the samples, None where it is the truth.
     """
 
     path: Array
-    noise: Array
+    smoothing: Smoothed | None
+    noise_um: float
     tracking: Tracking
     filters: Filters
     parts: dict[str, Array]
@@ -148,7 +153,8 @@ def follow(stretch: Stretch, laws: AxisLaws) -> Followed:
     time_s = stretch.time_s
     step_s = float(np.median(np.diff(stretch.taken_s)))
     truth = stretch.path_error_um + stretch.true_stage_um
-    path = truth if stretch.truth else smoothed(stretch.taken_s, stretch.samples_um, time_s)
+    smoothing = None if stretch.truth else smoothed(stretch.taken_s, stretch.samples_um, time_s)
+    path = truth if smoothing is None else smoothing.path
     clean = np.interp(stretch.taken_s, time_s, path)
     noise = stretch.samples_um - clean
     tracking = Tracking(laws.tracker, max(1, round(step_s / laws.period_s)), stretch.late_s, laws.period_s)
@@ -161,7 +167,34 @@ def follow(stretch: Stretch, laws: AxisLaws) -> Followed:
         TRACKER: -filters.through("followed", seen[1]),
         PREDICTION: path - filters.through("followed", seen[0]),
     }
-    return Followed(path, noise, tracking, filters, parts)
+    noise_um = float(np.std(noise)) if smoothing is None else smoothing.noise_um
+    return Followed(path, smoothing, noise_um, tracking, filters, parts)
+
+
+class Mistaken(NamedTuple):
+    """Power (n,), um^2, by which smoothing makes a part look smaller than it is: of the noise, the rest, and both."""
+
+    tracker: Array
+    prediction: Array
+    whole: Array
+
+
+def mistaken(followed: Followed, laws: AxisLaws, grid: Grid) -> Mistaken:
+    """What the noise in a smoothed path makes of the error and its parts; nothing where the path is the truth."""
+    if followed.smoothing is None:
+        nothing = np.zeros(len(grid.hertz))
+        return Mistaken(nothing, nothing, nothing)
+    loop = laws.around(laws.model(grid.omega), grid.omega)
+    to_stage = followed_share(loop, followed.tracking, laws.gains.reference)
+    passed = followed.smoothing.share(grid.hertz)
+    highest_Hz = 0.5 / (followed.tracking.every * laws.period_s)
+    white = np.where(grid.hertz < highest_Hz, followed.noise_um**2 * grid.bin_hz / highest_Hz, 0.0)
+    true = np.abs(to_stage) ** 2
+    return Mistaken(
+        white * true * (1.0 - (1.0 - passed) ** 2),
+        -white * np.abs((1.0 - to_stage) * passed) ** 2,
+        white * (true - np.abs(passed - to_stage) ** 2),
+    )
 
 
 def predicted_share(telemetry: Telemetry, axis: str, tracker: AxisTracker) -> float:
@@ -174,21 +207,41 @@ def predicted_share(telemetry: Telemetry, axis: str, tracker: AxisTracker) -> fl
     stretch = tracking_stretch(telemetry, configuration, axis)
     followed = follow(stretch, laws)
     left = (followed.parts[TRACKER] + followed.parts[PREDICTION])[stretch.inside]
-    return float(np.sqrt(np.mean(left**2)))
+    unseen = mistaken(followed, laws, Grid(1.0 / laws.period_s)).whole
+    return float(np.sqrt(max(0.0, np.mean(left**2) + unseen.sum())))
 
 
-def smoothed(taken_s: Array, samples_um: Array, time_s: Array) -> Array:
+@dataclass(frozen=True)
+class Smoothed:
+    """A `path` (n,), um, of samples low-passed at `highest_Hz`; `noise_um` is the sigma of their noise, if white."""
+
+    path: Array
+    highest_Hz: float
+    noise_um: float
+
+    def share(self, hertz: Array) -> Array:
+        """What (n,) of the samples at `hertz` (n,) is in the path."""
+        return _passed(hertz, self.highest_Hz)
+
+
+def _passed(hertz: Array, highest_Hz: float) -> Array:
+    return np.asarray(1.0 / (1.0 + (hertz / highest_Hz) ** 16))
+
+
+def smoothed(taken_s: Array, samples_um: Array, time_s: Array) -> Smoothed:
     """The path (n,) at `time_s` by samples (k,) of before and after: all up to where their spectrum stands out."""
     step_s = float(np.median(np.diff(taken_s)))
     even = np.arange(taken_s[0], taken_s[-1] + 0.5 * step_s, step_s)
     samples = np.interp(even, taken_s, samples_um)
     hertz, density = welch(samples, 1.0 / step_s, nperseg=min(len(samples), round(WINDOW_S / step_s)))
     floor = float(np.median(density[hertz > _FLOOR_SHARE / step_s]))
-    highest = float(hertz[density > _STANDS_OUT * floor].max(initial=hertz[1]))
+    highest_Hz = _ROOM * float(hertz[density > _STANDS_OUT * floor].max(initial=hertz[1]))
     padded, first = mirrored(samples)
-    share = 1.0 / (1.0 + (np.fft.rfftfreq(len(padded), step_s) / (_ROOM * highest)) ** 16)
-    path = np.fft.irfft(np.fft.rfft(padded) * share, len(padded))[first : first + len(even)]
-    return np.asarray(CubicSpline(even, path)(np.clip(time_s, even[0], even[-1])))
+    passed = _passed(np.asarray(np.fft.rfftfreq(len(padded), step_s)), highest_Hz)
+    path = np.fft.irfft(np.fft.rfft(padded) * passed, len(padded))[first : first + len(even)]
+    noise_um = np.sqrt(np.var(samples - path) / np.mean((1.0 - passed) ** 2))
+    at_cycles = np.asarray(CubicSpline(even, path)(np.clip(time_s, even[0], even[-1])))
+    return Smoothed(at_cycles, highest_Hz, float(noise_um))
 
 
 def mirrored(x: Array) -> tuple[Array, int]:

@@ -11,7 +11,7 @@ force. Else the sensor's noise is told from the rest by its configured size.
 
 What these parts do not explain is left as a remainder: where cycles were missing or a limit held, that is named.
 In every bin of frequency the power of the error is shared out in proportion to the powers of the parts and the
-remainder: none is negative, and the sum is the mean square of the error.
+remainder: none is negative, and the sum is the mean square of the error, less what smoothing makes of it.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ from micromanip.settings.text.source import Source
 
 from .bound import prediction_variance
 from .budget import MEASURED, AxisBudget, Bound, ordered
-from .causes import FORCE, STAGE, Grid, shared_out
-from .followed import WINDOW_S, Stretch, follow, mirrored, tracking_stretch
+from .causes import FORCE, PREDICTION, STAGE, TRACKER, Grid, shared_out
+from .followed import WINDOW_S, Stretch, follow, mirrored, mistaken, tracking_stretch
 from .loop import AxisLaws
 from .tracking import Tracking
 
@@ -67,7 +67,7 @@ def recorded_budget(
 def _explained(stretch: Stretch, laws: AxisLaws, coherence_s: float) -> AxisBudget:
     truth, inside = stretch.truth, stretch.inside
     followed = follow(stretch, laws)
-    path, noise, tracking, filters = followed.path, followed.noise, followed.tracking, followed.filters
+    path, tracking, filters = followed.path, followed.tracking, followed.filters
     stage = stretch.true_stage_um if truth else stretch.stage_um
     error = path - stage
     moved = stage - filters.through("plant", stretch.setpoint_um - laws.axis.centre_um)
@@ -93,12 +93,16 @@ def _explained(stretch: Stretch, laws: AxisLaws, coherence_s: float) -> AxisBudg
         loop = laws.around(laws.model(grid.omega), grid.omega)
         alone[STAGE] = np.minimum(alone[DISTURBANCE], grid.white(loop.sensitivity, outer.sensor_noise_um**2))
         alone[DISTURBANCE] = alone[DISTURBANCE] - alone[STAGE]
-    bound = _bound(path[inside], moved[inside], float(np.var(noise)), tracking, laws, coherence_s, known_stage=truth)
+    unseen = mistaken(followed, laws, grid)
+    alone[TRACKER] += unseen.tracker
+    alone[PREDICTION] = np.maximum(0.0, alone[PREDICTION] + unseen.prediction)
+    whole = np.maximum(0.0, binned(error[inside], grid) + unseen.whole)
+    bound = _bound(path[inside], moved[inside], followed.noise_um**2, tracking, laws, coherence_s, known_stage=truth)
     known = "the simulation's own signals" if truth else "the smoothed tracker and the measured stage"
     return AxisBudget(
         laws.name,
         grid.hertz,
-        ordered(shared_out(binned(error[inside], grid), alone), MEASURED),
+        ordered(shared_out(whole, alone), MEASURED),
         bound=bound,
         notes=(f"{inside.sum() * laws.period_s:.1f} s of tracking, by {known}",),
     )

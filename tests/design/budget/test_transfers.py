@@ -190,7 +190,9 @@ def test_a_path_is_told_from_the_noise_of_its_samples():
 
     found = smoothed(taken, path(taken) + rng.normal(0.0, 0.5, len(taken)), now)
     inside = (now > 1.0) & (now < 5.0)
-    assert np.std((found - path(now))[inside]) < 0.25 * 0.5
+    assert np.std((found.path - path(now))[inside]) < 0.25 * 0.5
+    assert found.noise_um == pytest.approx(0.5, rel=0.05)
+    assert found.share(np.array([8.0, 200.0])) == pytest.approx([1.0, 0.0], abs=1e-3)
 
 
 def test_an_axis_without_a_model_of_its_stage_or_behind_a_bus_is_refused():

@@ -1,11 +1,13 @@
 """The prediction of a path: standing, swinging, in part; its voltage through the model that it inverts."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from micromanip.control.outer_gains import dc_gain
+from micromanip.design.budget.causes import followed_share
 from micromanip.design.preview.prediction import inverse_voltage, predict
 from micromanip.design.preview.preview import cell_of
 from micromanip.errors import CheckFailed
@@ -13,6 +15,7 @@ from micromanip.rt.laws.feedforward import HYSTERESIS_PARAMETERS
 from micromanip.rt.laws.hysteresis import model_output
 from micromanip.settings.check import prepare
 from micromanip.settings.compile.hysteresis import fill_hysteresis
+from micromanip.settings.schema.reference import Oscillation
 
 CONFIG = Path(__file__).parents[3] / "config"
 RATE_HZ = 2000.0
@@ -29,6 +32,12 @@ def predicted(cell, deviation, **changed):
     return predict(laws, cell.tracking["x"], 0.0, deviation, RATE_HZ)
 
 
+def with_joint(cell, range_percent):
+    """Tracking of x by a predictor that knows of one joint, and follows its frequency so far."""
+    joints = (Oscillation(frequency_Hz=8.0, um_per_s=3.2, range_percent=range_percent),)
+    return replace(cell.tracking["x"], tracker=replace(cell.tracking["x"].tracker, oscillations=joints))
+
+
 def test_where_the_path_stands_the_actuator_is_its_share_of_the_gain_away(cell):
     axis = cell.laws["x"].axis
     found = predicted(cell, np.full(3000, 120.0))
@@ -39,12 +48,11 @@ def test_where_the_path_stands_the_actuator_is_its_share_of_the_gain_away(cell):
 @pytest.mark.parametrize("hertz", [3.0, 25.0])
 def test_a_sine_comes_through_as_the_closed_loop_says(cell, hertz):
     time_s = np.arange(6000) / RATE_HZ
-    found = predicted(cell, 20.0 * np.sin(2.0 * np.pi * hertz * time_s))
-    laws, tracking = cell.laws["x"], cell.tracking["x"]
+    laws, tracking = cell.laws["x"], with_joint(cell, 0.0)
+    found = predict(laws, tracking, 0.0, 20.0 * np.sin(2.0 * np.pi * hertz * time_s), RATE_HZ)
     omega = np.array([2.0 * np.pi * hertz])
     loop = laws.around(laws.model(omega), omega)
-    given = tracking.response(laws.gains.reference, omega) / tracking.every
-    given *= np.exp(-1j * omega * tracking.latency_s)
+    given = followed_share(loop, tracking, laws.gains.reference) / loop.followed
     middle = slice(2000, 4000)  # whole periods, far from both ends
     turned = np.exp(-1j * omega * time_s[middle])
     for values, response in (
@@ -52,6 +60,23 @@ def test_a_sine_comes_through_as_the_closed_loop_says(cell, hertz):
         (found.error_um, 1.0 - loop.followed * given),
     ):
         assert 2j * np.mean(values[middle] * turned) == pytest.approx(20.0 * response[0], rel=1e-3, abs=2e-3)
+
+
+@pytest.mark.parametrize("hertz", [6.5, 9.5])
+def test_a_joint_that_swings_at_another_frequency_is_followed_as_the_loop_follows_it(cell, hertz):
+    """Left is what a predictor would leave that knew it; one whose frequency is fixed leaves ten times that."""
+    found_of = {}
+    for percent in (0.0, 50.0):
+        tracking = with_joint(cell, percent)
+        path = 20.0 * np.sin(2.0 * np.pi * hertz * np.arange(6000) / RATE_HZ)
+        found_of[percent] = np.std(predict(cell.laws["x"], tracking, 0.0, path, RATE_HZ).error_um[2000:4000])
+    known = tracking.tracker.at_swings([hertz])
+    omega = np.array([2.0 * np.pi * hertz])
+    laws = replace(cell.laws["x"], tracker=known)
+    loop = laws.around(laws.model(omega), omega)
+    left = 1.0 - followed_share(loop, replace(tracking, tracker=known), laws.gains.reference)
+    assert found_of[50.0] == pytest.approx(20.0 * abs(left[0]) / np.sqrt(2.0), rel=0.2, abs=0.01)
+    assert found_of[0.0] > 5.0 * found_of[50.0]
 
 
 def test_half_of_the_authority_leaves_half_of_the_path(cell):

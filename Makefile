@@ -135,8 +135,8 @@ robustness: $(READY) ## commission 100 cells with drawn plants, and hold their t
 counterfactual: $(READY) ## predictions of 20 drawn tunings on a simulated recording, beside their true re-simulation
 	$(BIN)/python -m tools.counterfactual
 
-tune: $(READY)    ## commission config/factory.yaml, and put the result into config/simulated.yaml
-	$(BIN)/python -m tools.tune_simulated
+tune: $(READY)    ## commission config/factory.yaml, and put the result into the tuned configurations
+	$(BIN)/python -m tools.tune
 
 docs: $(READY)    ## generated pages and pictures
 	$(BIN)/python -m micromanip.settings.documents.configuration_page > docs/configuration.md

@@ -19,6 +19,7 @@
 # your own leave that out.
 
 # %%
+import re
 import tempfile
 from pathlib import Path
 
@@ -57,7 +58,7 @@ def recorded(name: str, text: str) -> RecordedRun:
 
 
 before = recorded("before", CONFIG.read_text())
-after = recorded("after", CONFIG.read_text().replace("control_weight: 10.0", "control_weight: 1000.0", 1))
+after = recorded("after", re.sub("control_weight: .*", "control_weight: 1000.0", CONFIG.read_text(), count=1))
 
 # %% [markdown]
 # ## Error spectrum

@@ -1,6 +1,7 @@
 """`micromanip fit tracker`: from a recording to `reference.axes` of a configuration that then predicts better."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -25,9 +26,19 @@ def asked(*arguments, of=command):
 
 
 @pytest.fixture(scope="module")
-def recorded(tmp_path_factory):
+def unfitted(tmp_path_factory):
+    """The simulated cell, whose predictor knows what is said of all axes only."""
+    text, sections = re.subn(r"\n  axes:\n(?:    .*\n)+", "\n", SIMULATED.read_text(encoding="utf-8"))
+    assert sections == 1
+    file = tmp_path_factory.mktemp("unfitted") / "simulated.yaml"
+    file.write_text(text, encoding="utf-8")
+    return file
+
+
+@pytest.fixture(scope="module")
+def recorded(unfitted, tmp_path_factory):
     """8 s of the simulated cell from arming on, as recorded."""
-    prepared = prepare(SIMULATED)
+    prepared = prepare(unfitted)
     cell = VirtualExperiment(prepared, process=True).cell(prepared.configuration, prepared.samples)
     cell.arm()
     file = tmp_path_factory.mktemp("tracker") / "run.mcap"
@@ -36,23 +47,23 @@ def recorded(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def fitted(recorded, tmp_path_factory):
+def fitted(recorded, unfitted, tmp_path_factory):
     """What was found of axis y, and the configuration that it was put into."""
     copied = tmp_path_factory.mktemp("into") / "cell.yaml"
-    copied.write_bytes(SIMULATED.read_bytes())
+    copied.write_bytes(unfitted.read_bytes())
     return asked(recorded, "--axis", "y", "--into", copied, "--json")["axes"]["y"], copied
 
 
-def test_an_axis_is_found_and_put_into_a_configuration(fitted):
+def test_an_axis_is_found_and_put_into_a_configuration(fitted, unfitted):
     found, copied = fitted
     assert [each["frequency_Hz"] for each in found["oscillations"]] == pytest.approx([7.76], abs=0.01)
     assert found["noise_um"] == pytest.approx(0.5, rel=0.08)
     assert "# The simulated cell, tuned" in copied.read_text(), "comments stay"
-    before, after = (cell_of(prepare(file), "y") for file in (SIMULATED, copied))
+    before, after = (cell_of(prepare(file), "y") for file in (unfitted, copied))
     assert after.laws.tracker.noise_um == found["noise_um"]
     assert after.rms_um() < 0.92 * before.rms_um()
     untouched = cell_of(prepare(copied), "x")
-    assert untouched.laws.tracker == cell_of(prepare(SIMULATED), "x").laws.tracker
+    assert untouched.laws.tracker == cell_of(prepare(unfitted), "x").laws.tracker
 
 
 def test_what_it_would_be_is_told_as_the_recordings_budget_tells_what_was(fitted, recorded):

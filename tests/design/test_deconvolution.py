@@ -130,7 +130,7 @@ def with_a_step(folder, step_um):
     As it is below the outer loop, where nothing of the actuator is undone.
     """
     source = "reference: {source: step, offset_um: 60.0, step_um: STEP, start_s: 0.1}\n\n".replace("STEP", str(step_um))
-    text = re.sub(r"reference:\n  source: signal.*?\n\n", source, CONFIG.read_text(), flags=re.DOTALL)
+    text = re.sub(r"reference:\n  source: signal.*?\n(?=axes:)", source, CONFIG.read_text(), flags=re.DOTALL)
     text = re.sub(r"    actuator:.*?(?=    commissioned:)", "", text, flags=re.DOTALL)
     (folder / "step.yaml").write_text(text.replace("mode: stage ", "mode: strain "))
     prepared = prepare(folder / "step.yaml")

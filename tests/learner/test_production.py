@@ -20,8 +20,8 @@ from .production import BEGIN_S, LOOP_HZ, Production, text
 pytestmark = pytest.mark.long
 
 SECONDS = 3.0
-V_PER_UM = 3.0
-"""More than the piezo stacks need, slow or fast."""
+V_PER_UM = 6.0
+"""More than the piezo stacks need and the strain loop adds, slow or fast."""
 KNOWN_S = 1.2
 """Then the path has said where in the part it is, and the correction is there in full."""
 
@@ -45,10 +45,10 @@ def whys(cell):
 
 
 def softly_um(made):
-    """What a correction may change the set-point by in a cycle: by itself, and by fading; twice that."""
+    """What a correction may change the set-point by in a cycle: by itself and by fading; four times that, for the loop."""
     played = made.table[: len(made.table) // 2]
     fading = 1.875 / (FADE_S * LOOP_HZ)  # of a minimum jerk, in its middle
-    return 2.0 * (np.abs(np.diff(played, axis=0)).max() + fading * np.abs(played).max())
+    return 4.0 * (np.abs(np.diff(played, axis=0)).max() + fading * np.abs(played).max())
 
 
 def plays(rows):

@@ -42,6 +42,13 @@ def rerun(recorded):
     return Rerun(window, fit_models(window, recorded_configuration(telemetry)[1]))
 
 
+def weighted(text, control_weight):
+    """The configuration with that weight in all axes."""
+    text, axes = re.subn(r"control_weight: .*", f"control_weight: {control_weight}", text)
+    assert axes == 3
+    return text
+
+
 def tuned(cell, values):
     known = cell.configuration.model_dump(mode="json")
     source = Source.of(assigned(cell.source.data, known, values), cell.source.path)
@@ -110,7 +117,7 @@ def test_limits_that_another_tuning_meets(recorded, rerun):
     cell, _ = recorded
     rows = rerun.window.rows["axis"]["setpoint_um"][:, 0]
     narrow = [float(np.quantile(rows, 0.2)), float(np.quantile(rows, 0.8))]
-    found = predict(rerun, tuned(cell, {"axes.x.outer.control_weight": 0.3}), draws=2)
+    found = predict(rerun, tuned(cell, {"axes.x.outer.control_weight": 0.03}), draws=2)
     assert {"set-point slew"} <= {met.limit for met in found.limits} - {met.limit for met in found.recorded_limits}
     parameters = cell.parameters.copy()
     parameters["axis"]["setpoint_low_um"][0, 0], parameters["axis"]["setpoint_high_um"][0, 0] = narrow
@@ -125,7 +132,7 @@ def test_a_tuning_that_would_stop_the_cell(recorded, tmp_path, capsys):
     """A watch that trips where the recorded tuning was far from its limit."""
     cell, telemetry = recorded
     tight = "    faults: {following_error: {limit_um: 1.0, time_ms: 0.5}}\n"
-    text = cell.source.text.replace("control_weight: 10.0", "control_weight: 90.0")
+    text = weighted(cell.source.text, 90.0)
     text = text.replace("    commissioned:\n", tight + "    commissioned:\n", 1)
     (tmp_path / "weak.yaml").write_text(text)
     assert code_of("replay", telemetry.file, "--with", tmp_path / "weak.yaml", "--cut", "6:7") == 1
@@ -146,7 +153,7 @@ def test_rows_end_where_the_cell_leaves_tracking(recorded, rerun):
 
 def test_the_command(recorded, tmp_path, capsys):
     cell, telemetry = recorded
-    (tmp_path / "calm.yaml").write_text(cell.source.text.replace("control_weight: 10.0", "control_weight: 60.0"))
+    (tmp_path / "calm.yaml").write_text(weighted(cell.source.text, 60.0))
     given = ("replay", telemetry.file, "--with", tmp_path / "calm.yaml", "--cut", "5.5:6.5")
     assert code_of(*given, "--json") == 0
     document = json.loads(capsys.readouterr().out)

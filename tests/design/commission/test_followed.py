@@ -10,8 +10,11 @@ from micromanip.design.commission.production import PathErrorSeen, Production
 from micromanip.design.experiment import with_axis
 from micromanip.settings.load import load
 
-TUNED = load(Path(__file__).parents[3] / "config" / "simulated.yaml")
 NAMES = tuple("xyz")
+TUNED = load(Path(__file__).parents[3] / "config" / "simulated.yaml")
+for name in NAMES:
+    fixed = TUNED.axes[name].outer.model_copy(update={"oscillation_range_percent": 0.0})
+    TUNED = with_axis(TUNED, name, outer=fixed)
 NONE = np.zeros(0)
 
 

@@ -107,9 +107,10 @@ def test_few_missed_cycles_are_borne_and_many_refused(prepared, first, learn, ot
 def test_another_tuning_and_another_cell_are_refused(prepared, first, learn, other):
     rows, begin_s = other
     text = prepared.source.text
-    assert "K_V_per_um: 0.2627" in text
+    gain = f"K_V_per_um: {prepared.configuration.axes['y'].inner.K_V_per_um:g}"
+    assert text.count(gain) == 1
     for old, new, what in (
-        ("K_V_per_um: 0.2627", "K_V_per_um: 0.2", "tuning"),
+        (gain, "K_V_per_um: 0.2", "tuning"),
         ("tooth_N: 40.0", "tooth_N: 50.0", "cell"),
     ):
         with pytest.raises(CheckFailed, match=rf"y\.npz: this memory is of {what} \w+, not of \w+: learn anew"):

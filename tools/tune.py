@@ -1,0 +1,96 @@
+"""Commission config/factory.yaml and put what was found into the tuned configurations: `make tune`.
+
+All describe the same cell: simulated.yaml reaches it in the loop's own cycle, ethercat.yaml and udp.yaml a cycle later.
+What is written by hand beside it, limits, soft start and devices, stays.
+"""
+
+import datetime
+import re
+import sys
+from importlib.metadata import version
+from pathlib import Path
+
+from micromanip.design.commission.cell import CommissionedCell, commission_cell
+from micromanip.design.commission.knobs import Knobs
+from micromanip.settings.check import prepare
+from micromanip.settings.commissioned import tuning_hash
+from micromanip.settings.schema.axis import Commissioned
+from micromanip.settings.schema.reference import Tracker
+from micromanip.settings.text.digits import rounded
+from micromanip.settings.write import edited, node, with_tuning, write_atomically
+from micromanip.virtual.experiment import VirtualExperiment, with_options
+
+CONFIG = Path(__file__).resolve().parent.parent / "config"
+TOOTH_HZ, SEED = 200.0, 1
+CELLS = {0: ("simulated.yaml",), 1: ("ethercat.yaml", "udp.yaml")}
+"""Configurations by how many cycles later their voltages come."""
+HEADER = """\
+# The simulated cell, tuned: three axes hold the spindle on its path while the robot deviates and the
+# tool cuts. Physical units, named by the keys; every key is explained in docs/configuration.md.
+# The tuning of the axes (inner, hysteresis, hysteresis_affine, outer, actuator) and what the predictor knows of the
+# path deviation (reference) are what `make tune` made of config/factory.yaml: `micromanip commission`, all axes, tooth
+# frequency {tooth:g} Hz, seed {seed}, version {version}, {date}. It passes `micromanip analyse`. The rest is written by
+# hand.
+"""
+
+
+def _say(what: str) -> None:
+    sys.stderr.write(f"{what}\n")
+
+
+def tuned(late_cycles: int) -> CommissionedCell:
+    """The factory's cell, whose voltages come so much later, commissioned."""
+    factory = prepare(CONFIG / "factory.yaml")
+    cell, late = factory.wiring.options["cell"], {"late_cycles": late_cycles}
+    variation = {axis: plant.model_copy(update=late) for axis, plant in cell.variation.items()}
+    prepared = with_options(
+        factory, "cell", cell.model_copy(update={"plant": cell.plant.model_copy(update=late), "variation": variation})
+    )
+    configuration = prepared.configuration
+    experiment, running = VirtualExperiment(prepared), VirtualExperiment(prepared, process=True)
+    axes, knobs = list(configuration.axes), Knobs(tooth_Hz=TOOTH_HZ)
+    return commission_cell(configuration, experiment, axes, _say, knobs, SEED, running)
+
+
+def missed(found: CommissionedCell) -> list[str]:
+    """What keeps it from being written."""
+    criteria = [f"{c.axis}: {c.name}: {c.value}" for story in found.evidence for c in story.criteria if not c.passed]
+    obstacle = None if found.production is None else found.production.obstacle
+    return criteria if obstacle is None else [*criteria, obstacle]
+
+
+def text_of(name: str, found: CommissionedCell, tracker: Tracker, today: str) -> str:
+    """The configuration `name` with the tuning of its axes and its tracker."""
+    axes = {}
+    for axis_name, axis in found.configuration.axes.items():
+        # what of the coupling was found and is not undone says nothing to who takes an axis away
+        coupling = axis.coupling if axis.coupling is not None and axis.coupling.decouple else None
+        running = axis.model_copy(update={"mode": "stage", "coupling": coupling})
+        note = Commissioned(hash=tuning_hash(running), report="report.html", date=today)
+        axes[axis_name] = running.model_copy(update={"commissioned": note})
+    known = node(tracker.model_dump(exclude_defaults=True), rounded)
+    text = with_tuning((CONFIG / name).read_text(encoding="utf-8"), axes)
+    text = edited(text, lambda document: document["reference"].update(known))
+    return re.sub(r"(?<!\n)\naxes:", "\n\naxes:", text)  # a line that new keys before it take away
+
+
+def main() -> int:
+    """Commission in virtual time; exit code 1 where a criterion is missed, and nothing is written."""
+    today, texts = datetime.datetime.now(datetime.UTC).date().isoformat(), {}
+    for late_cycles, names in CELLS.items():
+        _say(f"{' and '.join(names)}:")
+        found = tuned(late_cycles)
+        tracker = found.configuration.reference
+        if not found.passed or not isinstance(tracker, Tracker):
+            sys.stderr.write("\n".join([*missed(found), "nothing was written\n"]))
+            return 1
+        texts |= {name: text_of(name, found, tracker, today) for name in names}
+    header = HEADER.format(tooth=TOOTH_HZ, seed=SEED, version=version("micromanip"), date=today)
+    texts["simulated.yaml"] = re.sub(r"\A(#.*\n)*", lambda _: header, texts["simulated.yaml"])
+    for name, text in texts.items():
+        write_atomically(CONFIG / name, text)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -35,8 +35,8 @@ def changed(name: str, axes: Sequence[str], noise_um: float | None = None) -> Pr
     }
     for section in ("outputs", "axes"):
         document[section] = {k: v for k, v in document[section].items() if k.removeprefix("voltage_") in axes}
-    known_of = document["reference"].get("axes", {})
-    document["reference"]["axes"] = {axis: known_of[axis] for axis in axes if axis in known_of}
+    if "axes" in document["reference"]:
+        document["reference"]["axes"] = {k: v for k, v in document["reference"]["axes"].items() if k in axes}
     cell = document["drivers"]["cell"]
     cell["axes"], cell["variation"] = list(axes), {k: v for k, v in cell["variation"].items() if k in axes}
     if noise_um is not None:

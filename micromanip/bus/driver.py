@@ -103,6 +103,9 @@ class Answer:
     values: Mapping[str, Any]
     """What it says, by name."""
     note: str = ""
+    is_value: bool = True
+    """Whether a value was read. False where it was refused or left unanswered, or is nothing that is understood: where
+    all are so, the probe ends as one that found nothing."""
 
 
 @dataclass(frozen=True)

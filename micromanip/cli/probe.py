@@ -15,6 +15,7 @@ from micromanip.errors import DeviceUnavailable, UsageError
 from .options import Quantity, StrictCommand, config_argument, json_option, print_json
 
 if TYPE_CHECKING:
+    from rich.live import Live
     from rich.table import Table
 
     from micromanip.bus.cyclic import CyclicDriver
@@ -36,7 +37,7 @@ def command(config: Path, driver: str, seconds: float, as_json: bool) -> None:
     """Show what answers on the bus of DRIVER, as CONFIG names it, with live values; nothing is moved.
 
     A simulated cell has no bus: what its sensors say at rest is computed instead. Refused (exit code 69) while a
-    controller has the device, and where nothing answers. Ctrl-C ends it early.
+    controller has the device, and where no value can be read, whatever else answers. Ctrl-C ends it early.
     """
     from micromanip.bus.device_lock import DeviceLocks
     from micromanip.bus.driver import BusDriver
@@ -57,17 +58,24 @@ def command(config: Path, driver: str, seconds: float, as_json: bool) -> None:
         raise UsageError(f"driver {driver} has no probe: what answers on its bus can't be seen without moving it")
     with DeviceLocks(_devices(chosen)):
         answers: dict[str, Answer] = {}
+        told_values: set[str] = set()
         with contextlib.suppress(KeyboardInterrupt):
-            _look(chosen, seconds, answers, live=not as_json and sys.stdout.isatty())
+            _look(chosen, seconds, answers, told_values, live=not as_json and sys.stdout.isatty())
     if as_json:
         print_json(_found_document(driver, _device(chosen), seconds, answers))
-    if not answers:
-        raise DeviceUnavailable(
-            f"nothing answered on {_device(chosen)} in {seconds:g} s; check power, cable and the keys of "
-            f"drivers.{driver}"
-        )
-    if not as_json and not sys.stdout.isatty():
+    elif answers and not sys.stdout.isatty():
         _plain(answers)
+    if not told_values:
+        raise DeviceUnavailable(_why(answers, f"{_device(chosen)} in {seconds:g} s", f"drivers.{driver}"))
+
+
+def _why(answers: dict[str, Answer], where: str, section: str) -> str:
+    """What to say where no value was read: an exception that is answered, or silence, is none."""
+    if not answers:
+        return f"nothing answered on {where}; check power, cable and the keys of {section}"
+    first, *others = answers.values()
+    more = f" (and {len(others)} more)" if others else ""
+    return f"no value was read on {where}: {first.name}: {first.note}{more}; check the device and the keys of {section}"
 
 
 def _device(driver: BusDriver | CyclicDriver) -> str:
@@ -116,24 +124,32 @@ def _found_document(driver: str, device: str, seconds: float, answers: dict[str,
     return {"driver": driver, "device": device, "seconds": seconds, "answers": found}
 
 
-def _look(driver: BusDriver | CyclicDriver, seconds: float, answers: dict[str, Answer], live: bool) -> None:
-    """Gather the newest answer of each name into `answers`, on a terminal in a table that follows them."""
+def _look(
+    driver: BusDriver | CyclicDriver, seconds: float, answers: dict[str, Answer], told_values: set[str], live: bool
+) -> None:
+    """Gather the newest answer of each name into `answers`, on a terminal in a table that follows them.
+
+    Those that were a value at least once are in `told_values`: on a noisy line the newest may be none.
+    """
     from micromanip.bus.driver import BusDriver
 
     try:
-        if not live:
+        with _shown_live(answers) if live else contextlib.nullcontext() as view:
             for answer in _found(driver, seconds):
                 answers[answer.name] = answer
-            return
-        from rich.live import Live
-
-        with Live(_table(answers), refresh_per_second=5) as view:
-            for answer in _found(driver, seconds):
-                answers[answer.name] = answer
-                view.update(_table(answers))
+                if answer.is_value:
+                    told_values.add(answer.name)
+                if view is not None:
+                    view.update(_table(answers))
     finally:
         if isinstance(driver, BusDriver):
             driver.close()
+
+
+def _shown_live(answers: dict[str, Answer]) -> Live:
+    from rich.live import Live
+
+    return Live(_table(answers), refresh_per_second=5)
 
 
 def _found(driver: BusDriver | CyclicDriver, seconds: float) -> Iterator[Answer]:
@@ -179,4 +195,4 @@ def _shown(value: Any) -> str:
 def _document(answer: Answer) -> dict[str, Any]:
     plain = (str, int, float, bool, list, tuple, dict, type(None))
     values = {str(name): value if isinstance(value, plain) else str(value) for name, value in answer.values.items()}
-    return {"name": answer.name, "values": values, "note": answer.note}
+    return {"name": answer.name, "values": values, "note": answer.note, "is_value": answer.is_value}

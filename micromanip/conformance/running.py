@@ -59,6 +59,7 @@ class RunningChecks(Hooks):
             assert answers, "probe found nothing, with the device there"
             strange = [answer for answer in answers if not isinstance(answer, Answer) or not answer.name]
             assert not strange, f"probe yields Answer objects with a name, not {strange[0]!r}"
+            assert any(answer.is_value for answer in answers), "probe read no value, with the device there"
             assert took_s < _PROBE_S + 1.0 + self.patience_s, f"probe for {_PROBE_S} s took {took_s:.2f} s"
 
     def test_probe_writes_nothing(self) -> None:

@@ -80,8 +80,8 @@ def test_answers_as_a_document(config, capsys):
         "device": device,
         "seconds": 0.2,
         "answers": [
-            {"name": device, "values": {"serial_number": 7}, "note": ""},
-            {"name": "strains in um", "values": {"strain_x": 0.0, "strain_y": 0.0}, "note": ""},
+            {"name": device, "values": {"serial_number": 7}, "note": "", "is_value": True},
+            {"name": "strains in um", "values": {"strain_x": 0.0, "strain_y": 0.0}, "note": "", "is_value": True},
         ],
     }
 
@@ -132,6 +132,26 @@ def test_silent_bus_is_69_and_a_document(config, monkeypatch, capsys):
     assert json.loads(shown.out)["answers"] == []
     assert "nothing answered on udp" in shown.err
     assert "drivers.stage" in shown.err
+
+
+def test_refusals_alone_are_69_and_shown(config, monkeypatch, capsys):
+    """An exception is an answer, but no value."""
+    said = [Answer("cell.strain_x", {}, "exception 2, illegal address", is_value=False)]
+    said.append(Answer("cell.strain_y", {}, "no answer", is_value=False))
+    monkeypatch.setattr(Stage, "probed", lambda self, seconds: iter(said))
+    assert ended(config[0], "stage", "--seconds", "0.1") == 69
+    shown = capsys.readouterr()
+    assert "exception 2, illegal address" in shown.out
+    assert "no answer" in shown.out
+    assert shown.err.count("\n") == 1
+    assert "no value was read on udp" in shown.err
+    assert "cell.strain_x: exception 2, illegal address (and 1 more); check" in shown.err
+
+
+def test_a_value_that_was_read_once_is_enough(config, monkeypatch):
+    said = [Answer("unit 3", {"pressure": 1.5}), Answer("unit 3", {}, "no answer", is_value=False)]
+    monkeypatch.setattr(Stage, "probed", lambda self, seconds: iter(said))
+    assert ended(config[0], "stage", "--seconds", "0.1") == 0
 
 
 def test_device_in_use_is_refused(config, monkeypatch, capsys):

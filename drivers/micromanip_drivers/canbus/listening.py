@@ -53,12 +53,12 @@ def _answer(key: tuple[int, bool], speaker: _Speaker, known: Any, seconds: float
     }
     name = f"message {key[0]:#05x}" if not key[1] else f"message {key[0]:#010x} (extended)"
     if known is None:
-        return Answer(name, values, "not in the database")
+        return Answer(name, values, "not in the database", is_value=False)
     if known.is_multiplexed() or len(data) < known.length:
         why = "multiplexed" if known.is_multiplexed() else f"{known.length} bytes in the database"
-        return Answer(name, values, f"{known.name}, signals not shown: {why}")
+        return Answer(name, values, f"{known.name}, signals not shown: {why}", is_value=len(data) >= known.length)
     if (found := nonsense(known)) is not None:
-        return Answer(name, values, f"{known.name}, signals not shown: {found}")
+        return Answer(name, values, f"{known.name}, signals not shown: {found}", is_value=False)
     fields = [bit_field(signal, known.length) for signal in known.signals]
     numbers = UnpackPlan(fields).values(data[: known.length])
     values |= {field.name: number for field, number in zip(fields, numbers, strict=True)}

@@ -75,17 +75,17 @@ class AsciiFraming(Framing):
         self._silence.check(time.monotonic_ns())
 
     def probe(self, seconds: float) -> Iterator[Answer]:
-        yield from self._conversation.introduced(_PAUSE_S)
-        end_ns = time.monotonic_ns() + round(seconds * 1e9)
         reads = [exchange for exchange in self._exchanges if not exchange.writes]
+        yield from self._conversation.introduced(_PAUSE_S, alone=not reads)
+        end_ns = time.monotonic_ns() + round(seconds * 1e9)
         while reads and time.monotonic_ns() < end_ns:
             for exchange in reads:
                 try:
                     while self._conversation.is_held():
                         time.sleep(0.001)
                     values = {name: value for name, value, _ in self._asked(exchange)}
-                except TransientError as problem:
-                    yield Answer(exchange.title, {}, str(problem))
+                except (TransientError, DeviceFault) as problem:
+                    yield Answer(exchange.title, {}, str(problem), is_value=False)
                 else:
                     yield Answer(exchange.title, values)
             time.sleep(_PAUSE_S)

@@ -76,8 +76,11 @@ class Conversation:
         except TransientError as problem:
             raise LinkError(str(problem)) from problem
 
-    def introduced(self, wait_s: float) -> Iterator[Answer]:
-        """What the device says when it is asked who it is, for so long; for a probe, which shows a wrong one too."""
+    def introduced(self, wait_s: float, *, alone: bool) -> Iterator[Answer]:
+        """What the device says when it is asked who it is, for so long; for a probe, which shows a wrong one too.
+
+        `alone`: nothing else is asked, so that this is the value that counts.
+        """
         if not self.who:
             return
         self._ask_who()
@@ -87,9 +90,10 @@ class Conversation:
             if self._pattern is not None:
                 fits = self._is_introduction(line)
                 note = "as configured" if fits else f'not the device of the configuration: "{self._pattern.pattern}"'
-            yield Answer(self.who, {"reply": line}, note)
+            yield Answer(self.who, {"reply": line}, note, is_value=alone)
         if not answered:
-            yield Answer(self.who, {}, f"no answer in {wait_s * 1e3:g} ms that is a line of text")
+            note = f"no answer in {wait_s * 1e3:g} ms that is a line of text"
+            yield Answer(self.who, {}, note, is_value=False)
 
     def is_held(self) -> bool:
         """Whether a reply of before may still come, so that nothing can be asked. Raises DeviceFault, LinkError."""

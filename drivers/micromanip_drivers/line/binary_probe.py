@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 from micromanip.driver import Answer
 
@@ -32,10 +33,11 @@ def found(
                 answer = _answer(kinds, frame)
                 seen[answer.name] = seen.get(answer.name, 0) + 1
                 rate_hz = round(seen[answer.name] / max(1e-3, (time_ns - begin_ns) * 1e-9), 1)
-                yield Answer(answer.name, {"frames_per_s": rate_hz, **answer.values}, answer.note)
+                yield replace(answer, values={"frames_per_s": rate_hz, **answer.values})
             reader.pardon()
     if not seen and reader.received > before:
-        yield Answer(port.name, {"bytes": reader.received - before}, reader.unheard(before, "sends nothing"))
+        unheard = reader.unheard(before, "sends nothing")
+        yield Answer(port.name, {"bytes": reader.received - before}, unheard, is_value=False)
 
 
 def _answer(kinds: FrameKinds, frame: bytes) -> Answer:
@@ -50,4 +52,4 @@ def _answer(kinds: FrameKinds, frame: bytes) -> Answer:
         return Answer(message.name, {**values, "status": message.status(frame), **message.values(frame)}, note)
     if note:
         return Answer("identity", values, note)
-    return Answer(f"frame of kind {kind}", values, "not in the configuration")
+    return Answer(f"frame of kind {kind}", values, "not in the configuration", is_value=False)

@@ -143,7 +143,8 @@ class StreamFraming(Framing):
                 inbox.clear()
         if not count and self._reader.received > before:
             heard = self._reader.received - before
-            yield Answer(self._port.name, {"bytes": heard}, self._reader.unheard(before, "sends nothing"))
+            unheard = self._reader.unheard(before, "sends nothing")
+            yield Answer(self._port.name, {"bytes": heard}, unheard, is_value=False)
 
     @property
     def counters(self) -> Mapping[str, int]:

@@ -48,9 +48,9 @@ def _asked(client: Client, unit: Unit, name: str, register: Register, exchange: 
         while answer is None and client.waits:
             answer = client.answer(time.monotonic_ns() + _OPEN_NS)
     except (TransientError, DeviceFault) as problem:
-        return Answer(name, values, str(problem))
+        return Answer(name, values, str(problem), is_value=False)
     if answer is None:
-        return Answer(name, values, "no answer")
+        return Answer(name, values, "no answer", is_value=False)
     data = answer.pdu[2:]
     values["on the wire"] = data.hex(" ")
     if register.type == "coil":

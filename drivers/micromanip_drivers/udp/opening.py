@@ -75,9 +75,8 @@ class Opening:
                     note = f"status {status}" if status else ""
                     yield Answer(f"{self._name} receive", self._datagrams.values(data), note)
                 else:
-                    yield Answer(
-                        f"{self._name} other", {"bytes": data.hex(" ")}, f"{len(data)} bytes, not as configured"
-                    )
+                    note = f"{len(data)} bytes, not as configured"
+                    yield Answer(f"{self._name} other", {"bytes": data.hex(" ")}, note, is_value=False)
 
     def _ask_who(self, opened: socket) -> None:
         end, other = time.monotonic() + _LONGEST_S, 0

@@ -7,6 +7,7 @@ import pytest
 from micromanip.bus.errors import DeviceFault, IdentityMismatch, LinkError, OutputRefused, TransientError
 from micromanip.bus.inbox import Inbox
 from micromanip.emulation.can.canopen_node import OPERATIONAL, PRE_OPERATIONAL
+from micromanip.emulation.can.canopen_objects import Abort, Objects
 
 from .cell import AMPLIFIER, AXES, EDS, SENSOR, cell, run, wait_for
 
@@ -300,4 +301,16 @@ def test_probe_finds_the_nodes(at):
     assert found["node 6"].values == {"device_type": 0x80191, "vendor_id": 0xFFFF0001, "product_code": 0x401}
     assert found["node 77"].note == "not in the configuration"
     assert found["node 9"].note == "sensor in the configuration, no answer"
+    assert not found["node 9"].is_value
     assert {node.state for node in at.nodes.values()} == {PRE_OPERATIONAL}
+
+
+def test_probe_tells_a_node_that_refuses_from_one_that_is_silent(at, monkeypatch):
+    def refuse(self, index, subindex):
+        raise Abort(0x06020000)
+
+    monkeypatch.setattr(Objects, "upload", refuse)
+    found = {answer.name: answer for answer in at.driver().probe(1.0)}
+    assert not any(answer.is_value for answer in found.values())
+    assert found["node 6"].note.startswith("amplifier in the configuration; refuses to read 1000sub0 (")
+    assert "0x06020000" in found["node 6"].note

@@ -412,3 +412,14 @@ def test_a_probe_says_that_nobody_says_who_it_is(idn):
     first = next(device.probe(0.0))
     assert (first.name, first.values) == ("*IDN?", {})
     assert first.note == "no answer in 50 ms that is a line of text"
+    assert not first.is_value
+
+
+def test_a_probe_goes_on_where_the_controller_refuses_a_question():
+    """It says who it is, and knows no POS?: no value was read, and why is told."""
+    known = gcs_device(error="2")
+    device, _ = framing(lambda data: [] if b"? 1" in data else known(data), identity="Physik")
+    found = {one.name: one for one in device.probe(0.3)}
+    assert found["*IDN?"].note == "as configured"
+    assert not any(one.is_value for one in found.values())
+    assert any("reports error 2" in one.note for one in found.values()), found

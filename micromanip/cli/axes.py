@@ -9,7 +9,11 @@ import click
 
 from micromanip.errors import UsageError
 
-axis_option = click.option("--axis", "only", default="all", show_default=True, help="One axis, or all.")
+from .axis_names import complete_axis_or_all
+
+axis_option = click.option(
+    "--axis", "only", default="all", show_default=True, shell_complete=complete_axis_or_all, help="One axis, or all."
+)
 
 
 def require_axis_of(axes: Collection[str], axis: str, file: Path) -> None:

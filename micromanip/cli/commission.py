@@ -17,6 +17,7 @@ import click
 from micromanip.errors import CheckFailed, UsageError, sentence
 
 from .axes import chosen_axes
+from .axis_names import complete_axis_or_all
 from .commissioned import PREVIOUS, REJECTED, REPORT, TUNED, document, print_found, tuned_text, write_results
 from .options import Quantity, StrictCommand, config_argument, json_option, prepare_and_warn, print_json, socket_option
 from .progress import steps
@@ -41,7 +42,10 @@ _BUDGET_S, _COHERENCE_S = 4.0, 1.0
     epilog="Example: micromanip commission config/factory.yaml --axis all --out out/cell",
 )
 @config_argument
-@click.option("--axis", "only", required=True, help="The axis, or all of them one after the other: all.")
+@click.option(
+    "--axis", "only", required=True, shell_complete=complete_axis_or_all,
+    help="The axis, or all of them one after the other: all.",
+)  # fmt: skip
 @out_option(f"{TUNED}, {REPORT} and {PREVIOUS}", required=True)
 @click.option(
     "--bandwidth", "bandwidth_Hz", type=Quantity("Hertz", least=1.0), metavar="HZ",

@@ -13,6 +13,7 @@ import click
 from micromanip.client import Client
 from micromanip.errors import CheckFailed, UsageError, system_error
 
+from .axis_names import complete_axis_or_all
 from .options import Quantity, StrictCommand, json_option, prepare_and_warn, print_json, socket_option
 from .prose import say
 from .results import out_option, results_folder
@@ -30,7 +31,10 @@ Example: micromanip hold && micromanip drift --axis all --history out/drift.csv
          micromanip drift config/simulated.yaml --axis x --history out/drift.csv --out out/drift""",
 )
 @click.argument("config", type=click.Path(path_type=Path), metavar="[CONFIG]", required=False)
-@click.option("--axis", required=True, help="The axis, or all of them one after the other: all.")
+@click.option(
+    "--axis", required=True, shell_complete=complete_axis_or_all,
+    help="The axis, or all of them one after the other: all.",
+)  # fmt: skip
 @click.option(
     "--history", "history", type=click.Path(path_type=Path, dir_okay=False), metavar="FILE",
     help="CSV file to which the check is added, and beside which it is judged.",

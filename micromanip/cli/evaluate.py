@@ -11,6 +11,7 @@ import click
 from micromanip.errors import UsageError
 
 from .axes import require_axis_of
+from .axis_names import complete_axis
 from .options import Quantity, StrictCommand, config_argument, json_option, prepare_and_warn, print_json
 from .prose import say
 from .results import Pictures, out_option, provenance
@@ -22,7 +23,9 @@ from .results import Pictures, out_option, provenance
     epilog="Example: micromanip evaluate config/simulated.yaml --axis x --out out/evaluate",
 )
 @config_argument
-@click.option("--axis", "only", help="Report and draw this axis only (all are simulated together).")
+@click.option(
+    "--axis", "only", shell_complete=complete_axis, help="Report and draw this axis only (all are simulated together)."
+)
 @click.option("--seed", type=Quantity("Seed"), help="Seed of the simulation's noise, instead of the configuration's.")
 @out_option("the figures", default=Path("out/evaluate"), show_default=True)
 @click.option("--own-pid", is_flag=True, help="Each axis' own PID instead of the one tuning that reproduces the paper.")

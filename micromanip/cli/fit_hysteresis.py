@@ -11,6 +11,7 @@ import click
 from micromanip.errors import CheckFailed, UsageError, system_error
 
 from .axes import require_axis_of
+from .axis_names import complete_axis
 from .options import Quantity, StrictCommand, json_option, print_json
 from .progress import steps
 from .prose import say
@@ -50,7 +51,7 @@ KINDS = ("pi-affine", "pi-tanh", "pi-free", "rate", "network", "best")
 )
 @out_option("the figures")
 @click.option("--into", type=click.Path(path_type=Path), help="Configuration file to put the model into, with --axis.")
-@click.option("--axis", help="The axis that --into means.")
+@click.option("--axis", shell_complete=complete_axis, help="The axis that --into means.")
 @json_option
 def command(
     file: Path, input_name: str, output_name: str, time_name: str | None, cut: tuple[float, float] | None,

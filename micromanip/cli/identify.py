@@ -10,6 +10,7 @@ import click
 from micromanip.errors import CheckFailed, UsageError, sentence
 
 from .axes import require_axis_of
+from .axis_names import complete_axis
 from .options import Quantity, StrictCommand, config_argument, json_option, prepare_and_warn, print_json, socket_option
 from .prose import say
 from .results import keep, out_option, results_folder
@@ -25,7 +26,12 @@ if TYPE_CHECKING:
     "identify", cls=StrictCommand, epilog="Example: micromanip identify config/factory.yaml --axis x --out out/identify"
 )
 @config_argument
-@click.option("--axis", required=True, help="The axis to move; the others rest at their park voltage.")
+@click.option(
+    "--axis",
+    required=True,
+    shell_complete=complete_axis,
+    help="The axis to move; the others rest at their park voltage.",
+)
 @out_option("the CSV", required=True)
 @click.option(
     "--kind",

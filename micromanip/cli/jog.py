@@ -10,6 +10,7 @@ from micromanip.client import Client
 from micromanip.errors import UsageError
 from micromanip.replies import Jogged
 
+from .axis_names import complete_axis
 from .options import Quantity, StrictCommand, asking
 from .prose import say
 
@@ -24,7 +25,7 @@ def _show(jogged: Jogged) -> None:
     context_settings={"ignore_unknown_options": True},
     epilog="Example: micromanip jog x -2.5     or: micromanip jog x --to 60",
 )
-@click.argument("axis")
+@click.argument("axis", shell_complete=complete_axis)
 @click.argument("by_um", type=Quantity("Micrometres"), required=False, metavar="[BY_UM]")
 @click.option(
     "--to",

@@ -13,6 +13,7 @@ from micromanip.client import Client
 from micromanip.errors import CheckFailed, UsageError, system_error
 
 from .axes import axis_option, chosen_axes
+from .axis_names import complete_axis
 from .learned import memory_answer, print_memories, print_running, print_trials, update_answer, update_sentence
 from .options import (
     Quantity,
@@ -159,7 +160,7 @@ def reset(folder: Path | None, only: str, socket_path: Path, as_json: bool) -> N
     "export", cls=StrictCommand, epilog="Example: micromanip learn export --memory out/learned --axis x --to x.csv"
 )
 @memory_option
-@click.option("--axis", required=True, help="The axis.")
+@click.option("--axis", required=True, shell_complete=complete_axis, help="The axis.")
 @click.option("--tool", type=Quantity("Count", most=65535), metavar="N", help="Of this tool.  [default: of none]")
 @click.option("--to", "--out", "file", type=click.Path(path_type=Path), required=True, metavar="FILE", help="CSV file.")
 @json_option

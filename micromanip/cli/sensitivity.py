@@ -10,6 +10,7 @@ import click
 from micromanip.client import Client
 from micromanip.errors import CheckFailed
 
+from .axis_names import complete_axis
 from .options import Quantity, StrictCommand, json_option, prepare_and_warn, print_json, socket_option
 from .prose import say
 from .results import out_option, results_folder
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     "micromanip sensitivity config/simulated.yaml --axis x --loop stage",
 )
 @click.argument("config", type=click.Path(path_type=Path), metavar="[CONFIG]", required=False)
-@click.option("--axis", required=True, help="The axis.")
+@click.option("--axis", required=True, shell_complete=complete_axis, help="The axis.")
 @click.option("--loop", type=click.Choice(["strain", "stage"]), default="strain", show_default=True, help="Its loop.")
 @click.option(
     "--amplitude-um", "amplitude_um", type=Quantity("Distance", least=0.001, most=10.0), default=0.3,

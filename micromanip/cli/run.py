@@ -17,7 +17,13 @@ from .options import Quantity, StrictCommand, config_argument, json_option, prin
 
 @click.command("run", cls=StrictCommand, epilog="Example: micromanip run config/simulated.yaml --duration 10")
 @config_argument
-@click.option("--duration", "duration_s", type=Quantity("Duration"), help="Stop cleanly after so many seconds.")
+@click.option(
+    "--duration",
+    "duration_s",
+    type=Quantity("Duration"),
+    help="Stop cleanly so many seconds after READY; where arm_on_start arms, after that. What comes before does not "
+    "count.",
+)
 @click.option("--record", type=click.Path(path_type=Path), help="Record every cycle to this new file: .mcap, or .h5.")
 @click.option(
     "--recordings",

@@ -65,6 +65,7 @@ class Options:
 
     socket: Path
     duration_s: float | None = None
+    """How long it is at work: from READY, or from being armed by `arm_on_start`; reaching devices does not count."""
     record: Path | None = None
     recordings: Path | None = None
     trips: Path | None = None

@@ -130,6 +130,12 @@ def test_a_near_miss_gets_a_suggestion(typed, meant, capsys):
     assert f"did you mean {meant}?" in said if meant else "--help" in said
 
 
+def test_help_of_run_says_from_when_its_duration_counts(capsys):
+    assert code_of("run", "--help") == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "so many seconds after READY; where arm_on_start arms, after that" in shown
+
+
 def test_help_has_every_command_in_one_group(capsys):
     assert code_of("--help") == 0
     shown = capsys.readouterr().out

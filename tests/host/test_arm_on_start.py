@@ -199,7 +199,8 @@ NEVER = (LATE[0], LATE[1].replace(", for_s: 4", ""))
 
 
 def test_a_controller_waits_for_a_gauge_that_is_late(run):
-    cell = run(simulated(*QUICK, LATE)).reach("READY")
+    """And its duration begins when it has armed: what was waited for does not count."""
+    cell = run(simulated(*QUICK, LATE), "--duration", "1.5").reach("READY")
     with Client(cell.socket) as client:
         until(lambda: client.status()["arming_awaits"], cell.last_words)
         (awaits,) = client.status()["arming_awaits"]
@@ -207,7 +208,9 @@ def test_a_controller_waits_for_a_gauge_that_is_late(run):
         until(lambda: client.status()["state"] == "ARMING", cell.last_words)
         assert client.status()["arming_awaits"] is None
     assert "arms by itself as soon as it can" in cell.said
-    assert cell.end() == 0
+    assert cell.wait() == 0
+    assert cell.report["cycles"] * 1e-4 > 4.0 + 1.5
+    assert cell.report["state"] == "OFF"
 
 
 def test_a_controller_whose_gauge_never_comes_ends(run):

@@ -76,10 +76,11 @@ class SignalFigures(TypedDict):
     Of all that its device took since the first one that the loop saw, `samples` were used, `refused` were bad or not to
     be believed, `superseded` came together with a newer one or while the loop missed cycles, and `lost` never came.
     `late` are the samples that were older than the signal's ``max_age_us`` when they came, `stale_cycles` the cycles
-    in which the newest one was: then it is not used.
+    in which the newest one was: then it is not used. `stated_hz` is the rate that its driver states.
     """
 
     rate_hz: float
+    stated_hz: float
     age_p50_us: int | None
     age_p99_9_us: int | None
     age_max_us: int | None
@@ -214,6 +215,7 @@ class Status(TypedDict):
     path_error_um: dict[str, PathError]
     axes: dict[str, AxisValues]
     signals: dict[str, SignalFigures]
+    slow_signals: list[str]
     faults: list[str]
     fault_reports: list[Fault]
     parameter_version: int

@@ -105,7 +105,7 @@ def summary(report: Status) -> None:
 def status(report: Status) -> None:
     """State, faults, what each axis does, and the figures of the run, on standard output."""
     console = out_console()
-    console.print(state_line(report), *faults(report), *arms_by_itself(report), sep="\n")
+    console.print(state_line(report), *faults(report), *slow_signals(report), *arms_by_itself(report), sep="\n")
     console.print(values(report), *_figures(report))
 
 
@@ -119,6 +119,11 @@ def figures(report: Status) -> Group:
 def faults(report: Status) -> list[Text]:
     """What is latched, and what to do."""
     return [Text(fault, style="bold red") for fault in report["faults"]]
+
+
+def slow_signals(report: Status) -> list[Text]:
+    """Sensors that come less often than their drivers state."""
+    return [Text(told, style="bold yellow") for told in report.get("slow_signals", [])]  # an older version has none
 
 
 def arms_by_itself(report: Status) -> list[Text]:
@@ -201,13 +206,16 @@ def outputs_told(link: Link) -> str:
 
 def watched(report: Status) -> Group:
     """All that `status --watch` shows on a terminal."""
-    signals = Figures("signal", "Hz", "age p50, us", "p99.9", "max", "lost", "superseded", "late", title="Signals")
+    signals = Figures(
+        "signal", "Hz", "stated", "age p50, us", "p99.9", "max", "lost", "superseded", "late", title="Signals"
+    )
     for name, signal in report["signals"].items():
         ages = (str(signal[key]) if signal[key] is not None else "-" for key in _AGES)
-        signals.add_row(name, f"{signal['rate_hz']:.0f}", *ages, *(str(signal[key]) for key in _UNUSED))
+        stated = f"{signal['stated_hz']:.0f}" if "stated_hz" in signal else "-"  # an older version does not say
+        signals.add_row(name, f"{signal['rate_hz']:.0f}", stated, *ages, *(str(signal[key]) for key in _UNUSED))
     running = f"parameter version {report['parameter_version']}, {report['configuration']}"
     shown = (values(report), *_figures(report), signals)
-    above = (state_line(report), *faults(report), *arms_by_itself(report))
+    above = (state_line(report), *faults(report), *slow_signals(report), *arms_by_itself(report))
     return Group(*above, *shown, Text(running, style="dim"))
 
 

@@ -207,10 +207,10 @@ class Top(App[None]):
 
 
 def _fault_lines(report: Status) -> list[str]:
-    """What is latched, and below it the next step."""
+    """What is latched, and below it the next step; and sensors that come too seldom."""
     lines = []
     for fault in report["fault_reports"]:
         lines.append(fault["seen"])
         if fault["next_step"]:
             lines.append(f"  next: {fault['next_step']}")
-    return lines
+    return [*lines, *report.get("slow_signals", [])]

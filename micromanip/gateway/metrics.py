@@ -136,6 +136,8 @@ def _of_signals(status: Status) -> Iterator[Metric]:
     signals = status["signals"]
     rates = {(name,): s["rate_hz"] for name, s in signals.items()}
     yield _labelled("signal_rate_hertz", "Fresh samples of a signal in a second.", ["signal"], rates)
+    stated = {(name,): s["stated_hz"] for name, s in signals.items() if "stated_hz" in s}
+    yield _labelled("signal_stated_rate_hertz", "What the driver of a signal states of that.", ["signal"], stated)
     ages = {
         (name, percentile): age * 1e-6
         for name, s in signals.items()

@@ -14,6 +14,7 @@ from micromanip.rt import mailbox as w
 from micromanip.rt.histogram import percentile
 from micromanip.rt.states import SHADOW_NAMES
 from micromanip.settings.schema.reference import Tracker
+from micromanip.settings.wiring.timing import signal_timing
 from micromanip.status_reply import (
     AxisValues,
     Durations,
@@ -29,6 +30,7 @@ from micromanip.status_reply import (
 from .axis_values import AxesValues
 from .controller import Controller
 from .ring import RingReader
+from .sample_rates import SampleRates
 from .trend.keeper import TrendKeeper
 
 _ROLES = (("strain", 1), ("stage", 2), ("deviation", 4))
@@ -46,6 +48,7 @@ class Gathered:
     def __init__(self, controller: Controller, trend: TrendKeeper | None = None) -> None:
         self._reader = RingReader(controller.ring)
         self.signals = SignalStatistics(controller)
+        self.rates = SampleRates(controller)
         self._axes = AxesValues(controller)
         self._trend = trend
 
@@ -53,6 +56,7 @@ class Gathered:
         """Take in the rows since the last call."""
         rows = self._reader.read(_MOST_ROWS)
         self.signals.add(rows)
+        self.rates.add(rows)
         quantities = self._axes.add(rows)
         if self._trend is not None:
             self._trend.add(rows, quantities)
@@ -110,6 +114,7 @@ class SignalStatistics:
             lost = min(missing.get(wiring.signal(name), unseen), unseen)
             report[name] = {
                 "rate_hz": round(self._fresh[name] / max(1, self._cycles[name]) / period_s, 1),
+                "stated_hz": round(signal_timing(self._controller.prepared.configuration, wiring, name).rate_hz, 3),
                 "age_p50_us": ages.percentile(0.5),
                 "age_p99_9_us": ages.percentile(0.999),
                 "age_max_us": ages.maximum,
@@ -171,6 +176,7 @@ def report(
         "path_error_um": path_errors(controller),
         "axes": gathered.axes(),
         "signals": gathered.signals.report(),
+        "slow_signals": gathered.rates.slow(),
         "faults": [str(fault) for fault in faults],
         "fault_reports": [fault.document() for fault in faults],
         "parameter_version": int(words[w.VERSION_ACTIVE]),

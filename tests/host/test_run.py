@@ -59,7 +59,7 @@ def test_signals_have_their_rates_and_ages(report):
     seen = cycles / (cycles + overruns)  # a missed cycle sees no sample, which is its right
     for name, figures in signals.items():
         assert figures.keys() == {
-            *("rate_hz", "age_p50_us", "age_p99_9_us", "age_max_us"),
+            *("rate_hz", "stated_hz", "age_p50_us", "age_p99_9_us", "age_max_us"),
             *("lost", "superseded", "refused", "samples", "late", "stale_cycles"),
         }
         assert figures["age_p50_us"] <= figures["age_p99_9_us"] <= figures["age_max_us"]

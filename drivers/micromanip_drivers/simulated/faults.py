@@ -12,9 +12,15 @@ from typing import Any
 from .compiled import compiled
 from .records import FAULT_KINDS
 
-_VALUE, _OFFSET, _SCALE, _FREEZE, _NAN, _STATUS, _DROP, _SPIKE, _ERROR = range(len(FAULT_KINDS))
+_VALUE, _OFFSET, _SCALE, _FREEZE, _NAN, _STATUS, _DROP, _THIN, _SPIKE, _ERROR = range(len(FAULT_KINDS))
 FLAGGED = 2
 """Status of a sample that a fault of the kind `status` calls bad."""
+
+
+@compiled
+def _copy(of: Any, to: Any) -> None:
+    to["value"], to["time_ns"] = of["value"], of["time_ns"]
+    to["sequence"], to["status"] = of["sequence"], of["status"]
 
 
 @compiled
@@ -47,9 +53,7 @@ def remember(c: Any, inputs: Any) -> None:
         signal = inputs[fault["input"]]
         fault["sequence"] = signal["sequence"]
         if fault["begun"] == 0 and _active(c, fault):
-            held = fault["held"]
-            held["value"], held["time_ns"] = signal["value"], signal["time_ns"]
-            held["sequence"], held["status"] = signal["sequence"], signal["status"]
+            _copy(signal, fault["held"])
 
 
 @compiled
@@ -81,9 +85,14 @@ def _spoil(fault: Any, signal: Any) -> None:
     elif kind == _STATUS:
         signal["status"] = FLAGGED
     elif kind == _DROP:
-        held = fault["held"]
-        signal["value"], signal["time_ns"] = held["value"], held["time_ns"]
-        signal["sequence"], signal["status"] = held["sequence"], held["status"]
+        _copy(fault["held"], signal)
+    elif kind == _THIN:
+        fault["done"] += 1
+        if fault["done"] < fault["value"]:
+            _copy(fault["held"], signal)
+        else:
+            fault["done"] = 0
+            _copy(signal, fault["held"])
     elif fault["done"] == 0:  # a spike is one sample
         fault["done"] = 1
         signal["value"] += fault["value"]

@@ -190,13 +190,14 @@ class Fault(_Options):
     """A fault that comes at a set time."""
 
     channel: str = Field(description="Input channel that it befalls, e.g. strain_x; exchange for the kind error.")
-    kind: Literal["value", "offset", "scale", "freeze", "nan", "status", "drop", "spike", "error"] = Field(
+    kind: Literal["value", "offset", "scale", "freeze", "nan", "status", "drop", "thin", "spike", "error"] = Field(
         description="value replaces the reading, offset adds to it, scale multiplies it, freeze repeats the last one, "
-        "nan is not a number, status flags it as bad, drop lets no sample come, spike adds to one sample, error fails "
-        "the whole exchange."
+        "nan is not a number, status flags it as bad, drop lets no sample come, thin only each so many-th, spike "
+        "adds to one sample, error fails the whole exchange."
     )
     value: Real = Field(
-        default=0.0, description="What is put in, added or multiplied by; the code with which an exchange fails."
+        default=0.0,
+        description="What is put in, added or multiplied by; thin's number; the code with which an exchange fails.",
     )
     at_s: SecondsOrZero = Field(description="When it begins, after the loop's start.")
     for_s: Seconds | None = Field(default=None, description="How long it lasts; null: for ever.")
@@ -207,6 +208,8 @@ class Fault(_Options):
             raise ValueError(f"kind: error goes with the channel {EXCHANGE}, and every other kind with an input")
         if self.kind == "error" and not (self.value.is_integer() and 1 <= self.value < 2**31):
             raise ValueError(f"value: the code of a failed exchange is a whole number from 1, not {self.value:g}")
+        if self.kind == "thin" and not (self.value.is_integer() and 2 <= self.value < 2**31):
+            raise ValueError(f"value: thin lets each so many-th sample come, a whole number from 2, not {self.value:g}")
         if self.kind == "spike" and self.for_s is not None:
             raise ValueError("for_s: a spike is one sample; leave it out")
         return self

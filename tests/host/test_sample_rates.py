@@ -1,0 +1,112 @@
+"""A sensor that comes less often than its driver states is told for what it is; what is lost now and then is not."""
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from micromanip.client import Client
+from micromanip.host.sample_rates import SampleRates
+from micromanip.host.shared_memory import STATUS
+from micromanip.rt.telemetry import ROW
+from micromanip.settings.check import prepare
+from tools.running_controller import QUICK, simulated, until
+
+SIMULATED = Path(__file__).parents[2] / "config" / "simulated.yaml"
+STRAIN, STAGE, DEVIATION = 1, 2, 4
+RATE_HZ = 10_000
+
+
+@pytest.fixture(scope="module")
+def prepared():
+    return prepare(SIMULATED)
+
+
+class Sensors:
+    """Rows as a loop would write them; `came` says in which of the rows a sensor of axis x had a sample."""
+
+    def __init__(self, prepared):
+        self.status = np.zeros(1, STATUS)[0]
+        self.rates = SampleRates(SimpleNamespace(prepared=prepared, status=self.status))
+
+    def play(self, came, at_a_time=2000, bit=STRAIN):
+        rows = np.zeros(len(came), ROW)
+        tracked = np.arange(len(came)) % 10 == 0
+        rows["axis"]["fresh"] = np.where(tracked, STRAIN | STAGE | DEVIATION, STRAIN | STAGE)[:, None]
+        fresh = rows["axis"]["fresh"][:, 0]
+        rows["axis"]["fresh"][:, 0] = np.where(came, fresh | bit, fresh & ~bit)
+        for at in range(0, len(rows), at_a_time):
+            self.rates.add(rows[at : at + at_a_time])
+        return self.rates.slow()
+
+
+@pytest.fixture
+def sensors(prepared):
+    return Sensors(prepared)
+
+
+def every(n, rows=2 * RATE_HZ):
+    return np.arange(rows) % n == 0
+
+
+def test_a_gauge_at_a_third_of_its_rate_is_told_with_figures_and_the_next_step(sensors):
+    (told,) = sensors.play(every(3), at_a_time=1999)
+    assert told.startswith("strain_x comes 3333 times a second, its driver cell states 10000: ")
+    assert "acts by its calm gains as long as that lasts (W-217)" in told
+    assert told.endswith("or state the rate that comes in drivers.cell and commission again")
+    assert sensors.rates.news() == [told]
+    assert sensors.rates.news() == []
+    assert sensors.play(every(1)) == [], "it is no more"
+
+
+def test_half_of_the_rate_is_told_without_calm_gains(sensors):
+    (told,) = sensors.play(every(2))
+    assert "comes 5000 times" in told
+    assert "W-217" not in told
+
+
+def test_other_sensors_too(sensors):
+    (told,) = sensors.play(every(4), bit=STAGE)
+    assert told.startswith("stage_x comes 2500 times a second, its driver cell states 10000")
+    (told,) = Sensors(sensors.rates._controller.prepared).play(every(25), bit=DEVIATION)
+    assert told.startswith("deviation_x comes 400 times a second, its driver cell states 1000")
+
+
+@pytest.mark.parametrize(
+    "came",
+    [
+        every(1),
+        ~every(4),
+        every(1) & (np.arange(2 * RATE_HZ) % 2000 > 900),  # an interrupted cable, again and again
+        np.random.default_rng(1).random(2 * RATE_HZ) > 0.4,
+        np.zeros(2 * RATE_HZ, bool),  # silent: a fault of its own
+        every(3, RATE_HZ // 2),  # not for long
+    ],
+)
+def test_losses_and_silence_are_not_told_as_a_rate(came, sensors):
+    assert sensors.play(came) == []
+
+
+def test_what_came_and_was_refused_came(sensors):
+    """A stage at the end of its range: noise flags every other sample."""
+    rows = every(2)
+    sensors.play(rows[:1000], bit=STAGE)
+    sensors.status["state"][0]["axis"][0]["stage"]["refused"] += len(rows) // 2
+    assert sensors.play(rows[1000:], bit=STAGE) == []
+
+
+THIN = ("    seed: 1\n", "    seed: 1\n    faults: [{channel: strain_x, kind: thin, value: 3, at_s: 0}]\n")
+
+
+def test_a_controller_tells_of_a_gauge_that_gives_every_third_sample(run):
+    cell = run(simulated(*QUICK, THIN)).reach("TRACKING")
+    with Client(cell.socket) as client:
+        until(lambda: client.status()["slow_signals"], cell.last_words)
+        status = client.status()
+        (told,) = status["slow_signals"]
+        assert told.startswith("strain_x comes 3333 times a second, its driver cell states 10000")
+        assert status["signals"]["strain_x"]["stated_hz"] == RATE_HZ
+        assert status["signals"]["deviation_x"]["stated_hz"] == 1000
+    assert cell.end() == 0
+    assert cell.said.count(f"WARNING: {told}") == 1

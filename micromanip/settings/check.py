@@ -266,8 +266,9 @@ def _stability(configuration: Configuration) -> Iterator[Finding]:
                 )
             radius = joints_radius(tracker.of(name))
             if not radius < 1.0:
+                own = name in tracker.axes and tracker.axes[name].oscillations is not None
                 yield (
-                    ("reference", "axes", name, "oscillations"),
+                    ("reference", "axes", name, "oscillations") if own else ("reference", "oscillation_range_percent"),
                     f"in their ranges the predictor would be unstable: a pole at radius {radius:.6f}; take less",
                 )
     for name, axis in configuration.axes.items():

@@ -21,7 +21,7 @@ from micromanip.rt.laws.reference import (
     signal_sample,
 )
 from micromanip.settings.compile.reference import fill_predictor
-from micromanip.settings.schema.reference import AxisTracker, Oscillation
+from micromanip.settings.schema.reference import AxisDeviation, AxisTracker, Oscillation, Tracker
 
 from .builders import record
 from .kernels import predictor_course
@@ -269,3 +269,15 @@ def test_what_a_range_would_make_unstable_is_seen():
     wide = AxisTracker(200.0, tuple(swinging), 1e5, 0.5)
     assert joints_radius(model(8.0)) < 1.0
     assert joints_radius(wide) > 1.0
+
+
+def test_the_oscillation_of_all_axes_is_followed_as_one_of_an_axis_is():
+    common = Tracker(source="signal", noise_um=NOISE_UM, oscillation_Hz=8.0, oscillation_range_percent=RANGE_PERCENT)
+    own = AxisDeviation(oscillations=(Oscillation(frequency_Hz=8.0, um_per_s=60.0, range_percent=RANGE_PERCENT),))
+    single = Tracker(source="signal", noise_um=NOISE_UM, axes={"x": own})
+    filled = [record(REFERENCE_PARAMETERS) for _ in range(2)]
+    for p, reference in zip(filled, (common, single), strict=True):
+        fill_predictor(p, reference.of("x"))
+    assert filled[0] == filled[1]
+    assert (filled[0]["detuning_low"][0], filled[0]["detuning_high"][0]) == pytest.approx(REACH)
+    assert not Tracker(source="signal").of("x").oscillations[0].range_percent

@@ -77,7 +77,7 @@ _FRAME = {"signals": ["tracker_a"], "matrix": [[1.0]], "offset_um": [0.5]}
 def _framed():
     document = _simulated()
     document["signals"]["tracker_a"] = document["signals"].pop("deviation_x") | {"channel": "deviation_x"}
-    document["reference"]["frame"] = _FRAME
+    document["reference"] |= {"frame": _FRAME, "oscillation_range_percent": 50.0}
     document["axes"]["x"]["coupling"] = {"decouple": True}
     swinging = [{"frequency_Hz": 7.8, "um_per_s": 2.0, "decay_per_s": 0.1, "range_percent": 9.0}]
     document["reference"]["axes"] = {"x": {"oscillations": swinging, "jerk_um_per_s3": 300.0, "noise_um": 0.4}}

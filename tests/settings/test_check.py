@@ -111,6 +111,14 @@ BROKEN = {
         "      steady:",
         "reference.axes.x.steady.returns_Hz: steady.returns_Hz 6.5 must be less than the lowest frequency of an ",
     ),
+    "joints of all axes that a slow tracker can't follow so far": (
+        (
+            "  sample_rate_Hz: 1000\n  oscillation_Hz: 8       # the robot's joints\n  noise_um: 0.5\n",
+            "  sample_rate_Hz: 200\n  oscillation_Hz: 65\n  oscillation_range_percent: 60\n  noise_um: 0.5\n",
+        ),
+        "  oscillation_range_percent:",
+        "reference.oscillation_range_percent: in their ranges the predictor would be unstable: a pole at radius ",
+    ),
     "learning of what follows no tracker": (
         (
             TEXT[TEXT.index("  source: signal") : TEXT.index("\naxes:")],

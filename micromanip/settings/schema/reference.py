@@ -196,6 +196,11 @@ class Tracker(Settings):
     sample_rate_Hz: Hertz = Field(default=1000.0, description="Rate of the signal.")
     oscillation_Hz: Hertz = Field(default=8.0, description="Frequency at which the robot's joints oscillate.")
     oscillation_um_per_s: Speed = Field(default=60.0, description="How fast that oscillation changes.")
+    oscillation_range_percent: JointRange = Field(
+        default=0.0,
+        description="How far from oscillation_Hz its own frequency is found and followed, as a factor, either way (50: "
+        "from two thirds to one and a half times it); 0: it is taken for what was said.",
+    )
     jerk_um_per_s3: Positive = Field(
         default=20000.0, description="How rough the rest of the path is (rms jerk, 1/sqrt(Hz))."
     )
@@ -223,7 +228,11 @@ class Tracker(Settings):
     def of(self, axis: str) -> AxisTracker:
         """What is known of `axis`: its own where it has some, else what is said of all."""
         own = self.axes.get(axis, AxisDeviation())
-        common = Oscillation(frequency_Hz=self.oscillation_Hz, um_per_s=self.oscillation_um_per_s)
+        common = Oscillation(
+            frequency_Hz=self.oscillation_Hz,
+            um_per_s=self.oscillation_um_per_s,
+            range_percent=self.oscillation_range_percent,
+        )
         return AxisTracker(
             sample_rate_Hz=self.sample_rate_Hz,
             oscillations=(common,) if own.oscillations is None else own.oscillations,

@@ -9,6 +9,7 @@
 
 #include "records.h"
 #define HISTORY_MASK (INPUT_HISTORY - 1)
+#define TURN 6.283185307179586
 
 /* Python's min and max: the first of two that do not compare. */
 static inline double least(double a, double b) { return b < a ? b : a; }
@@ -629,6 +630,12 @@ static int came(const struct sensor_state *s, const double *range_um, int64_t no
     return came | (s->identical > 0 ? repeated : 0) | (s->fresh ? 0 : reading(s, range_um) << place);
 }
 
+static double joint_Hz(const struct reference_parameters *p, const struct reference_state *s, int k)
+{
+    int follows = p->predict && k < p->modes && p->detuning_high[k] > 0.0;
+    return follows ? (p->oscillator[k] + s->detuning[k]) / TURN : NAN;
+}
+
 static void write_axis(const struct axis_parameters *p, const struct axis_state *a, const struct signal *signals,
                        struct axis_row *row, int64_t now_ns)
 {
@@ -647,6 +654,9 @@ static void write_axis(const struct axis_parameters *p, const struct axis_state 
     row->path_error_um = signals[p->path_error].value;
     row->uncompensated_um = signals[p->uncompensated].value;
     row->tooth_Hz = NAN;    /* what `require_covered` has let in follows no tooth */
+    row->joint_1_Hz = joint_Hz(&p->reference, &a->reference, 0);
+    row->joint_2_Hz = joint_Hz(&p->reference, &a->reference, 1);
+    row->joint_3_Hz = joint_Hz(&p->reference, &a->reference, 2);
     row->conditions = a->watch.raised;
     row->strain_age_ns = (int32_t)earlier(a->strain.age_ns, OLDEST_NS);
     row->stage_age_ns = (int32_t)earlier(a->stage.age_ns, OLDEST_NS);

@@ -130,6 +130,16 @@ def _of_axes(status: Status) -> Iterator[Metric]:
             yield _labelled("axis_headroom_min_volts", "Least headroom of this window.", ["axis", "window"], {
                 (axis, window): figures["min"] for axis, window, figures in over
             })  # fmt: skip
+    tooth = {(axis,): hertz for axis, v in axes.items() if (hertz := v.get("tooth_Hz")) is not None}
+    yield _labelled("axis_tooth_hertz", "Frequency of the tooth, where it is followed.", ["axis"], tooth)
+    joints = {
+        (axis, str(k)): hertz
+        for axis, v in axes.items()
+        for k, hertz in enumerate(v.get("joints_Hz", []), 1)  # a controller of an older version tells none
+        if hertz is not None
+    }
+    told = "Frequency of an oscillation of the joints, where it is followed."
+    yield _labelled("axis_joint_hertz", told, ["axis", "oscillation"], joints)
 
 
 def _of_signals(status: Status) -> Iterator[Metric]:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from micromanip.rt.laws.reference import SIGNAL
 from micromanip.rt.phases import CHECKING_STAGE, CLOSED, LIFTING, PHASE_NAMES, SWEEPING
 from micromanip.rt.states import STAGE, VOLTAGE
 from micromanip.status_reply import AxisValues, Value
@@ -19,6 +20,7 @@ from .windows import DIGITS, Array, Windows
 
 QUANTITIES = ("position_um", "setpoint_um", "strain_um", "voltage_V", "headroom_V", "error_um")
 """In the order of the columns here."""
+_JOINTS = ("joint_1_Hz", "joint_2_Hz", "joint_3_Hz")
 _SECOND_S, _MINUTE_S = 1.0, 60.0
 _SILENT_S = 0.5
 """A loop that has written no row for so long stands still: what it wrote last is no value of now."""
@@ -62,7 +64,8 @@ class AxesValues:
                 headroom_V=headroom,
                 error_um=error,
                 error_of=_error_of(self._parameters[i]),
-                tooth_Hz=_found_Hz(i, latest),
+                tooth_Hz=_found_Hz(i, latest, "tooth_Hz"),
+                joints_Hz=[_found_Hz(i, latest, name) for name in _JOINTS[: self._oscillations(i)]],
             )
         return report
 
@@ -70,6 +73,11 @@ class AxesValues:
     def _parameters(self) -> Any:
         """Parameters of the axes (n) that are in force."""
         return self._controller.prepared.parameters[0]["axis"][: len(self._names)]
+
+    def _oscillations(self, i: int) -> int:
+        """How many of the joints' oscillations the predictor of axis `i` knows."""
+        reference = self._parameters[i]["reference"]
+        return int(reference["modes"]) if reference["kind"] == SIGNAL and reference["predict"] else 0
 
     def _now(self, i: int, latest: Any | None, now_ns: int) -> list[tuple[float | None, str | None]]:
         """Each quantity of axis `i`, or None and why it is not known."""
@@ -110,9 +118,9 @@ class AxesValues:
         return f"stale: no usable sample of {signal} {why}"
 
 
-def _found_Hz(i: int, latest: Any | None) -> float | None:
-    """Frequency at which axis `i` has found the tooth; None where it does not look for it."""
-    hertz = np.nan if latest is None else float(latest["axis"]["tooth_Hz"][i])
+def _found_Hz(i: int, latest: Any | None, name: str) -> float | None:
+    """Frequency at which axis `i` has found the tooth, or a joint; None where it does not look for it."""
+    hertz = np.nan if latest is None else float(latest["axis"][name][i])
     return round(hertz, DIGITS) if np.isfinite(hertz) else None
 
 

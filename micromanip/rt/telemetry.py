@@ -6,7 +6,9 @@ import math
 from typing import Any
 
 from micromanip.rt.laws.estimator import output
+from micromanip.rt.laws.joints import joint_Hz
 from micromanip.rt.laws.motion import position
+from micromanip.rt.laws.reference import SIGNAL
 from micromanip.rt.laws.sensor import is_on
 from micromanip.rt.laws.tooth import FOLLOWS, tooth_Hz
 
@@ -49,6 +51,9 @@ AXIS_ROW = record(
     ("uncompensated_um", "f8"),
     ("notch_um", "f8"),
     ("tooth_Hz", "f8"),
+    ("joint_1_Hz", "f8"),
+    ("joint_2_Hz", "f8"),
+    ("joint_3_Hz", "f8"),
     ("conditions", "i8"),
     ("strain_age_ns", "i4"),
     ("stage_age_ns", "i4"),
@@ -70,9 +75,10 @@ ROW = record(
 )
 """One cycle of telemetry; ``compute_ns`` is the time of the cycle before, what an axis does not have is NaN.
 ``notch_um`` is what the notch took from the PID's error, ``tooth_Hz`` the frequency that the outer loop has found
-where it follows the tooth's, NaN where it does not, or has given it up. ``conditions`` has one bit per code of
-``states`` that is raised, ``fresh`` and ``lines`` have the bits above. With the loop's state before it a row says all
-that came in: ``micromanip.replay`` runs the cycle again on that."""
+where it follows the tooth's, NaN where it does not, or has given it up; ``joint_1_Hz`` and so on are those that the
+predictor's oscillations have found, in the order of the configuration, NaN where none is followed. ``conditions`` has
+one bit per code of ``states`` that is raised, ``fresh`` and ``lines`` have the bits above. With the loop's state before
+it a row says all that came in: ``micromanip.replay`` runs the cycle again on that."""
 
 
 @compiled
@@ -142,6 +148,10 @@ def _axis_row(p: Record, a: Record, signals: Any, row: Record, now_ns: int) -> N
     row["notch_um"] = a["pid"]["notch_um"]
     follows = stage and a["estimator"]["given_up"] == FOLLOWS
     row["tooth_Hz"] = tooth_Hz(p["outer"], a["estimator"], p["cycles_per_ns"]) if follows else math.nan
+    predicts = p["reference"]["kind"] == SIGNAL and p["reference"]["predict"] != 0
+    row["joint_1_Hz"] = joint_Hz(p["reference"], a["reference"], 0) if predicts else math.nan
+    row["joint_2_Hz"] = joint_Hz(p["reference"], a["reference"], 1) if predicts else math.nan
+    row["joint_3_Hz"] = joint_Hz(p["reference"], a["reference"], 2) if predicts else math.nan
     row["strain_age_ns"] = _age(a["strain"], p["strain"])
     row["stage_age_ns"] = _age(a["stage"], p["stage"])
     row["deviation_age_ns"] = _age(a["deviation"], p["deviation"])

@@ -37,7 +37,8 @@ def status(state="TRACKING", faults=(), position=(51.25, None)):
         "headroom_V": value(50.0),
         "error_um": value(-0.25),
         "error_of": "path",
-        "tooth_Hz": None,
+        "tooth_Hz": 199.5,
+        "joints_Hz": [8.25, None],
     }
     return {
         "state": state,

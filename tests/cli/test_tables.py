@@ -74,6 +74,7 @@ def report():
         "error_um": known(0.5, 9.0, 0.75),
         "error_of": "path",
         "tooth_Hz": None,
+        "joints_Hz": [],
     }
     return {"axes": {"x": axis}}
 

@@ -51,6 +51,9 @@ def test_figures_are_in_base_units(text):
     assert found["micromanip_axis_position_meters", "x"] == pytest.approx(51.25e-6)
     assert found["micromanip_axis_error_rms_meters", "minute", "y"] == pytest.approx(0.5e-6)
     assert found["micromanip_axis_headroom_volts", "x"] == 50.0
+    assert found["micromanip_axis_tooth_hertz", "x"] == 199.5
+    assert found["micromanip_axis_joint_hertz", "1", "x"] == 8.25
+    assert ("micromanip_axis_joint_hertz", "2", "x") not in found, "it is not followed"
     assert found["micromanip_signal_age_seconds", "99.9", "strain_x"] == pytest.approx(1.9e-3)
     assert found["micromanip_link_up", "can"] == 1
     assert found["micromanip_gateway_rows_seen_total",] == 1000

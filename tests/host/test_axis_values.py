@@ -57,7 +57,7 @@ def report(controller, made, now_ns=None):
 
 
 def latest(axis):
-    return {name: value["latest"] for name, value in axis.items() if name not in ("error_of", "tooth_Hz")}
+    return {name: value["latest"] for name, value in axis.items() if name.endswith(("_um", "_V"))}
 
 
 def test_values_of_an_axis_that_tracks(controller):
@@ -78,6 +78,16 @@ def test_the_frequency_of_the_tooth_is_told_where_it_is_followed(controller, fou
     made = rows()
     made["axis"]["tooth_Hz"] = found
     assert report(controller, made)["tooth_Hz"] == told
+
+
+def test_the_frequencies_of_the_joints_are_told_in_their_order(controller):
+    made = rows()
+    made["axis"]["joint_1_Hz"], made["axis"]["joint_2_Hz"], made["axis"]["joint_3_Hz"] = 7.1234567, np.nan, 9.0
+    reference = controller.prepared.parameters["axis"]["reference"]
+    reference["modes"] = 2
+    assert report(controller, made)["joints_Hz"] == [7.12346, None]
+    reference["predict"] = 0
+    assert report(controller, made)["joints_Hz"] == []
 
 
 @pytest.mark.parametrize(("voltage_V", "headroom_V"), [(-19.0, 1.0), (149.5, 0.5), (65.0, 85.0), (-20.0, 0.0)])

@@ -15,12 +15,14 @@ Below `swing_floor_um2`, the square of an amplitude, nothing swings that could b
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from micromanip.rt.jit import compiled
 from micromanip.rt.record import Field, Record
 
 MAX_MODES = 3
+_TURN = 2.0 * math.pi
 JOINTS: tuple[Field, ...] = (
     ("detuning_low", "f8", (MAX_MODES,)),
     ("detuning_high", "f8", (MAX_MODES,)),
@@ -63,6 +65,14 @@ def as_rates(p: Record, s: Record, w: Any) -> None:
             found = omega + s["detuning"][k]
             w[2] -= (found * found - omega * omega) * w[i]
             w[i + 1] *= found / omega
+
+
+@compiled
+def joint_Hz(p: Record, s: Record, k: int) -> float:
+    """The frequency that oscillation `k` has found, or found last; NaN where none is looked for."""
+    if k >= p["modes"] or not p["detuning_high"][k] > 0.0:
+        return math.nan
+    return (p["oscillator"][k] + s["detuning"][k]) / _TURN
 
 
 @compiled.rare

@@ -199,7 +199,8 @@ class Tracker(Settings):
     oscillation_range_percent: JointRange = Field(
         default=0.0,
         description="How far from oscillation_Hz its own frequency is found and followed, as a factor, either way (50: "
-        "from two thirds to one and a half times it); 0: it is taken for what was said.",
+        "from two thirds to one and a half times it); 0: it is taken for what was said. It takes an amplitude that "
+        "stands out from what oscillation_um_per_s lets change: some 50 um at 60, 4 um at 2.",
     )
     jerk_um_per_s3: Positive = Field(
         default=20000.0, description="How rough the rest of the path is (rms jerk, 1/sqrt(Hz))."

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from micromanip.design.deviation.moves import MOVES_PERCENT
 from micromanip.errors import CheckFailed, ConfigError
 
 from .axes import axis_option, chosen_axes
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 @click.argument("file", type=click.Path(path_type=Path), metavar="RECORDING")
 @axis_option
 @click.option(
-    "--moves", "moves_percent", type=Quantity("NotNegative", most=50.0), default=2.0, show_default=True,
+    "--moves", "moves_percent", type=Quantity("NotNegative", most=50.0), default=MOVES_PERCENT, show_default=True,
     metavar="PERCENT", help="By how much an oscillation's frequency may be another than in the recording until it is "
     "found; 0: it is not looked for.",
 )  # fmt: skip

@@ -2,6 +2,7 @@
 
 import json
 import re
+from inspect import signature
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,8 @@ from replay.recorded import recording
 from micromanip.cli.budget import command as budget
 from micromanip.cli.fit_tracker import command
 from micromanip.design.budget.configured import cell_of
+from micromanip.design.deviation.fit import fit_deviation
+from micromanip.design.deviation.moves import MOVES_PERCENT
 from micromanip.errors import CheckFailed, ConfigError, UsageError
 from micromanip.settings.check import prepare
 from micromanip.virtual.experiment import VirtualExperiment
@@ -87,3 +90,14 @@ def test_what_can_not_be_done_is_told_and_nothing_written(recorded, tmp_path):
         asked(recorded, "--axis", "q")
     with pytest.raises(CheckFailed, match="no recording of ours"):
         asked(Path(__file__))
+
+
+def test_what_moves_by_default_is_said_in_one_place():
+    """A file of its own, which help can tell without what fits; the number stands nowhere else."""
+    folder = Path(__file__).parents[2] / "micromanip"
+    (option,) = [each for each in command.params if each.name == "moves_percent"]
+    assert option.default is MOVES_PERCENT
+    assert signature(fit_deviation).parameters["moves_percent"].default is MOVES_PERCENT
+    for file in ("cli/fit_tracker.py", "design/deviation/fit.py"):
+        assert f"= {MOVES_PERCENT}" not in (folder / file).read_text(encoding="utf-8")
+        assert f"default={MOVES_PERCENT}" not in (folder / file).read_text(encoding="utf-8")

@@ -35,6 +35,7 @@ from micromanip.rt.laws.reference import MAX_MODES
 from micromanip.settings.schema.reference import AxisTracker, Oscillation, Steady
 
 from .innovations import Whitening, noise_of, with_noise
+from .moves import MOVES_PERCENT
 from .steady import steady_of
 from .whiteness import Whiteness, judge_innovations
 
@@ -60,8 +61,6 @@ _LOG_JERK, _LOG_WALK = (np.log(1e-3), np.log(1e7)), np.log(1e5)
 _SLOWEST_PER_S, _FASTEST_PER_S = 1e-3, 30.0
 _SETTLING = 0.1
 """Bandwidth of a filter that is to see an amplitude, in terms of its frequency."""
-MOVES_PERCENT = 2.0
-"""Narrower filters leave less of a frequency that stays, wider ones of one that jumps or sweeps."""
 _RANGES_PERCENT, _HALF_WAY_PERCENT = (50.0, 25.0, 12.0, 6.0, 3.0), 98.0
 """How far frequencies are followed, if the filter bears it; beside another one, so much of half the way to it."""
 

@@ -180,10 +180,10 @@ def connect_fields(body):
 class Mosquitto:
     """Debian's broker, in the foreground."""
 
-    def __init__(self, folder, port=0):
+    def __init__(self, folder, port=0, more=""):
         self.port = port or free_port()
         config = folder / "mosquitto.conf"
-        config.write_text(f"listener {self.port} 127.0.0.1\nallow_anonymous true\n")
+        config.write_text(f"listener {self.port} 127.0.0.1\nallow_anonymous true\n{more}")
         self._process = subprocess.Popen([MOSQUITTO, "-c", str(config)], stderr=subprocess.DEVNULL)
         until(self._listens, "mosquitto listens")
 

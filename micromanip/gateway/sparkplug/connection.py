@@ -13,6 +13,7 @@ from paho.mqtt.client import Client
 from paho.mqtt.enums import CallbackAPIVersion
 
 from .node import Message
+from .tls_refusals import keeping, told
 
 _KEEP_ALIVE_S = 30
 _OPEN_S, _LEAVE_S = 15.0, 2.0
@@ -36,17 +37,6 @@ class Login:
     context: ssl.SSLContext | None = None
 
 
-class _ClosedWhereRefused(ssl.SSLSocket):
-    """Paho leaves a socket whose handshake fails to the garbage collector."""
-
-    def do_handshake(self, block: bool = False) -> None:
-        try:
-            super().do_handshake(block)
-        except BaseException:
-            self.close()
-            raise
-
-
 class Connection:
     """`open` it once; then `publish`, `heard`, `close`."""
 
@@ -57,6 +47,7 @@ class Connection:
         self._events: asyncio.Queue[Lost | Message] = asyncio.Queue(_MOST_EVENTS)
         self._opened: asyncio.Future[None] = self._loop.create_future()
         self._subscribed = asyncio.Event()
+        self._refusals: list[str] = []
         self._client = client = Client(
             CallbackAPIVersion.VERSION2, name, clean_session=True, reconnect_on_failure=False
         )
@@ -64,7 +55,7 @@ class Connection:
         if login.user is not None:
             client.username_pw_set(login.user, login.password)
         if login.context is not None:
-            login.context.sslsocket_class = _ClosedWhereRefused
+            login.context.sslsocket_class = keeping(self._refusals)
             client.tls_set_context(login.context)
         client.will_set(will.topic, will.payload, qos=1)
         client.on_connect = self._on_connect
@@ -114,11 +105,10 @@ class Connection:
         try:
             self._client.connect(self._login.host, self._login.port, _KEEP_ALIVE_S)
             self._client.loop_start()
-        except ssl.SSLCertVerificationError as problem:
-            self._from_thread(self._over, f"its certificate: {problem.verify_message}")
+        except ssl.SSLError as problem:
+            self._from_thread(self._over, told(problem))
         except (OSError, ValueError) as problem:
-            reason = getattr(problem, "reason", None) or getattr(problem, "strerror", None)
-            self._from_thread(self._over, str(reason or problem))
+            self._from_thread(self._over, str(getattr(problem, "strerror", None) or problem))
 
     def _on_connect(self, _client: Any, _data: Any, _flags: Any, reason: Any, _properties: Any) -> None:
         self._from_thread(self._answered, str(reason) if reason.is_failure else None)
@@ -135,13 +125,16 @@ class Connection:
 
     def _ended(self, reason: str) -> None:
         """By the broker or the network; `reason` is what paho calls it."""
-        if reason != _UNKNOWN:
+        if self._refusals:
+            self._over(self._refusals[0])
+        elif reason != _UNKNOWN:
             self._over(reason)
         elif self._opened.done():
             self._over("the connection was lost")
         else:
-            hint = "" if self._login.context is not None else ": is it a port for TLS?"
-            self._over(f"it ended the connection without an answer{hint}")
+            asks = "does it ask for a certificate, tls.certificate, or not take ours?"
+            hint = "is it a port for TLS?" if self._login.context is None else asks
+            self._over(f"it ended the connection without an answer: {hint}")
 
     def _over(self, why: str) -> None:
         if not self._opened.done():

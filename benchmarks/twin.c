@@ -6,6 +6,7 @@
  */
 #include <math.h>
 #include <stdbool.h>
+#include <stdlib.h>
 
 #include "records.h"
 #define HISTORY_MASK (INPUT_HISTORY - 1)
@@ -408,12 +409,21 @@ static double demand(const struct axis_parameters *p, struct axis_state *s)
     return far_um;
 }
 
+/* Where the device had less (positive) or more than was asked for: no further than `before` in that direction. */
+static double no_further(const struct axis_state *s, double before, double value)
+{
+    if (s->waits == 0)
+        return value;
+    return s->waits > 0 ? least(before, value) : most(before, value);
+}
+
 static bool move_setpoint(const struct axis_parameters *p, struct axis_state *s, double demand_um)
 {
     double step = p->setpoint_slew_um;
     if (!isfinite(demand_um))
         return false;
-    s->setpoint_um = most(s->setpoint_um - step, least(s->setpoint_um + step, attainable(p, s, demand_um)));
+    double inside = most(s->setpoint_um - step, least(s->setpoint_um + step, attainable(p, s, demand_um)));
+    s->setpoint_um = no_further(s, s->setpoint_um, inside);
     return true;
 }
 
@@ -436,14 +446,16 @@ static const struct pid_parameters *pid_gains(const struct axis_parameters *p, s
 static double request_voltage(const struct axis_parameters *p, struct axis_state *s)
 {
     double feedforward = feedforward_voltage(&p->hysteresis, &s->hysteresis, s->setpoint_um);
-    if (s->strain.fresh && s->watch.coast == 0) {
+    if (s->waits != 0 && llabs(s->waits) <= AT_ONCE)
+        s->unseen += 1.0;
+    if (s->strain.fresh && s->waits == 0 && s->watch.coast == 0) {
         int64_t late = s->strain_cycles - p->pid.most_periods;
         s->unseen += (double)later(0, earlier(late, AT_ONCE));
         pid_step(pid_gains(p, s), &s->pid, s->strain_error_um, s->strain_cycles);
     }
-    if (s->strain.fresh || s->watch.coast > 0)
+    if (s->strain.fresh || s->waits != 0 || s->watch.coast > 0)
         s->strain_cycles = 0;
-    return feedforward + s->pid.output_V;
+    return no_further(s, s->voltage_V, feedforward + s->pid.output_V);
 }
 
 /* Whether every stage of the law is finite: estimate, feedforward, feedback and its memory, requested voltage. */

@@ -1,7 +1,7 @@
 """The contract of a cyclic driver: four C functions that the loop calls, and what they must keep.
 
     int32_t open(void *context)
-    int32_t exchange(void *context, const double *outputs, struct signal *inputs,
+    int32_t exchange(void *context, double *outputs, struct signal *inputs,
                      int64_t now_ns, int64_t periods)
     int32_t safe(void *context)
     int32_t close(void *context)
@@ -16,7 +16,8 @@ not allocate, block, or call Python. ``safe`` brings every output to its safe va
 process when the loop is dead, so all that it needs lives in the context.
 
 A device that may be out of reach says so by what ``exchange`` returns: -1 (DOWN) while its link can't be used, -2
-(TAKEN) while its outputs do not follow the loop. These are faults in use only, and end by themselves.
+(TAKEN) while its outputs do not follow the loop. These are faults in use only, and end by themselves. What can't be
+given yet, it may replace in ``outputs`` by what is given: then the axis goes no further in that direction.
 
 ``docs/drivers.md`` has a complete example.
 """

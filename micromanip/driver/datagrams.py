@@ -19,7 +19,7 @@ from micromanip.rt.wire.codec import (
 from micromanip.rt.wire.counting import OLD, RESTARTED, missing_before
 from micromanip.rt.wire.datagrams import close, is_from_peer, length_of, receive, received_ns, send
 from micromanip.rt.wire.device_clock import forget_clock, taken_ns
-from micromanip.rt.wire.gate import acknowledge, has_rest, has_sent, lose, turn
+from micromanip.rt.wire.gate import acknowledge, has_rest, has_sent, lose, put_back, turn
 from micromanip.rt.wire.giving import give
 from micromanip.rt.wire.numbers import find_code, value_of_code
 from micromanip.rt.wire.records import BATCH
@@ -55,6 +55,7 @@ __all__ = [
     "length_of",
     "lose",
     "missing_before",
+    "put_back",
     "put_value",
     "receive",
     "received_ns",

@@ -28,6 +28,8 @@ from micromanip.rt.telemetry import (
     BELOW,
     DEVIATION_CAME,
     DEVIATION_FRESH,
+    DEVICE_ABOVE,
+    DEVICE_BELOW,
     DRIVER_FAILED,
     ENABLED,
     HIGH_END,
@@ -55,6 +57,7 @@ from micromanip.rt.telemetry import (
     TOOL,
     write_row,
 )
+from micromanip.rt.waiting import wait
 
 from .difference import DIFFERENCE_MODEL, DIFFERENCE_STATE, advance_difference, at_age, cycles_ago, give_voltage
 
@@ -177,6 +180,7 @@ def _leave_axis(p: Record, a: Record, row: Record, signals: Any, now_ns: int) ->
     _leave_sample(
         p["deviation"], a["deviation"], signals, _ANY, deviation, row["deviation_um"], row["deviation_age_ns"], now_ns
     )
+    wait(a, _bit(word, DEVICE_BELOW) - _bit(word, DEVICE_ABOVE))
     _leave_line(p["amplifier_ok"], a["amplifier_ok"], signals, word & AMPLIFIER_OK != 0, now_ns)
     _leave_line(p["temperature_ok"], a["temperature_ok"], signals, word & TEMPERATURE_OK != 0, now_ns)
     _leave_value(p["true_strain"], signals, row["true_strain_um"])

@@ -39,6 +39,7 @@ from .phases import CHECKING_GAUGE, CHECKING_STAGE, CLOSED, FROZEN, LIFTING, PAR
 from .record import Record
 from .setpoint_history import ease_times, measure_errors, remember_setpoint, start_history, start_times
 from .states import STAGE, VOLTAGE
+from .waiting import no_further, waits
 
 _ANY_UM = (-math.inf, math.inf)
 
@@ -199,13 +200,14 @@ def authority(p: Record, s: Record) -> float:
 def move_setpoint(p: Record, s: Record, demand_um: float) -> bool:
     """Set-point inside the attainable range and the slew limit; False, and unmoved, if not finite.
 
+    Where its voltage has to wait it goes no further (``waiting.py``).
     Where it starts outside the range (an actuator at rest) it stays until the demand leads it in: no jump.
     """
     if not math.isfinite(demand_um):
         return False
-    step = p["setpoint_slew_um"]
+    step, before_um = p["setpoint_slew_um"], s["setpoint_um"]
     inside = attainable(p, s, demand_um)
-    s["setpoint_um"] = max(s["setpoint_um"] - step, min(s["setpoint_um"] + step, inside))
+    s["setpoint_um"] = no_further(s, before_um, max(before_um - step, min(before_um + step, inside)))
     return True
 
 
@@ -222,7 +224,7 @@ def pid_gains(p: Record, s: Record) -> Record:
 
 @compiled
 def request_voltage(p: Record, s: Record, phase: int, fraction: float) -> float:
-    """Feedforward plus feedback (V), before the limiter."""
+    """Feedforward plus feedback (V), before the limiter; no further where the device has yet to follow."""
     if p["mode"] == VOLTAGE:
         return s["setpoint_um"]
     feedforward = feedforward_voltage(p["hysteresis"], s["hysteresis"], s["setpoint_um"])
@@ -232,13 +234,13 @@ def request_voltage(p: Record, s: Record, phase: int, fraction: float) -> float:
         else:  # what a feedback that was switched off leaves behind
             s["pid"]["output_V"] *= p["blend_decay"]
         s["strain_cycles"] = 0
-    elif s["watch"]["coast"] > 0:
+    elif waits(s) or s["watch"]["coast"] > 0:
         s["strain_cycles"] = 0
     elif s["strain"]["fresh"]:
         saw_late(s, s["strain_cycles"] - p["pid"]["most_periods"])
         pid_output(pid_gains(p, s), s["pid"], s["strain_error_um"], s["strain_cycles"])
         s["strain_cycles"] = 0
-    return feedforward + s["pid"]["output_V"]
+    return no_further(s, s["voltage_V"], feedforward + s["pid"]["output_V"])
 
 
 @compiled

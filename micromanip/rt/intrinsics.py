@@ -17,7 +17,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 EXCHANGE_SIGNATURE = types.int32(types.intp, types.intp, types.intp, types.int64, types.int64)
-"""int32_t exchange(void *context, const double *outputs, struct mm_signal *inputs, int64_t now_ns, int64_t periods)"""
+"""int32_t exchange(void *context, double *outputs, struct mm_signal *inputs, int64_t now_ns, int64_t periods)"""
 CONTEXT_SIGNATURE = types.int32(types.intp)
 """int32_t open(void *context), likewise safe and close"""
 

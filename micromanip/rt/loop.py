@@ -51,6 +51,7 @@ from .states import HOST_DEAD, NO_COMMAND, OFF, OVERRUNS, PROMOTE
 from .swap import swap_cell
 from .telemetry import write_row
 from .transitions import begin_cycle
+from .waiting import see_waiting
 
 STEERED_SHARE = 100
 """The next deadline is moved by this part of a period at most."""
@@ -152,6 +153,7 @@ def run_loop(
             command = load_acquire(control, COMMAND)
         supervise(p, s, load_acquire(control, HEARTBEAT_NS), now, missed)
         watch_drivers(p, s, code)
+        see_waiting(p, s, outputs)
         derive_signals(p, s, signals)
         accepted = cell_cycle(p, s, signals, outputs, samples, command, deadline)
         if command == PROMOTE and accepted:

@@ -116,6 +116,7 @@ AXIS_STATE = record(
     ("hold_scale", "f8"),
     ("authority", "f8"),
     ("blend_um", "f8"),
+    ("waits", "i8"),
     ("unseen", "f8"),
     ("calm", "i8"),
     ("far", "i8"),

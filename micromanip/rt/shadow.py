@@ -138,6 +138,7 @@ def shadow_cycle(p: Record, candidate: Record, s: Record, shadow: Record, sample
             continue
         b["strain"], b["stage"], b["reference"] = a["strain"], a["stage"], a["reference"]
         b["decoupling"] = a["decoupling"]
+        b["waits"] = a["waits"]
         b["strain_cycles"] += 1
         forget_unseen(b, s["missed"])
         b["voltage_V"] = a["voltage_V"]

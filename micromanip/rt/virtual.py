@@ -15,6 +15,7 @@ from .signatures import DRIVERS, OUTPUTS, PARAMETERS, ROWS, SAMPLES, SIGNALS, ST
 from .states import NO_COMMAND
 from .telemetry import write_row
 from .transitions import begin_cycle
+from .waiting import see_waiting
 
 
 @compiled.entry(
@@ -50,6 +51,7 @@ def run_virtual(
         code = exchange_all(drivers, driver_count, outputs, signals, now_ns, passed)
         begin_cycle(s, passed - 1)
         watch_drivers(p, s, code)
+        see_waiting(p, s, outputs)
         derive_signals(p, s, signals)
         cell_cycle(p, s, signals, outputs, samples, command if k == 0 else NO_COMMAND, now_ns)
         if (k + 1) % every == 0 and written < len(rows):

@@ -8,12 +8,17 @@ nobody could have prevented what happened meanwhile, and on simulated.yaml as it
 """
 
 import csv
+import ctypes
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from micromanip.bus.cyclic import EXCHANGE_C
+from micromanip.replay.kernel import NO_SWAP, NOTHING_DIFFERS, replay_rows
+from micromanip.rt.records import MAX_AXES, MAX_OUTPUTS, MAX_SIGNALS, SIGNAL
 from micromanip.rt.states import NO_FAULT, TRACKING
+from micromanip.rt.wire.gate import FOLLOWING, GATE, acknowledge, has_sent, near, put_back
 from micromanip.settings.check import prepare
 from micromanip.settings.write import with_tuning
 from micromanip.virtual.cell import VirtualCell
@@ -21,6 +26,7 @@ from micromanip.virtual.cell import VirtualCell
 ROOT = Path(__file__).parents[2]
 RECORDED = Path(__file__).with_name("stalls.csv")
 WINDOW_S = 0.1
+PERIOD_NS = 100_000
 
 
 def recorded(name, kind):
@@ -138,19 +144,26 @@ BEHIND_A_BUS = {
 """Periods of the cycles of a moment."""
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("moments", BEHIND_A_BUS)
-def test_axes_behind_a_bus_come_back_from_every_stall(tmp_path, moments):
-    """As fast as their margins allow: by their own gains the error that these left ran from end to end, to X-216."""
+def behind_a_bus(folder, max_age_us=300):
+    """The simulated cell with the axes that were commissioned for a bus' cycle, tracking, and its wiring."""
     text = (ROOT / "config" / "simulated.yaml").read_text(encoding="utf-8")
+    text = text.replace("max_age_us: 300,", f"max_age_us: {max_age_us},")
     text = text.replace("    seed: 1\n", "    seed: 1\n    plant: {late_cycles: 1}\n", 1)
     for name in "yz":
         text = text.replace(f"      {name}: {{", f"      {name}: {{late_cycles: 1, ", 1)
-    file = tmp_path / "cell.yaml"
+    file = folder / "cell.yaml"
     file.write_text(with_tuning(text, prepare(ROOT / "config" / "ethercat.yaml").configuration.axes), encoding="utf-8")
     prepared = prepare(file)
     tracking = VirtualCell(prepared.parameters, prepared.wiring)
     tracking.arm()
+    return tracking, prepared.wiring
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("moments", BEHIND_A_BUS)
+def test_axes_behind_a_bus_come_back_from_every_stall(tmp_path, moments):
+    """As fast as their margins allow: by their own gains the error that these left ran from end to end, to X-216."""
+    tracking, _ = behind_a_bus(tmp_path)
     until(tracking, 6.0)
     before = np.sqrt(np.mean(tracking.run(WINDOW_S)["axis"]["path_error_um"] ** 2))
     rng = np.random.default_rng(7)
@@ -161,6 +174,87 @@ def test_axes_behind_a_bus_come_back_from_every_stall(tmp_path, moments):
         assert tracking.state[0]["fault"] == NO_FAULT, moment
         assert np.abs(error_um).max() < 120.0, moment
         assert np.sqrt(np.mean(error_um[-300:] ** 2)) < 3.0 * before, moment
+
+
+def at(address, dtype, count):
+    """The array at an address."""
+    return np.frombuffer((ctypes.c_char * (count * np.dtype(dtype).itemsize)).from_address(address), dtype)
+
+
+class Wire:
+    """Put between the loop and the cell's driver: frames that come back late, behind the gate of a real wire.
+
+    The driver acts on a frame, and measures, in the cycle in which it is sent. Sensors and acknowledgement come `late`
+    cycles after those of a frame in time, in their order; what the cell alone knows, and the tracker, are in time.
+    """
+
+    def __init__(self, tracking, inputs):
+        self.late, self.on_the_way = 0, []
+        self.sensors = [inputs.index(f"{kind}_{name}") for kind in ("strain", "stage") for name in "xyz"]
+        self.others = [k for k in range(len(inputs)) if k not in self.sensors]
+        self.measured = tracking.signals.copy()
+        self.gate = np.zeros(1, GATE)[0]
+        self.gate["outputs"], self.gate["state"] = 3, FOLLOWING
+        for i in range(3):
+            self.gate["step"][i] = tracking.parameters[0]["axis"]["limiter"]["slew_V"][i]
+            for of_the_device in ("given", "lowest", "highest"):
+                self.gate[of_the_device][i] = tracking.outputs[i]
+        driver = tracking._drivers[0]
+        self._cell, self._context = EXCHANGE_C(int(driver["exchange"])), int(driver["context"])
+        self._exchange = EXCHANGE_C(self.exchange)
+        driver["exchange"] = ctypes.cast(self._exchange, ctypes.c_void_p).value
+
+    def exchange(self, _, outputs_at, inputs_at, now_ns, periods):
+        """As the loop calls it."""
+        outputs, inputs, gate = at(outputs_at, float, MAX_OUTPUTS), at(inputs_at, SIGNAL, MAX_SIGNALS), self.gate
+        for i in range(3):
+            gate["given"][i] = near(gate, i, outputs[i])
+        has_sent(gate)
+        put_back(gate, outputs)
+        code = self._cell(self._context, gate["given"].ctypes.data, self.measured.ctypes.data, now_ns, periods)
+        inputs[self.others] = self.measured[self.others]
+        self.on_the_way.append((now_ns + self.late * PERIOD_NS, int(gate["sent_count"]), self.measured.copy()))
+        while self.on_the_way and self.on_the_way[0][0] <= now_ns:
+            _, count, measured = self.on_the_way.pop(0)
+            acknowledge(gate, int(gate["sent_count"]) - count)
+            inputs[self.sensors] = measured[self.sensors]
+        return code
+
+
+def replayed(parameters, state, rows):
+    """The rows once more, of what they say came in."""
+    again, commands = np.zeros_like(rows), np.zeros(len(rows), np.int64)
+    image = np.zeros(MAX_SIGNALS, SIGNAL), np.zeros(MAX_OUTPUTS), np.zeros((1, MAX_AXES))
+    both = np.concatenate([parameters, parameters])
+    replay_rows(both, state, *image, rows, commands, again, NO_SWAP, 0, *NOTHING_DIFFERS)
+    return again
+
+
+LATE = {
+    "four cycles for 20 ms": [4] * 200,
+    "answered in four cycles of 24": [*range(20, 0, -1), 0, 0, 0, 0] * 10,
+}
+"""By how many cycles the frame of each cycle is late; none of them is missed."""
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("frames", LATE)
+@pytest.mark.parametrize("at_s", [6.0, 8.3])
+def test_frames_that_come_late_make_nothing_swing(tmp_path, at_s, frames):
+    """Its voltages held back, and nobody told, the loop drove a stage that hardly followed from end to end."""
+    tracking, wiring = behind_a_bus(tmp_path, max_age_us=1000)  # as ethercat.yaml allows
+    until(tracking, at_s)
+    wire, rows = Wire(tracking, wiring.drivers["cell"].inputs), []
+    before = tracking.state.copy()
+    for wire.late in LATE[frames] + 500 * [0]:
+        rows.append(tracking.run(1e-4))
+    assert wire.gate["held_back"] > 0
+    assert tracking.state[0]["fault"] == NO_FAULT
+    played = np.concatenate(rows)
+    assert np.abs(played["axis"]["path_error_um"]).max() < 40.0, "before, 47 to 460"
+    assert not tracking.state[0]["axis"]["waits"].any()
+    again = replayed(tracking.parameters, before, played)
+    assert np.array_equal(again["axis"]["voltage_V"], played["axis"]["voltage_V"])
 
 
 @pytest.mark.long

@@ -27,6 +27,7 @@ from micromanip.driver.datagrams import (
     length_of,
     lose,
     missing_before,
+    put_back,
     received_ns,
     rest,
     send_due,
@@ -181,6 +182,8 @@ def send_all(c: Any, code: int, outputs: Any, deadline_ns: int) -> None:
         command_drives(c, code, outputs, deadline_ns)
         if c["gate"]["state"] != QUIET:
             send_outputs(c, c["asked"], deadline_ns)
+        if code == 0:
+            put_back(c["gate"], outputs)
     if c["ring"]["present"] != 0 and (c["gate"]["sent_count"] != sent or c["not_sent"] != not_sent):
         send_at_far_end(c, c["gate"]["sent_count"] == sent)
 

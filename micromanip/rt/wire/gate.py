@@ -45,6 +45,7 @@ GATE = record(
     ("switch", "i8", (MAX_OUTPUTS,)),
     ("step", "f8", (MAX_OUTPUTS,)),
     ("given", "f8", (MAX_OUTPUTS,)),
+    ("waits", "i8", (MAX_OUTPUTS,)),
     ("recent", "f8", (RECENT, MAX_OUTPUTS)),
     ("lowest", "f8", (MAX_OUTPUTS,)),
     ("highest", "f8", (MAX_OUTPUTS,)),
@@ -54,11 +55,12 @@ GATE = record(
     ("losses", "i8"),
 )
 """``still_ns`` after the last frame all outputs are at rest by the device's watchdog. ``step`` is what two values that
-the device gets one after the other may differ by; ``given`` is what it was sent last, ``recent`` that of each of the
-last frames, and what it has lies between ``lowest`` and ``highest``. ``sent_count`` frames were sent, of which the
-device has said that it has acted on the one before ``acknowledged``. Counted are cycles without a fresh answer, values
-that were not finite or out of range, which stayed, those that had to wait for the device, which may still have had an
-older one, and how often the link was lost. While the driver has set ``held`` the outputs do not begin to follow."""
+the device gets one after the other may differ by; ``given`` is what it was sent last, ``waits`` (1) where that is not
+yet what was asked for, ``recent`` what it was sent in each of the last frames, and what it has lies between ``lowest``
+and ``highest``. ``sent_count`` frames were sent, of which the device has said that it has acted on the one before
+``acknowledged``. Counted are cycles without a fresh answer, values that were not finite or out of range, which stayed,
+those that had to wait for the device, which may still have had an older one, and how often the link was lost. While the
+driver has set ``held`` the outputs do not begin to follow."""
 
 
 @compiled
@@ -105,8 +107,10 @@ def lose(g: Any) -> None:
 def near(g: Any, i: int, value: float) -> float:
     """What comes nearest to `value` and is within a step of all that the device may have; NaN stays NaN."""
     step = g["step"][i]
+    g["waits"][i] = 0
     if g["highest"][i] - step <= value <= g["lowest"][i] + step or not math.isfinite(value):
         return value
+    g["waits"][i] = 1
     g["held_back"] += 1
     return min(max(value, g["highest"][i] - step), g["lowest"][i] + step)
 
@@ -118,6 +122,14 @@ def has_sent(g: Any) -> None:
         g["recent"][g["sent_count"] % RECENT][i] = g["given"][i]
         may_have(g, i, g["given"][i])
     g["sent_count"] += 1
+
+
+@compiled
+def put_back(g: Any, outputs: Any) -> None:
+    """Put what was given in place of those of the loop's `outputs` that have to wait: it goes on from there."""
+    for i in range(g["outputs"]):
+        if g["waits"][i] != 0:
+            outputs[i] = g["given"][i]
 
 
 @compiled

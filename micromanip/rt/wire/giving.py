@@ -26,6 +26,7 @@ def give(g: Any, f: Any, s: Any, counts: int, outputs: Any, deadline_ns: int) ->
             g["given"][i] = value
         else:
             g["refused_values"] += 1
+            g["waits"][i] = 0  # for nothing: it will never be given
             put_value(f, f["number"][i], data, g["given"][i])
     seal(f, data)
     g["sent_ns"] = deadline_ns  # also where the system did not take it: then the device is at rest the earlier

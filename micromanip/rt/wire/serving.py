@@ -11,7 +11,7 @@ from micromanip.rt.clock import now_ns, sleep_until
 from micromanip.rt.jit import compiled
 
 from .datagrams import close, receive
-from .gate import QUIET, has_rest
+from .gate import QUIET, has_rest, put_back
 from .giving import give
 from .records import BATCH
 
@@ -39,9 +39,13 @@ def take(c: Any, take_one: Any, inputs: Any, deadline_ns: int) -> int:
 
 @compiled
 def send_due(c: Any, code: int, outputs: Any, deadline_ns: int) -> None:
-    """Send what is due after a ``turn`` that returned `code`: `outputs`, or what the device rests at, or nothing."""
+    """Send what is due after a ``turn`` that returned `code`: `outputs`, or what the device rests at, or nothing.
+
+    Those of `outputs` that have to wait are then what was given instead.
+    """
     if code == 0:
         send_outputs(c, outputs, deadline_ns)
+        put_back(c["gate"], outputs)
     elif c["gate"]["state"] != QUIET:
         send_outputs(c, c["gate"]["rest"], deadline_ns)
 

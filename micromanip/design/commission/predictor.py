@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from micromanip.control.joints import joints_radius
 from micromanip.errors import CheckFailed
 from micromanip.settings.schema.reference import AxisDeviation, AxisTracker, Tracker
 
@@ -74,6 +75,9 @@ def _shown(common: Tracker, found: Deviation, samples: Array) -> AxisDeviation:
     if known.jerk_um_per_s3 is None and known.oscillations is not None:
         # with the jerk of all axes it is another filter, which bears other ranges
         known = known.model_copy(update={"oscillations": followed(_tracker(common, known)).oscillations})
+        sure = _tracker(common, known).sure
+        if sure is not None and joints_radius(sure) >= 1.0:
+            known = known.model_copy(update={"steady": None})
     return known
 
 

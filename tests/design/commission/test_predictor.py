@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 
+from micromanip.control.joints import joints_radius
 from micromanip.control.predictor import reference_transition, shown, tracker_gain
 from micromanip.design.commission.at_rest import AtRest
 from micromanip.design.commission.predictor import known_deviations
 from micromanip.design.commission.production import in_production
 from micromanip.design.experiment import with_axes
-from micromanip.settings.schema.reference import Hold
+from micromanip.settings.schema.reference import Hold, Steady
 
 from .test_production import TUNED
 
@@ -65,6 +66,20 @@ def test_a_robot_that_stood_still_shows_no_jerk():
     found, said = known_deviations(rest.reference(), rest)
     assert found == {}
     assert all("keeps what is said of all axes (samples held out are no likelier" in sentence for sentence in said)
+
+
+@pytest.mark.long
+def test_of_a_robot_that_hardly_moves_only_the_oscillation_is_sure():
+    """The narrow predictor takes the path for as rough as it is said to be of all axes."""
+    drift = 8.0 * np.sin(2 * np.pi * 0.31 * T_S) + 4.0 * np.sin(2 * np.pi * 0.83 * T_S)
+    rest = seen(x=still(3) + drift + 30.0 * np.sin(2 * np.pi * 7.76 * T_S))
+    found, _ = known_deviations(rest.reference(), rest)
+    assert found["x"].jerk_um_per_s3 is None
+    assert found["x"].steady == Steady()
+    tracker = rest.reference().model_copy(update={"axes": found}).of("x")
+    assert tracker.sure.jerk_um_per_s3 == tracker.jerk_um_per_s3
+    assert tracker.sure.oscillations[0].um_per_s < tracker.oscillations[0].um_per_s
+    assert joints_radius(tracker.sure) < 1.0
 
 
 def test_a_tracker_that_says_nothing_leaves_everything_as_it_was():

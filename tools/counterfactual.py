@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import argparse
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -74,11 +74,20 @@ def recorded_cell() -> Prepared:
     return prepared(Source.read(CONFIG))
 
 
-def run(cell: Prepared, parameters: Any) -> Any:
-    """Rows (n,) of the cell from its start on, `TRACKED_S` of them behind its arming."""
+def run(cell: Prepared, parameters: Any, stalls: Sequence[tuple[float, int]] = ()) -> Any:
+    """Rows (n,) of the cell from its start on, `TRACKED_S` of them behind its arming.
+
+    `stalls` are moments (s, of the tracking) from which on the next cycle comes so many periods later.
+    """
     wiring = prepared(cell.source).wiring
     virtual = VirtualCell(parameters.copy(), wiring, cell.samples, list(cell.configuration.axes))
-    return np.concatenate([virtual.arm(), virtual.run(TRACKED_S)])
+    rows, period_s = [virtual.arm()], int(parameters[0]["period_ns"]) * 1e-9
+    begin, periods = 0, 1
+    for at_s, late in [*stalls, (TRACKED_S, 1)]:
+        end = round(at_s / period_s)
+        rows.append(virtual.run((end - begin) * period_s, periods=periods))
+        begin, periods = end, late
+    return np.concatenate(rows)
 
 
 def record(cell: Prepared, rows: Any, file: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from pathlib import Path
 from typing import Any, NoReturn
@@ -16,6 +17,7 @@ def try_tuning(file: Path, config: Path, cut: tuple[float, float] | None, as_jso
     from micromanip.replay.comparable import recorded_configuration, require_comparable
     from micromanip.replay.counterfactual import DRAWS, FIGURES, SETTLE_S, Rerun, predict
     from micromanip.replay.fitting import fit_models
+    from micromanip.replay.told import untold_of_tooth
     from micromanip.replay.window import take_window
     from micromanip.rt.jit import Compiler
     from micromanip.settings.commissioned import changes_since
@@ -26,14 +28,15 @@ def try_tuning(file: Path, config: Path, cut: tuple[float, float] | None, as_jso
     tuned = prepare_and_warn(config)
     require_comparable(recorded, tuned.configuration, file, config)
     window = take_window(telemetry, cut)
-    found = predict(Rerun(window, fit_models(window, recorded)), tuned.parameters)
+    rerun = Rerun(window, fit_models(window, recorded))
+    found = predict(rerun, tuned.parameters)
     errors: dict[str, Any] = {}
     for i, axis in enumerate(window.axes):
-        was = {f"{name}_um": float(um) for name, um in zip(FIGURES, found.recorded[:, i], strict=True)}
+        was = {f"{name}_um": _known(um) for name, um in zip(FIGURES, found.recorded[:, i], strict=True)}
         expected = found.expected
-        will: dict[str, Any] = {f"{name}_um": float(um) for name, um in zip(FIGURES, expected.um[:, i], strict=True)}
+        will: dict[str, Any] = {f"{name}_um": _known(um) for name, um in zip(FIGURES, expected.um[:, i], strict=True)}
         for name, low, high in zip(FIGURES, expected.low_um[:, i], expected.high_um[:, i], strict=True):
-            will[f"{name}_um_interval"] = [float(low), float(high)]
+            will[f"{name}_um_interval"] = [_known(low), _known(high)]
         errors[axis] = {"recorded": was, "predicted": will}
     document = {
         "file": str(file),
@@ -43,13 +46,19 @@ def try_tuning(file: Path, config: Path, cut: tuple[float, float] | None, as_jso
         "seconds": window.seconds,
         "armed": window.first > 0,
         "settle_s": SETTLE_S,
+        "left_out_s": rerun.left_out_s,
         "draws": DRAWS,
         "errors": errors,
         "limits": [met._asdict() for met in found.limits],
         "recorded_limits": [met._asdict() for met in found.recorded_limits],
         "stopped_s": found.stopped_s,
         "stops_share": found.stops,
-        "notes": [f"{file}: {change}" for _, change in changes_since(recorded.axes)],
+        "undecided": [each._asdict() for each in found.undecided],
+        "outrun": found.outrun,
+        "notes": [
+            *(f"{file}: {change}" for _, change in changes_since(recorded.axes)),
+            *untold_of_tooth(window, tuned.parameters),
+        ],
     }
     print_answer(document, _show, as_json)
     sys.exit(0 if found.stopped_s is None else 1)
@@ -67,7 +76,10 @@ def _show(document: dict[str, Any]) -> None:
             f"{document['from_s']:.2f} s; in force {how}"
         )
     )
-    table = Figures(title="Path error, um", caption="in brackets: as far as the models may be wrong")
+    table = Figures(
+        title="Path error, um",
+        caption="in brackets: where the stage is still as its model says, to 2 % of gain and 1 % of frequency",
+    )
     for heading in ("axis", "rms recorded", "rms", "p99 recorded", "p99", "peak recorded", "peak"):
         table.add_column(heading, justify="left" if heading == "axis" else "right")
     for axis, error in document["errors"].items():
@@ -75,8 +87,8 @@ def _show(document: dict[str, Any]) -> None:
         for name in ("rms", "p99", "peak"):
             low, high = error["predicted"][f"{name}_um_interval"]
             cells += [
-                f"{error['recorded'][f'{name}_um']:.3f}",
-                f"{error['predicted'][f'{name}_um']:.3f} ({low:.3f}..{high:.3f})",
+                _um(error["recorded"][f"{name}_um"]),
+                f"{_um(error['predicted'][f'{name}_um'])} ({_um(low)}..{_um(high, '')})",
             ]
         table.add_row(axis, *cells)
     console.print(table)
@@ -88,8 +100,37 @@ def _show(document: dict[str, Any]) -> None:
     console.print(limits if document["limits"] else Text("It meets no limit."))
     if document["stopped_s"] is not None:
         console.print(Text(f"The cell would have stopped at {document['stopped_s']:.4f} s; figures are up to there."))
-    elif document["stops_share"] > 0.0:
+    if 0.0 < document["stops_share"] < 1.0:
         share = 100 * document["stops_share"]
-        console.print(Text(f"With {share:.0f} % of the models that the recording allows, the cell would have stopped."))
+        console.print(Text(f"With {share:.0f} % of the models that may be true the cell would have stopped."))
+    for each in document["undecided"]:
+        console.print(
+            Text(
+                f"{each['axis']}: {each['what']} ({each['code']}) comes with {each['models']} of {each['of']} models "
+                "that may be true: the recording does not tell whether it does, and the ranges hold both."
+            )
+        )
+    if document["outrun"]:
+        console.print(
+            Text(
+                f"{', '.join(document['outrun'])}: the set-point would be too slow (W-217); how far that takes an "
+                "axis no model tells, so its ranges have no upper end."
+            )
+        )
+    if document["left_out_s"] > 0.0:
+        console.print(
+            Text(
+                f"Left out of all figures: {document['left_out_s']:.2f} s around missed cycles; what the other tuning "
+                "would have done there, or whether the cell had stopped, the recording does not tell."
+            )
+        )
     for note in document["notes"]:
         console.print(Text(f"note: {note}"))
+
+
+def _known(um: float) -> float | None:
+    return float(um) if math.isfinite(um) else None
+
+
+def _um(um: float | None, unknown: str = "-") -> str:
+    return unknown if um is None else f"{um:.3f}"

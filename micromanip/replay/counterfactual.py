@@ -17,14 +17,17 @@ from micromanip.rt.telemetry import ROW
 from .fitting import Models
 from .kernel import NO_SWAP, SWAP_BEFORE, replay_rows
 from .limits import Met, limits_met
+from .outcomes import Outcome, Undecided, ranges, undecided
+from .told import told_rows
 from .window import Window
 
 SETTLE_S = 0.3
-"""After the other tuning has come in, before its error counts."""
+"""After the other tuning has come in, or many cycles were missed, before its error counts."""
+LEAST_S = 0.2
+"""Of rows that count: with fewer nothing is said."""
 DRAWS = 30
-_QUANTILE, _WIDER = 2.045, 2.0
-"""Of Student's distribution with 29 degrees of freedom, for 95 %; and by how much the interval is wider, since the
-drawn models share what no drawing changes, such as their order (docs/decisions/0031, where it was measured)."""
+_WIDELY = 2.0
+"""The spread of a third as many further models, by which decisions are looked for that the others do not meet."""
 FIGURES = ("rms", "p99", "peak")
 
 Array = NDArray[np.float64]
@@ -44,7 +47,7 @@ class Prediction:
     """What another tuning would have made of a window; `recorded` (3, axes) and `expected` are rms, p99 and peak.
 
     `stopped_s` is when the cell would have left TRACKING, from the beginning of the recording; `stops` the share of the
-    drawn models under which it does.
+    models under which it does. `outrun` are the axes whose high ends are open.
     """
 
     recorded: Array
@@ -53,6 +56,8 @@ class Prediction:
     limits: list[Met]
     stopped_s: float | None
     stops: float
+    undecided: list[Undecided]
+    outrun: list[str]
 
 
 class Rerun:
@@ -66,6 +71,14 @@ class Rerun:
             raise CheckFailed(
                 f"{window.file}: only {window.seconds:.2f} s of it track, less than the {settle_s:g} s that the other "
                 "tuning is given to settle"
+            )
+        self.counts = told_rows(window, self.first - window.first)
+        least = min(LEAST_S * 1e9 / window.period_ns, len(window.rows) - self.first)
+        if self.counts.sum() < least * (1.0 - 1e-9):
+            raise CheckFailed(
+                f"{window.file}: so many cycles are missing that of {window.seconds:.2f} s only "
+                f"{self.counts.sum() * window.period_ns * 1e-9:.2f} s count, which lie {settle_s:g} s behind the last "
+                "gap: what another tuning does in a gap a recording does not tell; choose a quieter piece with --cut"
             )
         self._rows = np.zeros(len(window.rows), ROW)
         self._sets = np.zeros(2, CELL_PARAMETERS)
@@ -102,15 +115,34 @@ class Rerun:
         )
         return self._rows[:count]
 
-    def figures(self, rows: NDArray[Any]) -> Array:
-        """rms, p99 and peak (3, axes) of the path error (um) behind the settling, as long as `rows` track."""
-        tracked = rows[self.first : self.tracked(rows)]
-        if not len(tracked):
+    @property
+    def left_out_s(self) -> float:
+        """How long it tracks, settled, in rows that don't count."""
+        left_out = self.window.rows["periods"][self.first :][~self.counts[self.first :]]
+        return float(left_out.sum()) * self.window.period_ns * 1e-9
+
+    def figures(self, rows: NDArray[Any], until: int | None = None) -> Array:
+        """rms, p99 and peak (3, axes) of the path error (um) in the rows that count, before row `until`, as long as
+        `rows` track; NaN where there is none.
+        """
+        last = self.tracked(rows) if until is None else min(until, self.tracked(rows))
+        counted = rows["axis"]["path_error_um"][:last][self.counts[:last]]
+        if not len(counted):
             return np.full((3, len(self.window.axes)), np.nan)
-        error = np.abs(tracked["axis"]["path_error_um"][:, : len(self.window.axes)])
+        error = np.abs(counted[:, : len(self.window.axes)])
         rms = np.sqrt(np.mean(error**2, axis=0))
         place = int(0.99 * (len(error) - 1))
         return np.stack([rms, np.partition(error, place, axis=0)[place], error.max(axis=0)])
+
+    def outcome(self, rows: NDArray[Any], until: int | None = None) -> Outcome:
+        """What happens in `rows`, whose figures go to row `until`."""
+        last = self.tracked(rows)
+        conditions = rows["axis"]["conditions"][: last + 1, : len(self.window.axes)]
+        seen = [
+            np.asarray(np.bitwise_or.reduce(each, axis=0), dtype=np.int64)
+            for each in (conditions[self.window.first :], conditions[self.counts[: len(conditions)]])
+        ]
+        return Outcome(self.figures(rows, until), seen[0], seen[1], last < len(rows))
 
     def tracked(self, rows: NDArray[Any]) -> int:
         """How many of `rows` pass before the cell leaves TRACKING, or a fault keeps it from getting there."""
@@ -121,19 +153,24 @@ class Rerun:
 
 def predict(rerun: Rerun, parameters: NDArray[Any], draws: int = DRAWS) -> Prediction:
     """What `parameters` (1,) would have made of the window: by the models as they are, and by `draws` others."""
-    window = rerun.window
-    recorded = rerun.figures(window.rows)
+    window, first = rerun.window, rerun.window.first
     rows = rerun.rows(parameters)
-    nominal, tracked = rerun.figures(rows), rerun.tracked(rows)
-    first = window.first
+    tracked = rerun.tracked(rows)
     limits = limits_met(window, parameters, rows[first : tracked + 1], first)
     stopped_s = None if tracked == len(rows) else window.at_s(tracked)
-    found, stops = [], 0
-    for seed in range(draws):
-        rows = rerun.rows(parameters, rerun.models.drawn(seed))
-        stops += rerun.tracked(rows) < len(rows)
-        found.append(rerun.figures(rows))
-    half = _WIDER * _QUANTILE * np.sqrt(np.mean((np.array(found) - nominal) ** 2, axis=0))
-    expected = Expected(nominal, np.maximum(nominal - half, 0.0), nominal + half)
+    nominal = rerun.outcome(rows)
+
+    def drawn(seed: int, spread: float) -> Outcome:
+        return rerun.outcome(rerun.rows(parameters, rerun.models.drawn(seed, spread)), tracked)
+
+    found = [drawn(seed, 1.0) for seed in range(draws)]
+    others = [drawn(draws + seed, _WIDELY) for seed in range(-(-draws // 3))]
+    every = [nominal, *found, *others]
+    low, high = ranges(nominal, found, others, gaps=bool((window.rows["periods"][rerun.counts] > 1).any()))
     met = limits_met(window, window.parameters, window.rows[first:], first)
-    return Prediction(recorded, met, expected, limits, stopped_s, stops / draws)
+    outrun = [axis for axis, um in zip(window.axes, high[0], strict=True) if np.isinf(um)]
+    stops = sum(each.stopped for each in every) / len(every)
+    return Prediction(
+        rerun.figures(window.rows, tracked), met, Expected(nominal.um, low, high), limits, stopped_s, stops,
+        undecided(window.axes, every), outrun,
+    )  # fmt: skip

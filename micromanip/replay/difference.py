@@ -97,9 +97,17 @@ def advance_difference(m: Record, s: Record) -> None:
 @compiled
 def give_voltage(m: Record, s: Record, voltage_V: float, recorded_um: float) -> None:
     """The voltage that the present cycle ends with, and the free displacement under the recorded one."""
-    free = model_output(m["hysteresis"], s["plays"], voltage_V) - recorded_um
-    s["free_um"][0] = free
-    pid, within, strain = s["pid"], 0.0, s["strain_um"][0]
+    s["free_um"][0] = model_output(m["hysteresis"], s["plays"], voltage_V) - recorded_um
+    give_setpoint(m, s)
+
+
+@compiled
+def give_setpoint(m: Record, s: Record) -> None:
+    """The recorded loop's set-point for what the voltages differ by, where the strain is now.
+
+    Also in a cycle that was missed: the voltages stay, but the strain goes on, and so would that loop.
+    """
+    free, pid, within, strain = s["free_um"][0], s["pid"], 0.0, s["strain_um"][0]
     for i in range(PID_STATES):
         within += m["pid_C"][i] * pid[i]
     setpoint = (free - within + m["pid_D"] * strain) / (m["feedforward"] + m["pid_D"])

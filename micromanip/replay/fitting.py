@@ -39,9 +39,10 @@ _MOST_ROWS = 30_000
 _FRESH_SHARE = 0.98
 _STABLE = 0.9995
 """Largest pole of an actuator that is believed."""
-_GAIN, _FREQUENCY, _DAMPING, _DELAY_CYCLES, _COUPLING = 0.02, 0.01, 0.10, 0.25, 0.015
+_STAGE = np.array([0.02, 0.01, 0.10, 0.25])
+_COUPLING = 0.015
 """Standard deviations of the stage's model: of its gain, the frequencies of its modes and their damping as shares, of
-its delay, and of what it sees of the other axes, which the model as it is leaves out."""
+its delay in cycles, and of what it sees of the other axes, which the model as it is leaves out."""
 _TRIES = 20
 
 compiled = Compiler(__file__, allocates=True)
@@ -56,10 +57,10 @@ class Actuator:
     weights: Array
     spread: Array
 
-    def drawn(self, random: np.random.Generator) -> Array:
+    def drawn(self, random: np.random.Generator, spread: float = 1.0) -> Array:
         """Other weights that the recording allows, stable ones."""
         for _ in range(_TRIES):
-            weights = self.weights + self.spread @ random.standard_normal(2 * ORDER)
+            weights = self.weights + spread * self.spread @ random.standard_normal(2 * ORDER)
             if _largest_pole(weights) < _STABLE:
                 return weights
         return self.weights
@@ -77,15 +78,15 @@ class Models:
     free_um: Array
     actuators: list[Actuator]
 
-    def drawn(self, seed: int) -> NDArray[Any]:
-        """Models (MAX_AXES,) as they might be too: see the standard deviations above."""
+    def drawn(self, seed: int, spread: float = 1.0) -> NDArray[Any]:
+        """Models (MAX_AXES,) as they might be too, by `spread` times the standard deviations above."""
         random = np.random.default_rng(seed)
         models = self.nominal.copy()
         for i, (m, actuator) in enumerate(zip(models, self.actuators, strict=False)):
-            m["coupling"] = _COUPLING * random.standard_normal(MAX_AXES)
+            m["coupling"] = spread * _COUPLING * random.standard_normal(MAX_AXES)
             m["coupling"][i] = 1.0
-            m["strain"], m["free"] = np.split(actuator.drawn(random), 2)
-            gain, frequency, damping, late = random.standard_normal(4) * (_GAIN, _FREQUENCY, _DAMPING, _DELAY_CYCLES)
+            m["strain"], m["free"] = np.split(actuator.drawn(random, spread), 2)
+            gain, frequency, damping, late = spread * random.standard_normal(4) * _STAGE
             n = int(m["states"])
             A, B = _changed(m["A"][:n, :n], m["B"][:n], frequency, damping)
             other = np.linalg.inv(A) if late > 0.0 else A  # the output of the cycle before, or of the next
@@ -123,7 +124,10 @@ def fit_models(window: Window, configuration: Configuration) -> Models:
             rows["strain_um"][seen], free[seen], axis.outer.oscillation_Hz, window.period_ns * 1e-9
         )
         if actuator is None:
-            raise CheckFailed(f"{window.file}: the actuator of axis {name} can't be fitted: nothing moves in it")
+            raise CheckFailed(
+                f"{window.file}: the actuator of axis {name} can't be fitted: the rows show too little of how it "
+                "moves; take a longer piece, in which the stage follows its path"
+            )
         actuators.append(actuator)
         m["strain"], m["free"] = np.split(actuator.weights, 2)
         change = np.diff(voltage)
@@ -150,7 +154,7 @@ def _fill_hysteresis(h: Any, s: Any, window: Window, i: int) -> None:
 
 
 def _fit_actuator(strain: Array, free: Array, tooth_Hz: float | None, period_s: float) -> Actuator | None:
-    """Least squares over rows (n,); None where they don't tell the weights."""
+    """Least squares over rows (n,); None where they don't tell the weights, or tell weights that are not stable."""
     count = len(strain) - ORDER
     turn = 2.0 * np.pi * (tooth_Hz or 0.0) * period_s * np.arange(count)
     known = [np.ones(count)] + ([np.sin(turn), np.cos(turn)] if tooth_Hz else [])

@@ -59,7 +59,15 @@ from micromanip.rt.telemetry import (
 )
 from micromanip.rt.waiting import wait
 
-from .difference import DIFFERENCE_MODEL, DIFFERENCE_STATE, advance_difference, at_age, cycles_ago, give_voltage
+from .difference import (
+    DIFFERENCE_MODEL,
+    DIFFERENCE_STATE,
+    advance_difference,
+    at_age,
+    cycles_ago,
+    give_setpoint,
+    give_voltage,
+)
 
 NO_SWAP, SWAP_BEFORE, SWAP_AFTER = range(3)
 """Another set of parameters in the first row: none, from its cycle on, or behind its cycle, as a promotion does."""
@@ -218,7 +226,9 @@ def _differ(p: Record, models: Any, differences: Any, row: Record, periods: int)
     """Go `periods` cycles on, and make of the recorded `row` what the sensors would have said."""
     period_ns = p["period_ns"]
     for i in range(p["axes"]):
-        for _ in range(periods):
+        for passed in range(periods):
+            if passed > 0:
+                give_setpoint(models[i], differences[i])
             advance_difference(models[i], differences[i])
     for i in range(p["axes"]):
         axis, own = row["axis"][i], differences[i]

@@ -10,29 +10,18 @@ from cli.command import code_of
 from scipy.signal import lfilter
 
 from micromanip.errors import CheckFailed, UsageError
-from micromanip.recordings import open_telemetry
 from micromanip.replay.comparable import recorded_configuration, require_comparable
 from micromanip.replay.comparison import first_unequal
 from micromanip.replay.counterfactual import Rerun, predict
 from micromanip.replay.fitting import fit_models
 from micromanip.replay.window import take_window
 from micromanip.rt.states import TRACKING
-from micromanip.settings.check import revise, validate
-from micromanip.settings.text.keys import assigned
-from micromanip.settings.text.source import Source
-from tools.counterfactual import CONFIG, Compared, compared, record, recorded_cell, run
+from tools.counterfactual import CONFIG, Compared, compared
+
+from .tuned import tuned
 
 pytestmark = [pytest.mark.compiled_only, pytest.mark.long]
 PART = (5.5, 6.5)
-
-
-@pytest.fixture(scope="module")
-def recorded(tmp_path_factory):
-    """The cell, and its recording from before arming on."""
-    cell = recorded_cell()
-    file = tmp_path_factory.mktemp("counterfactual") / "run.mcap"
-    record(cell, run(cell, cell.parameters), file)
-    return cell, open_telemetry(file)
 
 
 @pytest.fixture(scope="module")
@@ -47,12 +36,6 @@ def weighted(text, control_weight):
     text, axes = re.subn(r"control_weight: .*", f"control_weight: {control_weight}", text)
     assert axes == 3
     return text
-
-
-def tuned(cell, values):
-    known = cell.configuration.model_dump(mode="json")
-    source = Source.of(assigned(cell.source.data, known, values), cell.source.path)
-    return revise(cell, validate(source), source).parameters
 
 
 @pytest.mark.parametrize("cut", [None, PART])
@@ -223,5 +206,5 @@ def test_a_recording_that_says_too_little_is_refused(recorded, capsys):
         fit_models(replace(window, rows=rare), recorded_configuration(telemetry)[1])
     still = window.rows.copy()
     still["axis"]["strain_um"][:, 2] = still["axis"]["voltage_V"][:, 2] = 50.0
-    with pytest.raises(CheckFailed, match="the actuator of axis z can't be fitted: nothing moves in it"):
+    with pytest.raises(CheckFailed, match="the actuator of axis z can't be fitted: the rows show too little"):
         fit_models(replace(window, rows=still), recorded_configuration(telemetry)[1])

@@ -1,0 +1,15 @@
+"""The simulated cell recorded from before arming on, for whatever is tried on it."""
+
+import pytest
+
+from micromanip.recordings import open_telemetry
+from tools.counterfactual import record, recorded_cell, run
+
+
+@pytest.fixture(scope="package")
+def recorded(tmp_path_factory):
+    """The cell, and its recording from before arming on."""
+    cell = recorded_cell()
+    file = tmp_path_factory.mktemp("counterfactual") / "run.mcap"
+    record(cell, run(cell, cell.parameters), file)
+    return cell, open_telemetry(file)

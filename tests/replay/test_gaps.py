@@ -1,0 +1,80 @@
+"""Another tuning on a recording in which cycles are missing: figures only of moments that a recording tells of."""
+
+import numpy as np
+import pytest
+from cli.command import code_of
+
+from micromanip.errors import CheckFailed
+from micromanip.recordings import open_telemetry
+from micromanip.replay.counterfactual import SETTLE_S, Rerun, predict
+from micromanip.replay.fitting import fit_models
+from micromanip.replay.window import take_window
+from tools.counterfactual import record, recorded_cell, run
+
+from .tuned import tuned
+
+pytestmark = [pytest.mark.compiled_only, pytest.mark.long]
+STALLS = [(0.8, 30), (2.5, 400), *((3.1 + 0.02 * k, 3) for k in range(20))]
+"""Two that take the axes far away, and some that are too short to matter."""
+
+
+@pytest.fixture(scope="module")
+def stalled(tmp_path_factory):
+    """The cell, and its recording with stalls."""
+    cell = recorded_cell()
+    file = tmp_path_factory.mktemp("gaps") / "run.mcap"
+    record(cell, run(cell, cell.parameters, STALLS), file)
+    return cell, open_telemetry(file)
+
+
+@pytest.fixture(scope="module")
+def rerun(stalled):
+    cell, telemetry = stalled
+    window = take_window(telemetry)
+    return Rerun(window, fit_models(window, cell.configuration))
+
+
+def test_what_counts_lies_away_from_long_gaps(rerun):
+    window = rerun.window
+    settle = rerun.first - window.first
+    (long,) = np.nonzero(window.rows["periods"] > 20)
+    assert len(long) == 2
+    for row in long:
+        assert not rerun.counts[row - 1 : row + settle].any()
+        assert rerun.counts[row + settle]
+    assert rerun.counts[window.rows["periods"] == 3].all()
+    missed_s = float((window.rows["periods"][long] - 1).sum()) * window.period_ns * 1e-9
+    assert rerun.left_out_s == pytest.approx(missed_s + len(long) * SETTLE_S, rel=0.15)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [{"outer.control_weight": 100.0}, {"outer.oscillation_Hz": None}, {"inner.K_V_per_um": 0.15}],
+    ids=lambda values: next(iter(values)),
+)
+def test_the_truth_is_within_the_range_where_it_counts(stalled, rerun, values):
+    cell, _ = stalled
+    parameters = tuned(cell, {f"axes.{axis}.{key}": value for axis in "xyz" for key, value in values.items()})
+    found = predict(rerun, parameters, draws=6)
+    rows = run(cell, parameters, STALLS)
+    truth = rerun.figures(rows[rows["cycle"] >= rerun.window.rows["cycle"][0]][: len(rerun.window.rows)])
+    assert (found.expected.low_um <= truth).all()
+    assert (truth <= found.expected.high_um).all()
+    assert (np.abs(truth[0] / found.recorded[0] - 1.0) > 0.02).all(), "another tuning changes something"
+
+
+def test_the_command_tells_what_is_left_out(stalled, rerun, tmp_path, capsys):
+    cell, telemetry = stalled
+    begin_s = rerun.window.at_s(int(np.argmax(rerun.window.rows["periods"] > 300)))
+    cut = ("--cut", f"{begin_s - 0.7:.2f}:{begin_s + 0.1:.2f}")
+    (tmp_path / "calm.yaml").write_text(cell.source.text.replace("control_weight: ", "control_weight: 1"))
+    assert code_of("replay", telemetry.file, "--with", tmp_path / "calm.yaml", *cut) == 0
+    assert "Left out of all figures: 0." in capsys.readouterr().out
+
+
+def test_where_next_to_nothing_counts_it_is_refused(stalled, rerun):
+    _, telemetry = stalled
+    begin_s = rerun.window.at_s(int(np.argmax(rerun.window.rows["periods"] > 300)))
+    window = take_window(telemetry, (begin_s - 0.25, begin_s + 0.35))
+    with pytest.raises(CheckFailed, match="so many cycles are missing"):
+        Rerun(window, rerun.models)

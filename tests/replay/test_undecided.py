@@ -1,0 +1,142 @@
+"""Decisions that a recording does not tell: whether the tooth's observer is given up, how far an outrun axis goes."""
+
+import numpy as np
+import pytest
+
+from micromanip.replay.counterfactual import Rerun, predict
+from micromanip.replay.fitting import fit_models
+from micromanip.replay.outcomes import Outcome, ranges, undecided
+from micromanip.replay.told import untold_of_tooth
+from micromanip.replay.window import take_window
+from micromanip.rt.laws.tooth import NO_GAIN
+from micromanip.rt.states import OUTRUN, TOOTH_LOST
+from tools.counterfactual import run
+
+from .tuned import tuned
+
+GIVEN_UP = 1 << TOOTH_LOST
+
+
+@pytest.fixture(scope="module")
+def rerun(recorded):
+    cell, telemetry = recorded
+    window = take_window(telemetry)
+    return Rerun(window, fit_models(window, cell.configuration))
+
+
+def observing(cell, oscillation_um):
+    """Axis x follows the tooth, with an observer as hot as is said; the rest of it is calm, whatever the cell's is."""
+    outer = {
+        "oscillation_Hz": 200.0,
+        "oscillation_range_percent": 3.0,
+        "oscillation_um": oscillation_um,
+        "control_weight": 24.0,
+        "disturbance_um": 0.03,
+        "sensor_noise_um": 0.018,
+        "input_noise_um": 0.5,
+    }
+    return tuned(cell, {f"axes.x.outer.{key}": value for key, value in outer.items()})
+
+
+def truly(cell, rerun, parameters):
+    """Figures and outcome of the same cell simulated anew."""
+    rows = run(cell, parameters)
+    return rerun.outcome(rows[rows["cycle"] >= rerun.window.rows["cycle"][0]][: len(rerun.window.rows)])
+
+
+@pytest.mark.compiled_only
+@pytest.mark.long
+def test_where_the_observer_may_be_given_up_the_range_holds_both(recorded, rerun):
+    """Near the border both observers are simulated anew, one that stays and one that is given up."""
+    cell, _ = recorded
+    stays, lost = 1e-3, 1.0
+    assert not rerun.outcome(rerun.rows(observing(cell, stays))).conditions[0] & GIVEN_UP
+    assert rerun.outcome(rerun.rows(observing(cell, lost))).conditions[0] & GIVEN_UP
+    for _ in range(12):
+        middle = float(f"{np.sqrt(stays * lost):.5g}")
+        given_up = rerun.outcome(rerun.rows(observing(cell, middle))).conditions[0] & GIVEN_UP
+        stays, lost = (stays, middle) if given_up else (middle, lost)
+    found = predict(rerun, observing(cell, lost), draws=12)
+    (told,) = [each for each in found.undecided if each.code == "W-216"]
+    assert (told.axis, told.expected) == ("x", True)
+    assert 0 < told.models < told.of
+    ends = [truly(cell, rerun, observing(cell, factor * um)) for factor, um in ((0.7, stays), (1.5, lost))]
+    assert [bool(each.conditions[0] & GIVEN_UP) for each in ends] == [False, True]
+    for each in ends:
+        assert found.expected.low_um[0, 0] <= 1.02 * each.um[0, 0]
+        assert found.expected.high_um[0, 0] >= each.um[0, 0]
+    truth = truly(cell, rerun, observing(cell, lost)).um
+    assert (found.expected.low_um[:, 0] <= truth[:, 0]).all()
+    assert (truth[:, 0] <= found.expected.high_um[:, 0]).all()
+
+
+@pytest.mark.compiled_only
+@pytest.mark.long
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"inner.Td_ms": 0.0},
+        {"setpoint.slew_um_per_ms": 1.0},
+        {"inner.mode": "pid"},
+    ],
+    ids=lambda values: next(iter(values)),
+)
+def test_the_truth_is_within_the_range(recorded, rerun, values):
+    """Next to nothing changes; or the set-point is too slow; or the strain loop is quite another one."""
+    cell, _ = recorded
+    parameters = tuned(cell, {f"axes.{axis}.{key}": value for axis in "xyz" for key, value in values.items()})
+    expected = predict(rerun, parameters, draws=6).expected
+    truth = truly(cell, rerun, parameters).um
+    assert (expected.low_um <= truth).all()
+    assert (truth <= expected.high_um).all()
+    assert np.isinf(expected.high_um).any() == ("setpoint.slew_um_per_ms" in values)
+    assert (expected.low_um > 0.0).all()
+
+
+@pytest.mark.compiled_only
+@pytest.mark.long
+def test_what_a_cut_does_not_tell_of_the_observer(recorded):
+    cell, telemetry = recorded
+    follows = observing(cell, 0.05)
+    window = take_window(telemetry, (5.5, 6.5))
+    (told,) = untold_of_tooth(window, follows)
+    assert told.startswith("x: whether the tooth's observer lasts")
+    assert untold_of_tooth(take_window(telemetry), follows) == []
+    assert untold_of_tooth(window, tuned(cell, {"axes.x.outer.oscillation_Hz": None})) == []
+    window.parameters[0]["axis"]["outer"][0] = follows[0]["axis"]["outer"][0]
+    window.state[0]["axis"]["estimator"]["given_up"][0] = NO_GAIN
+    (told,) = untold_of_tooth(window, follows)
+    assert told.startswith("x: the tooth is not cancelled")
+
+
+def outcome(um, conditions=0, counted=0, stopped=False):
+    return Outcome(np.full((3, 1), um), np.array([conditions]), np.array([counted]), stopped)
+
+
+def test_two_outcomes_are_not_averaged():
+    nominal, alike = outcome(1.0), [outcome(1.0 + 0.002 * k) for k in range(-6, 7)]
+    low, high = ranges(nominal, alike, [])
+    assert (low > 0.9).all()
+    assert (high < 1.1).all()
+    low, both = ranges(nominal, alike, [outcome(2.0, GIVEN_UP)])
+    assert (low > 0.9).all()
+    assert (both >= 2.0).all()
+    assert (both < 2.5).all()
+    (told,) = undecided(["x"], [nominal, *alike, outcome(2.0, GIVEN_UP)])
+    assert (told.code, told.models, told.of, told.expected) == ("W-216", 1, 15, False)
+    assert undecided(["x"], [nominal, *alike]) == []
+
+
+def test_a_model_that_stops_before_anything_counts_leaves_a_range():
+    low, high = ranges(outcome(1.0), [outcome(1.01), outcome(np.nan, stopped=True)], [])
+    assert np.isfinite([low, high]).all()
+    assert (low < 1.0).all()
+    assert (high > 1.0).all()
+
+
+def test_an_axis_that_is_outrun_has_no_upper_end():
+    low, high = ranges(outcome(1.0), [outcome(1.02), outcome(0.99, 1 << OUTRUN, 1 << OUTRUN)], [])
+    assert np.isinf(high).all()
+    assert (low < 1.0).all()
+    _, high = ranges(outcome(1.0), [outcome(1.0, 1 << OUTRUN, 1 << OUTRUN)], [])
+    assert np.isfinite(high).all(), "what changes nothing is known"

@@ -669,6 +669,7 @@ static void write_axis(const struct axis_parameters *p, const struct axis_state 
     row->joint_1_Hz = joint_Hz(&p->reference, &a->reference, 0);
     row->joint_2_Hz = joint_Hz(&p->reference, &a->reference, 1);
     row->joint_3_Hz = joint_Hz(&p->reference, &a->reference, 2);
+    row->learned_um = 0.0;    /* it learns nothing */
     row->conditions = a->watch.raised;
     row->strain_age_ns = (int32_t)earlier(a->strain.age_ns, OLDEST_NS);
     row->stage_age_ns = (int32_t)earlier(a->stage.age_ns, OLDEST_NS);

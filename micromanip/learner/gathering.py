@@ -14,10 +14,10 @@ from micromanip.rt.states import TRACKING
 from micromanip.rt.telemetry import PART_RUNS, PART_TURN, ROW, TOOL
 
 BEFORE_S, AFTER_S = 1.5, 0.2
-"""Kept beside a part: for the predictor to forget where it began, for filters that see beyond the part."""
+"""Kept beside a part: for filters that see beyond the part."""
 
 _CELL = ("cycle", "time_ns", "state", "lines")
-_AXIS = ("deviation_age_ns", "fresh", "voltage_V", "deviation_um", "stage_um", "reference_um")
+_AXIS = ("deviation_age_ns", "fresh", "voltage_V", "deviation_um", "stage_um", "learned_um")
 _OF_AXIS = ROW["axis"].subdtype
 assert _OF_AXIS is not None
 KEPT = record(

@@ -182,11 +182,11 @@ class Memories:
             raise CheckFailed(f"part {part.number}: {made_with.unknown}: nothing is learned from it")
         file, memory = self._shelves[name].fitting(made_with)
         way, about_s = self._ways[name], self._about_s(part)
-        tracker, run, seconds = way.laws.tracker, self._run(name, part), self._learning.seconds
+        run, seconds = self._run(name, part), self._learning.seconds
         at_s = about_s
         if memory is not None:
             at_s = found_at(memory, run, about_s, self._found_within_s, self._learning.tolerance_um)
-        made: Part = run.part(tracker, at_s, seconds)
+        made: Part = run.part(at_s, seconds)
         if memory is None:
             warm_C = made_with.temperature_C
             repeats = self._learning.repeats

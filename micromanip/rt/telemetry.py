@@ -56,6 +56,7 @@ AXIS_ROW = record(
     ("joint_1_Hz", "f8"),
     ("joint_2_Hz", "f8"),
     ("joint_3_Hz", "f8"),
+    ("learned_um", "f8"),
     ("conditions", "i8"),
     ("strain_age_ns", "i4"),
     ("stage_age_ns", "i4"),
@@ -78,9 +79,10 @@ ROW = record(
 """One cycle of telemetry; ``compute_ns`` is the time of the cycle before, what an axis does not have is NaN.
 ``notch_um`` is what the notch took from the PID's error, ``tooth_Hz`` the frequency that the outer loop has found
 where it follows the tooth's, NaN where it does not, or has given it up; ``joint_1_Hz`` and so on are those that the
-predictor's oscillations have found, in the order of the configuration, NaN where none is followed. ``conditions`` has
-one bit per code of ``states`` that is raised, ``fresh`` and ``lines`` have the bits above. With the loop's state before
-it a row says all that came in: ``micromanip.replay`` runs the cycle again on that."""
+predictor's oscillations have found, in the order of the configuration, NaN where none is followed; ``learned_um`` is
+what of the reference is a learned correction. ``conditions`` has one bit per code of ``states`` that is raised,
+``fresh`` and ``lines`` have the bits above. With the loop's state before it a row says all that came in:
+``micromanip.replay`` runs the cycle again on that."""
 
 
 @compiled
@@ -156,6 +158,7 @@ def _axis_row(p: Record, a: Record, signals: Any, row: Record, now_ns: int) -> N
     row["joint_1_Hz"] = joint_Hz(p["reference"], a["reference"], 0) if predicts else math.nan
     row["joint_2_Hz"] = joint_Hz(p["reference"], a["reference"], 1) if predicts else math.nan
     row["joint_3_Hz"] = joint_Hz(p["reference"], a["reference"], 2) if predicts else math.nan
+    row["learned_um"] = a["learned"]["played_um"] if a["learned"]["level"] > 0.0 else 0.0
     row["strain_age_ns"] = _age(a["strain"], p["strain"])
     row["stage_age_ns"] = _age(a["stage"], p["stage"])
     row["deviation_age_ns"] = _age(a["deviation"], p["deviation"])

@@ -74,7 +74,7 @@ def test_figures_of_one_run_hang_together(report):
 
 
 def test_what_is_undone_brings_the_position_to_the_reference(report):
-    """D's true sigma at 1, 5 and 10 Hz, to three digits; .020 at 1 Hz were hoped for, as at 150 Hz .30 % of the stroke."""
+    """D's true sigma at 1, 5 and 10 Hz, to three digits; hoped for were .020 at 1 Hz, .30 % of the stroke at 150."""
     for row in report["rows"]:
         if row["config"] == "D":
             assert round(row["true_std_error_um"], 3) <= {1.0: 0.021, 5.0: 0.030, 10.0: 0.035}[row["frequency_hz"]]

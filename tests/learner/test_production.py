@@ -45,7 +45,7 @@ def whys(cell):
 
 
 def softly_um(made):
-    """What a correction may change the set-point by in a cycle: by itself and by fading; four times that, for the loop."""
+    """What a correction may change the set-point by in a cycle: by itself and by fading, four times for the loop."""
     played = made.table[: len(made.table) // 2]
     fading = 1.875 / (FADE_S * LOOP_HZ)  # of a minimum jerk, in its middle
     return 4.0 * (np.abs(np.diff(played, axis=0)).max() + fading * np.abs(played).max())

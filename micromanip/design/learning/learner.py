@@ -90,18 +90,17 @@ class Learner:
         self, run: Run, configuration: Configuration, memory: Memory | None, way: Transfer, begin_s: float | None,
         seconds: float | None, tool: int,
     ) -> tuple[Part, Memory]:  # fmt: skip
-        tracker = way.laws.tracker
         if memory is None:
             if begin_s is None or seconds is None:
                 raise CheckFailed(
                     f"{run.what}: there is no memory of axis {way.laws.name} yet: say when the part begins and how "
                     "long it takes (--begin, --seconds)"
                 )
-            part = run.part(tracker, begin_s, seconds)
+            part = run.part(begin_s, seconds)
             return part, begun(configuration, way.laws.name, part, begin_s, tool)
         about_s = memory.begin_s if begin_s is None else begin_s
         at_s = found_at(memory, run, about_s, self._search_s, self._tolerance_um)
-        return run.part(tracker, at_s, memory.seconds), memory
+        return run.part(at_s, memory.seconds), memory
 
     @staticmethod
     def _run(telemetry: Telemetry, configuration: Configuration, name: str) -> Run:

@@ -1,8 +1,8 @@
 """One part out of a run: path, error and what was played, on an even grid, without lag.
 
 The error is the path, as the tracker's samples show it at the times when they were taken, less the measured stage.
-Noise of the tracker that the loop has followed is in both, and so hardly in the error. What was played is the recorded
-reference less what the predictor makes of the recorded samples (`budget/tracking.py`): it is measured, not believed.
+Noise of the tracker that the loop has followed is in both, and so hardly in the error. What was played is what the loop
+recorded of it.
 """
 
 from __future__ import annotations
@@ -17,13 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from micromanip.control.predictor import shown, tracker_gain
-from micromanip.design.budget.tracking import Tracking
 from micromanip.errors import CheckFailed
 from micromanip.rt.states import TRACKING
 from micromanip.rt.telemetry import DEVIATION_FRESH
 from micromanip.settings.schema.axis import HASH_DIGITS
-from micromanip.settings.schema.reference import AxisTracker
 
 from .zero_phase import filtered, low_pass
 
@@ -72,10 +69,9 @@ class Run:
     time_s: Array
     period_s: float
     taken_s: Array
-    arrived_s: Array
     samples_um: Array
     stage_um: Array
-    reference_um: Array
+    learned_um: Array
     limited: NDArray[np.bool_]
 
     @classmethod
@@ -87,7 +83,7 @@ class Run:
             raise CheckFailed(f"{what}: the cell does not track in it: there is nothing to learn from")
         breaks = (np.diff(tracking) > 1) | (np.diff(version[tracking]) != 0)
         rows = max(np.split(tracking, np.flatnonzero(breaks) + 1), key=len)
-        seen = slice(0, int(rows[-1]) + 1)  # the predictor has taken samples while the cell was being armed, too
+        seen = slice(0, int(rows[-1]) + 1)
         time_s = np.asarray((time_ns[seen] - time_ns[rows[0]]) * 1e-9, dtype=float)
         age_s = axis("deviation_age_ns")[seen].astype(float) * 1e-9
         fresh = (axis("fresh")[seen].astype(int) & DEVIATION_FRESH) != 0
@@ -97,15 +93,15 @@ class Run:
         # one sample may come twice over a bus
         taken_s, first = np.unique((time_s - age_s)[fresh], return_index=True)
         return cls(
-            what, time_s[rows], period_s, taken_s, time_s[fresh][first], axis("deviation_um")[seen][fresh][first],
-            axis("stage_um")[rows], axis("reference_um")[rows], (voltage <= range_V[0]) | (voltage >= range_V[1]),
+            what, time_s[rows], period_s, taken_s, axis("deviation_um")[seen][fresh][first],
+            axis("stage_um")[rows], axis("learned_um")[rows], (voltage <= range_V[0]) | (voltage >= range_V[1]),
         )  # fmt: skip
 
     def path(self, time_s: Array) -> Array:
         """The path (n,) at `time_s`, by a cubic through the samples."""
         return np.asarray(CubicSpline(self.taken_s, self.samples_um)(time_s))
 
-    def part(self, tracker: AxisTracker, begin_s: float, seconds: float) -> Part:
+    def part(self, begin_s: float, seconds: float) -> Part:
         """The part that begins `begin_s` after tracking has. CheckFailed where it is not whole in here."""
         self._require_whole(begin_s, seconds)
         step = max(1, round(1.0 / (GRID_HZ * self.period_s)))
@@ -120,7 +116,7 @@ class Run:
             return filtered(x, 1.0 / self.period_s, passing)[::step][: ahead + count]
 
         # differences first: both sides of them move far while cycles are missed, and they hardly
-        seen = (self.path(self.time_s) - self.stage_um, self.reference_um - self._predicted(tracker))
+        seen = (self.path(self.time_s) - self.stage_um, self.learned_um)
         error, played = (thinned(np.interp(grid, self.time_s, each)) for each in seen)
         within = (self.time_s >= begin_s) & (self.time_s < begin_s + seconds)
         missed = 1.0 - np.count_nonzero(within) / round(seconds / self.period_s)
@@ -128,15 +124,6 @@ class Run:
         path = thinned(self.path(grid))
         felt = played[max(0, ahead - round(FELT_S * rate_hz)) : ahead]
         return Part(rate_hz, path[ahead:], error[ahead:], played[ahead:], max(0.0, missed), felt)
-
-    def _predicted(self, tracker: AxisTracker) -> Array:
-        """What the predictor made of the samples, at each row (n,)."""
-        late_s = float(np.median(self.arrived_s - self.taken_s))
-        every = max(1, round(float(np.median(np.diff(self.taken_s))) / self.period_s))
-        tracking = Tracking(tracker, every, late_s, self.period_s)
-        return tracking.given(
-            self.taken_s, self.arrived_s, self.samples_um, self.time_s, shown(len(tracker_gain(tracker)))
-        )
 
     def _require_whole(self, begin_s: float, seconds: float) -> None:
         if seconds < _LEAST_S:

@@ -75,7 +75,7 @@ class Cell:
         """Let each axis learn from a part that `make` has made."""
         found = {}
         for name in self.ways:
-            part = self.run_of(rows, name, what).part(self.ways[name].laws.tracker, begin_s, self._seconds)
+            part = self.run_of(rows, name, what).part(begin_s, self._seconds)
             memory = self.memories.get(name) or begun(self._prepared.configuration, name, part, begin_s)
             found[name] = updated(memory, part, self.ways[name], self._limit_um, what)
             self.memories[name] = found[name].memory

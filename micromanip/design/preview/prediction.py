@@ -1,8 +1,8 @@
 """What one axis does on a known deviation: set-point, stage and voltage, by the laws and the model of its file.
 
-What the tracker's predictor makes of the path, r, is stepped as the loop steps it (``design/budget/tracking.py``): where
-it follows the joints' frequencies it is not linear. Behind it the loop is, as long as no limit holds, so the rest is its
-responses to set-point and stage (``design/budget/loop.py``), turned into impulse responses and convolved with r:
+What the tracker's predictor makes of the path, r, is stepped as the loop steps it (``design/budget/tracking.py``):
+where it follows the joints' frequencies it is not linear. Behind it the loop is, as long as no limit holds, so the rest
+is its responses to set-point and stage (``design/budget/loop.py``), turned into impulse responses and convolved with r:
 
     u = R S r,   y = G u,   error = d - y
 

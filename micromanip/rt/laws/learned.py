@@ -59,10 +59,12 @@ LEARNED_STATE = record(
     ("level", "f8"),
     ("changed", "f8"),
     ("apart_um", "f8"),
+    ("played_um", "f8"),
 )
 """``part_begun``: the cycle in which the part that runs began, -1 where none does, left here by the cell, as is
 ``other_tool``: not 0 where the memory is of another one; ``part`` the last that a correction began with,
-``begun_cycle`` its first row; ``apart_um`` how far the reference was from the path when it was last looked at. Of a
+``begun_cycle`` its first row; ``apart_um`` how far the reference was from the path when it was last looked at;
+``played_um`` is what was last added to it, which counts while ``level`` is above 0. Of a
 path that repeats ``part`` is the period that runs, ``first`` its rows, ``old_first`` and ``old_begun_cycle`` what was
 played before that, and ``changed`` (0 to 1) how far the one has taken the place of the other."""
 
@@ -117,6 +119,7 @@ def add_learned(p: Record, s: Record, w: Any, samples: Any, cycle: int, allowed:
     slope, rate = s["level"] - level, p["cycles_per_s"]
     before, after = _played(p, samples, k - 1, level), _played(p, samples, k + 1, s["level"] + slope)
     now = _played(p, samples, k, s["level"])
+    s["played_um"] = now
     w[0] += now
     w[1] += 0.5 * rate * (after - before)
     w[2] += rate * rate * (after - 2.0 * now + before)

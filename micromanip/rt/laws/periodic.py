@@ -100,6 +100,7 @@ def add_periodic(p: Record, s: Record, w: Any, samples: Any, cycle: int, allowed
     now = _played(p, s, samples, cycle, s["level"], s["changed"])
     before = _played(p, s, samples, cycle - 1, level, changed)
     after = _played(p, s, samples, cycle + 1, s["level"] + rise, s["changed"] + change)
+    s["played_um"] = now
     w[0] += now
     w[1] += 0.5 * rate * (after - before)
     w[2] += rate * rate * (after - 2.0 * now + before)

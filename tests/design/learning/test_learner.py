@@ -79,7 +79,7 @@ def test_the_path_is_found_wherever_it_begins(prepared, first, learn, other):
         ({"state": lambda x: np.full_like(x, READY)}, "the cell does not track in it"),
         ({"fresh": lambda x: x & ~4}, "no samples of the tracker came"),
         ({"version": lambda x: np.arange(len(x)) // 9000}, "under one tuning, the part of 2.5 s begins at"),
-        ({"reference_um": lambda x: x + 1.0}, "a correction of 1 um rms was played to axis y"),
+        ({"learned_um": lambda x: x + 1.0}, "a correction of 1 um rms was played to axis y"),
     ],
 )  # fmt: skip
 def test_what_does_not_belong_to_the_memory_is_refused(prepared, first, learn, other, changed, message):

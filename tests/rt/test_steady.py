@@ -42,7 +42,8 @@ def predictor(steady=True):
     return p
 
 
-BOTH, WIDE = predictor(), predictor(steady=False)
+BOTH, WIDE, OTHER = predictor(), predictor(steady=False), predictor()
+OTHER["steady_gain"][0] *= 1.1
 
 # -- beside the wide predictor ----------------------------------------------------------------------
 
@@ -266,7 +267,15 @@ def test_what_starts_anew_has_nothing_but_the_sample():
     assert s["trust"] == ANEW_NATS
 
 
-@pytest.mark.parametrize(("old", "new"), [(WIDE, BOTH), (BOTH, BOTH), (BOTH, WIDE)])
+def test_the_same_parameters_and_those_without_a_narrow_one_change_nothing():
+    for old, new in ((BOTH, BOTH), (BOTH, WIDE)):
+        s = record(REFERENCE_STATE, filtered=[5.0, 1.0], wide=[4.0], narrow=[6.0], detuning=[2.0], trust=SURE_NATS)
+        before = s.tobytes()
+        change_modes(old, new, s)
+        assert s.tobytes() == before
+
+
+@pytest.mark.parametrize(("old", "new"), [(WIDE, BOTH), (OTHER, BOTH)])
 def test_under_other_parameters_all_go_on_from_what_was_given(old, new):
     s = record(REFERENCE_STATE, filtered=[5.0, 1.0], wide=[4.0], narrow=[6.0], detuning=[2.0], trust=SURE_NATS)
     change_modes(old, new, s)

@@ -194,7 +194,7 @@ def change_modes(old: Record, new: Record, s: Record) -> None:
     first = 3 + 2 * min(old["modes"], new["modes"])
     for i in range(first, REFERENCE_STATES):
         s["filtered"][i] = s["w"][i] = 0.0
-    keep_given(s)
+    keep_given(old, new, s)
 
 
 @compiled

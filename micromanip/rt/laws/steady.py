@@ -84,8 +84,17 @@ def give_both(s: Record) -> None:
 
 
 @compiled.rare
-def keep_given(s: Record) -> None:
-    """Under other parameters both go on from what was given."""
+def keep_given(old: Record, new: Record, s: Record) -> None:
+    """Under other parameters both go on from what was given; the same ones change nothing."""
+    same = old["steady"] == new["steady"] and old["modes"] == new["modes"] and old["returning"] == new["returning"]
+    for i in range(STATES):
+        same = same and old["gain"][i] == new["gain"][i] and old["steady_gain"][i] == new["steady_gain"][i]
+    for k in range(MAX_MODES):
+        same = same and old["oscillator"][k] == new["oscillator"][k] and old["decay"][k] == new["decay"][k]
+        same = same and old["detuning_low"][k] == new["detuning_low"][k]
+        same = same and old["detuning_high"][k] == new["detuning_high"][k]
+    if same or not new["steady"]:
+        return
     for i in range(STATES):
         s["wide"][i] = s["filtered"][i]
     for k in range(MAX_MODES):

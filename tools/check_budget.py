@@ -68,11 +68,12 @@ def changed(change: Callable[[Any], None]) -> Prepared:
 def compared(prepared: Prepared, seconds: float, seed: int) -> list[tuple[str, str, float, float]]:
     """Axis, cause, rms (um) computed and played, for the whole, the path, and each of `CAUSES`."""
     axes = list(prepared.configuration.axes)
-    whole = play_without(prepared, (), seconds, seed).variance_um2
-    quiet = play_without(prepared, NOISE, seconds, seed).variance_um2
-    off = {cause: play_without(prepared, (cause,), seconds, seed).variance_um2 for cause in CAUSES}
+    noisy = play_without(prepared, (), seconds, seed)
+    whole = noisy.variance_um2
+    quiet = play_without(prepared, NOISE, seconds, seed, noisy).variance_um2
+    off = {cause: play_without(prepared, (cause,), seconds, seed, noisy).variance_um2 for cause in CAUSES}
     alone = {
-        cause: play_without(prepared, [each for each in NOISE if each != cause], seconds, seed).variance_um2
+        cause: play_without(prepared, [each for each in NOISE if each != cause], seconds, seed, noisy).variance_um2
         for cause in CAUSES
     }
     found = []

@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.errors import UsageError
+from micromanip.rt.laws.steady import NEVER_DOUBTED_UM2
 from micromanip.rt.states import TRACKING
 from micromanip.settings.check import Prepared
 from micromanip.settings.schema.model import Configuration
 
-from .cell import Rows
+from .cell import Rows, VirtualCell
 from .experiment import VirtualExperiment, with_options
 
 _WEAK = 0.1
@@ -45,10 +46,14 @@ _ENTERED_S = 4.0
 
 @dataclass(frozen=True)
 class Played:
-    """Path errors (n, axes) in um while the cell tracks, and in which cycles (n, axes) a limit held."""
+    """Path errors (n, axes) in um while the cell tracks, and in which cycles (n, axes) a limit held.
+
+    `trust` (axes,) is that in the narrow predictors at the end.
+    """
 
     error_um: NDArray[np.float64]
     limited: NDArray[np.bool_]
+    trust: NDArray[np.float64]
 
     @property
     def variance_um2(self) -> NDArray[np.float64]:
@@ -66,14 +71,19 @@ def simulated_driver(prepared: Prepared) -> str:
     return names.pop()
 
 
-def play_without(prepared: Prepared, off: Collection[str], seconds: float, seed: int) -> Played:
+def play_without(
+    prepared: Prepared, off: Collection[str], seconds: float, seed: int, noisy: Played | None = None
+) -> Played:
     """`seconds` of tracking, machining included, once the tool is in, without the causes `off`.
 
-    Raises CheckFailed where the cell does not come to TRACKING or leaves it, UsageError where it is not simulated.
+    Where the tracker's noise is one of them, the predictors are believed as they were in the run `noisy`. Raises
+    CheckFailed where the cell does not come to TRACKING or leaves it, UsageError where it is not simulated.
     """
     name = simulated_driver(prepared)
     options: Any = switched(prepared.wiring.options[name], off).model_copy(update={"seed": seed})
-    return _played(with_options(prepared, name, options), seconds, options.force.start_s + _AFTER_FORCE_S)
+    from_s = options.force.start_s + _AFTER_FORCE_S
+    trust = noisy.trust if noisy is not None and "tracker noise" in off else None
+    return _played(with_options(prepared, name, options), seconds, from_s, trust)
 
 
 def play_as_it_is(prepared: Prepared, seconds: float) -> Played:
@@ -84,18 +94,35 @@ def play_as_it_is(prepared: Prepared, seconds: float) -> Played:
     return _played(prepared, seconds, _ENTERED_S)
 
 
-def _played(prepared: Prepared, seconds: float, from_s: float) -> Played:
+def trusted(cell: VirtualCell) -> NDArray[np.float64]:
+    """Trust (axes,), in nats, in the narrow predictors of `cell`."""
+    return np.array(cell.state[0]["axis"]["reference"]["trust"], dtype=float)
+
+
+def trust(cell: VirtualCell, nats: NDArray[np.float64]) -> None:
+    """Let an armed `cell` whose tracker has no noise believe its predictors as one with noise has come to do.
+
+    Which of two is believed is told by the noise that they let through (``rt/laws/steady.py``): without any it would be
+    another cell.
+    """
+    cell.parameters["axis"]["reference"]["steady_um2"] = NEVER_DOUBTED_UM2
+    cell.state["axis"]["reference"]["trust"] = nats
+
+
+def _played(prepared: Prepared, seconds: float, from_s: float, nats: NDArray[np.float64] | None = None) -> Played:
     """From `from_s` after the start on, or later."""
     configuration = prepared.configuration
     experiment = VirtualExperiment(prepared, process=True)
     cell = experiment.cell(configuration, prepared.samples)
     passed = len(cell.arm()) * configuration.loop.period_ns * 1e-9
+    if nats is not None:
+        trust(cell, nats)
     cell.run(max(_SETTLED_S, from_s - passed))
     rows = cell.run(seconds)
     experiment.require_no_fault(cell)
     assert (rows["state"] == TRACKING).all()
     error_um = rows["axis"]["path_error_um"][:, : len(configuration.axes)]
-    return Played(np.asarray(error_um, dtype=float), at_limits(configuration, rows))
+    return Played(np.asarray(error_um, dtype=float), at_limits(configuration, rows), trusted(cell))
 
 
 def at_limits(configuration: Configuration, rows: Rows) -> NDArray[np.bool_]:

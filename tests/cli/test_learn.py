@@ -132,7 +132,7 @@ def test_parts_in_virtual_time_take_off_what_repeats():
     assert [axis["axis"] for axis in found] == ["x", "y", "z"]
     for axis in found[1:]:  # x has little that repeats
         first, last = axis["parts"][0], axis["parts"][-1]
-        assert first["repeats_um"] > 0.05
+        assert first["repeats_um"] > 0.04
         assert last["repeats_um"] < 0.4 * first["repeats_um"]
         assert last["whole_um"] == pytest.approx(np.hypot(last["repeats_um"], last["floor_um"]), rel=0.03)
         assert axis["uncompensated_um"] > 100.0 * last["whole_um"]

@@ -133,7 +133,7 @@ def budget_of(
         say("playing the cell")
         whole = play_without(prepared, (), seconds, seed)
         say("playing it without noise and force")
-        quiet = play_without(prepared, NOISE, seconds, seed)
+        quiet = play_without(prepared, NOISE, seconds, seed, whole)
     elif seconds > 0.0 and prepared.wiring.virtual:
         say("playing the cell")
         whole = play_as_it_is(prepared, seconds)

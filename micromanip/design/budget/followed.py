@@ -37,9 +37,9 @@ WINDOW_S = 1.0
 """Of the spectra of recorded signals."""
 _SETTLED_S, _LEAST_S, _EDGE_S = 1.0, 3.0, 1.0
 """Left out after tracking has begun; shortest stretch; left out at both ends, where filters know only one side."""
-_FLOOR_SHARE, _STANDS_OUT, _ROOM = 0.25, 10.0, 2.0
+_FLOOR_SHARE, _STANDS_OUT, _ROOM, _PASSED = 0.25, 10.0, 2.0, 0.01
 """Of the samples' spectrum: from which share of the sampling rate on it is floor; what stands out of it; how far beyond
-that the path may go."""
+that the path may go; what of the samples is nothing in it."""
 
 
 _COLUMNS = (
@@ -158,14 +158,14 @@ def follow(stretch: Stretch, laws: AxisLaws) -> Followed:
     clean = np.interp(stretch.taken_s, time_s, path)
     noise = stretch.samples_um - clean
     tracking = Tracking(laws.tracker, max(1, round(step_s / laws.period_s)), stretch.late_s, laws.period_s)
-    seen = [
-        tracking.given(stretch.taken_s, stretch.arrived_s, samples, time_s, laws.gains.reference)
-        for samples in (clean, noise)
-    ]
+    times, row = (stretch.taken_s, stretch.arrived_s), laws.gains.reference
+    # which predictor is believed is told by the noise
+    given, trust = tracking.stepped(*times, stretch.samples_um, time_s, row)
+    of_path, _ = tracking.stepped(*times, clean, time_s, row, trust)
     filters = Filters.of(laws, len(time_s))
     parts = {
-        TRACKER: -filters.through("followed", seen[1]),
-        PREDICTION: path - filters.through("followed", seen[0]),
+        TRACKER: -filters.through("followed", given - of_path),
+        PREDICTION: path - filters.through("followed", of_path),
     }
     noise_um = float(np.std(noise)) if smoothing is None else smoothing.noise_um
     return Followed(path, smoothing, noise_um, tracking, filters, parts)
@@ -187,6 +187,7 @@ def mistaken(followed: Followed, laws: AxisLaws, grid: Grid) -> Mistaken:
     loop = laws.around(laws.model(grid.omega), grid.omega)
     to_stage = followed_share(loop, followed.tracking, laws.gains.reference)
     passed = followed.smoothing.share(grid.hertz)
+    passed = np.where(passed > _PASSED, passed, 0.0)
     highest_Hz = 0.5 / (followed.tracking.every * laws.period_s)
     white = np.where(grid.hertz < highest_Hz, followed.noise_um**2 * grid.bin_hz / highest_Hz, 0.0)
     true = np.abs(to_stage) ** 2

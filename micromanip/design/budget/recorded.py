@@ -95,8 +95,8 @@ def _explained(stretch: Stretch, laws: AxisLaws, coherence_s: float) -> AxisBudg
         alone[DISTURBANCE] = alone[DISTURBANCE] - alone[STAGE]
     unseen = mistaken(followed, laws, grid)
     alone[TRACKER] += unseen.tracker
-    alone[PREDICTION] = np.maximum(0.0, alone[PREDICTION] + unseen.prediction)
-    whole = np.maximum(0.0, binned(error[inside], grid) + unseen.whole)
+    alone[PREDICTION] = _with(alone[PREDICTION], unseen.prediction)
+    whole = _with(binned(error[inside], grid), unseen.whole)
     bound = _bound(path[inside], moved[inside], followed.noise_um**2, tracking, laws, coherence_s, known_stage=truth)
     known = "the simulation's own signals" if truth else "the smoothed tracker and the measured stage"
     return AxisBudget(
@@ -106,6 +106,14 @@ def _explained(stretch: Stretch, laws: AxisLaws, coherence_s: float) -> AxisBudg
         bound=bound,
         notes=(f"{inside.sum() * laws.period_s:.1f} s of tracking, by {known}",),
     )
+
+
+def _with(power: Array, unseen: Array) -> Array:
+    """`power` (n,) with what of it is `unseen` (n,), in proportion: the bins of one record scatter about their mean."""
+    where = unseen != 0.0
+    seen = float(power[where].sum())
+    factor = 1.0 if seen <= 0.0 else max(0.0, 1.0 + float(unseen[where].sum()) / seen)
+    return np.where(where, factor * power, power)
 
 
 def _bound(

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from micromanip.control.predictor import reference_transition, sample_transition, shown, tracker_gain
 from micromanip.rt.jit import Compiler
 from micromanip.rt.laws.reference import REFERENCE_PARAMETERS, REFERENCE_STATE, signal_reference, signal_sample
+from micromanip.rt.laws.steady import ANEW_NATS, NEVER_DOUBTED_UM2, give_both, narrow_anew
 from micromanip.settings.compile.reference import fill_predictor
 from micromanip.settings.schema.reference import AxisTracker
 
@@ -82,6 +83,15 @@ class Tracking:
         `samples` (k,) were taken at `taken_s` (k,) and seen from `arrived_s` (k,) on; `row` (r,) is G. The predictor
         starts at rest at the first.
         """
+        return self.stepped(taken_s, arrived_s, samples, now_s, row)[0]
+
+    def stepped(
+        self, taken_s: Array, arrived_s: Array, samples: Array, now_s: Array, row: Array, trust: Array | None = None
+    ) -> tuple[Array, Array]:
+        """The same, and after each sample the trust (k,) in the narrow predictor (``rt/laws/steady.py``).
+
+        It can be given: noise tells it, so that samples without any take that of those with it.
+        """
         p, s = np.zeros(1, REFERENCE_PARAMETERS)[0], np.zeros(1, REFERENCE_STATE)[0]
         fill_predictor(p, self.tracker)
         p["low_um"], p["high_um"], p["jump_um"], p["horizon_s"] = -np.inf, np.inf, np.inf, np.inf
@@ -89,8 +99,10 @@ class Tracking:
         times_s = (taken_s, arrived_s - 1e-3 * self.period_s, now_s)
         taken_ns, arrived_ns, now_ns = (_ns(each - taken_s[0]) + 1 for each in times_s)
         out = np.empty(len(now_s))
-        _given(p, s, taken_ns, arrived_ns, np.asarray(samples, dtype=float), now_ns, row, out)
-        return out
+        trusted = np.zeros(len(taken_ns)) if trust is None else trust
+        values = np.asarray(samples, dtype=float)
+        _given(p, s, taken_ns, arrived_ns, values, now_ns, row, trusted, trust is not None, out)
+        return out, trusted
 
 
 def _ns(time_s: Array) -> NDArray[np.int64]:
@@ -98,11 +110,24 @@ def _ns(time_s: Array) -> NDArray[np.int64]:
 
 
 @compiled
-def _given(p: Any, s: Any, taken_ns: Any, arrived_ns: Any, samples: Any, now_ns: Any, row: Any, out: Any) -> None:
+def _given(
+    p: Any, s: Any, taken_ns: Any, arrived_ns: Any, samples: Any, now_ns: Any, row: Any, trust: Any, told: bool,
+    out: Any,
+) -> None:  # fmt: skip
     seen = 0
+    if told:
+        p["steady_um2"] = NEVER_DOUBTED_UM2
     for i in range(len(now_ns)):
         while seen < len(samples) and (seen == 0 or arrived_ns[seen] <= now_ns[i]):
             signal_sample(p, s, samples[seen], taken_ns[seen])
+            if told:
+                if trust[seen] == ANEW_NATS:
+                    narrow_anew(s)
+                s["trust"] = trust[seen]
+                if p["steady"]:
+                    give_both(s)
+            else:
+                trust[seen] = s["trust"]
             seen += 1
         signal_reference(p, s, now_ns[i])
         out[i] = 0.0

@@ -16,7 +16,7 @@ from micromanip.control.learned import Played, fill_learned, rows_to_play
 from micromanip.rt.states import BEGIN_PART
 from micromanip.settings.check import Prepared
 from micromanip.virtual.experiment import VirtualExperiment, with_options
-from micromanip.virtual.switched import DRAWN, simulated_driver, switched
+from micromanip.virtual.switched import DRAWN, simulated_driver, switched, trust, trusted
 
 from .law import Update, updated
 from .learner import begun, way_of
@@ -38,6 +38,7 @@ class Cell:
         self._driver = simulated_driver(prepared)
         self.ways = {name: way_of(prepared.configuration, name) for name in prepared.configuration.axes}
         self.memories: dict[str, Memory] = {}
+        self._trust: Array | None = None
 
     def make(self, seed: int | None, corrections: Mapping[str, Array]) -> tuple[Rows, float]:
         """Rows of a part in which `corrections` are played, and when in them it begins, s after tracking has.
@@ -56,6 +57,8 @@ class Cell:
         )  # fmt: skip
         cell = experiment.cell(configuration, played)
         passed_s = len(cell.arm()) / loop_hz
+        if seed is None and self._trust is not None:
+            trust(cell, self._trust)
         begin_s = max(_AFTER_FORCE_S, options.force.start_s + _AFTER_FORCE_S - passed_s)
         before = cell.run(begin_s)
         for i, name in enumerate(axes):
@@ -64,6 +67,8 @@ class Cell:
                 fill_learned(p, 1, i, len(played), Played(self._limit_um), loop_hz)
         rows = np.concatenate([before, cell.run(self._seconds + _AFTER_FORCE_S, command=BEGIN_PART)])
         experiment.require_no_fault(cell)
+        if seed is not None:
+            self._trust = trusted(cell)
         return rows, begin_s
 
     @property

@@ -26,6 +26,8 @@ from .motion import extrapolate, position
 
 STATES = 3 + 2 * MAX_MODES
 SURE_NATS, LOST_NATS, ANEW_NATS, FAR_SIGMA = 6.0, -18.0, -9.0, 6.0
+NEVER_DOUBTED_UM2 = 1e12
+"""In the place of ``steady_um2``: no sample changes the trust."""
 
 STEADY: tuple[Field, ...] = (
     ("steady", "i8"),

@@ -27,7 +27,7 @@ CONFIG = Path(__file__).parents[3] / "config" / "simulated.yaml"
 @pytest.fixture(scope="module")
 def laws():
     found = load(CONFIG)
-    return AxisLaws("x", found.axes["x"], found.reference.of("x"), 1e-4)
+    return AxisLaws("x", found.axes["x"], replace(found.reference.of("x"), steady=None), 1e-4)
 
 
 TWO = (Oscillation(frequency_Hz=7.8, um_per_s=3.0), Oscillation(frequency_Hz=0.9, um_per_s=20.0, decay_per_s=0.5))

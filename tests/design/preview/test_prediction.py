@@ -35,7 +35,8 @@ def predicted(cell, deviation, **changed):
 def with_joint(cell, range_percent):
     """Tracking of x by a predictor that knows of one joint, and follows its frequency so far."""
     joints = (Oscillation(frequency_Hz=8.0, um_per_s=3.2, range_percent=range_percent),)
-    return replace(cell.tracking["x"], tracker=replace(cell.tracking["x"].tracker, oscillations=joints))
+    tracker = replace(cell.tracking["x"].tracker, oscillations=joints, steady=None)
+    return replace(cell.tracking["x"], tracker=tracker)
 
 
 def test_where_the_path_stands_the_actuator_is_its_share_of_the_gain_away(cell):

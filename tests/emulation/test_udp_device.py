@@ -58,13 +58,13 @@ class Cell(Called):
     def run(self, seconds, voltage=0.0):
         """Exchange with a voltage on all axes; the codes, and the strains of axis x that were fresh."""
         codes, strains = [], []
-        self.outputs[:6] = (voltage, voltage, voltage, 1.0, 0.0, 0.0)
         end_ns = self.at_ns + round(seconds * 1e9)
         while self.at_ns < end_ns:
             self.at_ns = max(
                 self.at_ns + PERIOD_NS, time.monotonic_ns()
             )  # as a loop: what is missed is not made up for
             time.sleep(max(0, self.at_ns - time.monotonic_ns()) * 1e-9)
+            self.outputs[:6] = (voltage, voltage, voltage, 1.0, 0.0, 0.0)  # the driver leaves there what it gave
             before = int(self.signals[0]["sequence"])
             codes.append(self.exchange_at(self.at_ns))
             if self.signals[0]["sequence"] != before and self.signals[0]["status"] == 0:

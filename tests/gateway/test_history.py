@@ -104,7 +104,7 @@ def test_cycles_that_were_skipped_are_told_as_missing():
 
 
 def test_every_column_of_the_telemetry_is_a_field():
-    assert len(FIELDS) == 8 + 2 * 24
+    assert len(FIELDS) == 8 + 2 * 25
     raised = rows([0, 1, 2])
     raised["axis"]["conditions"][:, 1] = [0, 1 << states.SATURATED, 1 << states.ROLLED_BACK | 1 << states.SATURATED]
     (field,) = [field for field in FIELDS if field.name == "y.conditions"]

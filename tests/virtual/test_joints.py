@@ -1,5 +1,6 @@
 """Joints that swing at another frequency than is said, in the whole cell: found, and told in the rows."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,8 @@ SAID = "  oscillation_Hz: 8       # the robot's joints\n"
 def test_where_the_joints_swing_stands_in_the_rows(tmp_path, range_percent):
     text = CONFIG.read_text(encoding="utf-8")
     assert text.count(SAID) == 1
+    text, sections = re.subn(r"\n  axes:\n(?:    .*\n)+", "\n", text)
+    assert sections == 1, "what was fitted of each axis"
     file = tmp_path / "cell.yaml"
     said = f"  oscillation_Hz: 9.5\n  oscillation_um_per_s: 5\n  oscillation_range_percent: {range_percent}\n"
     file.write_text(text.replace(SAID, said), encoding="utf-8")

@@ -69,7 +69,8 @@ def test_a_configuration_and_its_run_have_the_same_budget(prepared, rows):
     assert {HYSTERESIS, SATURATION} <= first.keys()
     for cause, rel in ((TRACKER, 0.15), (FORCE, 0.15), (PREDICTION, 0.25)):  # of 4 s, in which it hardly repeats
         assert second[cause] == pytest.approx(first[cause], rel=rel), cause
-    assert second[UNEXPLAINED] < 0.05 * recorded.rms_um
+    # the narrow predictor of the recording knew of samples from before it, and takes 5 s to forget them
+    assert second[UNEXPLAINED] < 0.12 * recorded.rms_um
     assert second[ACTUATOR] < 0.15 * recorded.rms_um
     for budget in (computed, recorded):
         assert budget.bound.rms_um < budget.rms_um

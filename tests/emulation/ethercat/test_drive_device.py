@@ -26,6 +26,7 @@ class Cell(Called):
         self.devices = Devices(file)
         wiring = prepare(file).wiring
         super().__init__(wiring.drivers["cell"], wiring.safe_outputs("cell", prepare(file).configuration))
+        self.asked = self.outputs.copy()
         self.now_ns = time.monotonic_ns()
         self.devices.start()
         self._running = LoopInThread(self.devices.loop)
@@ -38,7 +39,8 @@ class Cell(Called):
     def cycle(self, **outputs):
         """One, with these outputs; whether they are followed."""
         for name, value in outputs.items():
-            self.outputs[self.driver.outputs.index(name)] = value
+            self.asked[self.driver.outputs.index(name)] = value
+        self.outputs[:] = self.asked  # the driver leaves there what it gave
         self.now_ns += PERIOD_NS
         return self.exchange_at(self.now_ns) == 0
 

@@ -144,16 +144,18 @@ def path_error(prepared: Prepared) -> Figure:
     """What is left of the robot's deviation and the machining force at the spindle, axis x."""
     rows = VirtualExperiment(prepared, process=True)(prepared.configuration, 6.0, every=5)
     time, axis = rows["cycle"] * _PERIOD_S, rows["axis"][:, 0]
+    engages_s = prepared.wiring.options["cell"].force.start_s
     figure, (before, after) = panels(2, "Path error at the spindle, axis x", 5.0)
     for panel, name, colour in ((before, "uncompensated_um", "tab:grey"), (after, "path_error_um", "tab:orange")):
         values = axis[name]
         rms = np.sqrt(np.mean(values[time > time[0] + 1.0] ** 2))
         label = f"{'before' if panel is before else 'after'} compensation: {rms:.3g} um rms"
         panel.plot(time, values, color=colour, lw=0.7, label=label)
-        panel.axvline(2.5, color="tab:red", lw=0.8, ls="--")
+        panel.axvline(engages_s, color="tab:red", lw=0.8, ls="--")
         panel.set(ylabel="um", xlim=(time[0], time[-1]))
         panel.legend(loc="upper right", fontsize="small")
-    before.annotate("tool engages", (2.5, -180), xytext=(5, 0), textcoords="offset points", color="tab:red", fontsize=8)
+    beside = {"xytext": (5, 0), "textcoords": "offset points"}
+    before.annotate("tool engages", (engages_s, -180), **beside, color="tab:red", fontsize=8)
     after.set(xlabel="time since the loop's start, s")
     return figure
 

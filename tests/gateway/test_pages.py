@@ -239,7 +239,7 @@ def test_runs_are_found_and_a_report_is_opened(browser, address):
 
 def test_the_scope_triggers_at_the_cycle_and_reads_the_sine(browser, address, played):
     signed_in(browser, address, "/scope")
-    browser.until("document.querySelectorAll('#fields input').length === 52")
+    browser.until("document.querySelectorAll('#fields input').length === 58")
     form = "const f = document.getElementById('trigger').elements"
     browser.value(
         f"{{ {form}; f.mode.value = 'single'; f.field.value = 'x.stage_um'; f.level.value = '0.5'; "

@@ -32,6 +32,8 @@ def _tracked(noise_um: float, rate_Hz: float = 1000.0) -> Callable[[Any], None]:
     def change(document: Any) -> None:
         document["drivers"]["cell"]["tracker"] |= {"noise_um": noise_um, "rate_Hz": rate_Hz}
         document["reference"] |= {"noise_um": noise_um, "sample_rate_Hz": rate_Hz}
+        for own in document["reference"]["axes"].values():
+            own["noise_um"] = noise_um
 
     return change
 

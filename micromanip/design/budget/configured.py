@@ -38,6 +38,8 @@ Array = NDArray[np.float64]
 HYSTERESIS, SATURATION = "hysteresis left", "saturation"
 _COARSE_HZ = 4.0
 """Bins for sums alone: the rest of a midpoint rule over such smooth spectra is small beside 1 %."""
+_BORNE = 1.6
+"""Noise over what is stated up to which a narrow predictor is believed: with more, six stated sigma are soon met."""
 _OF_PATH = (PREDICTION, MISFIT, CREEP, COUPLING)
 _UNKNOWN = "deviation of the robot, force, noise of the gauge, hysteresis left: "
 _UNTOLD = f"{_UNKNOWN}the driver that simulates the cell does not tell them; a recording shows what they make together"
@@ -94,8 +96,11 @@ def cell_of(prepared: Prepared, axis: str) -> Cell:
     settings = configuration.axes[axis]
     if known is not None and settings.outer is not None:
         settings = settings.model_copy(update={"outer": settings.outer.at_tooth(known.tooth[0])})
+    told = tracker.of(axis)
+    if known is not None and known.tracker_noise_um > _BORNE * told.noise_um:
+        told = replace(told, steady=None)
     known_Hz = () if known is None else (hertz for hertz, um in known.deviation if um > 0.0)
-    laws = AxisLaws(axis, settings, tracker.of(axis).at_swings(known_Hz), configuration.loop.period_ns * 1e-9)
+    laws = AxisLaws(axis, settings, told.at_swings(known_Hz), configuration.loop.period_ns * 1e-9)
     tracking = Tracking(laws.tracker, cycles_between(configuration, timing), timing.latency_s, laws.period_s)
     return Cell(laws, tracking, known)
 

@@ -14,7 +14,7 @@ from micromanip.errors import CheckFailed, UsageError
 from micromanip.recordings import Telemetry
 from micromanip.rt.states import READY
 from micromanip.settings.check import prepare
-from micromanip.virtual.experiment import VirtualExperiment
+from micromanip.virtual.experiment import VirtualExperiment, with_options
 from micromanip.virtual.switched import NOISE, play_without
 from tools.check_budget import compared
 
@@ -146,6 +146,16 @@ def test_of_a_real_cell_only_what_the_configuration_says_is_budgeted(prepared, m
     assert found.bound is None
     assert found.measured_um is None
     assert "of a real cell does not hold them; a recording shows them" in found.unknown[0]
+
+
+@pytest.mark.parametrize(("noise_um", "believed"), [(0.5, True), (2.0, False)])
+def test_a_narrow_predictor_that_its_tracker_belies_is_not_budgeted(prepared, noise_um, believed):
+    """Samples beyond six of the stated sigma make it begin anew, several times a second."""
+    cell = prepared.wiring.options["cell"]
+    noisy = with_options(
+        prepared, "cell", cell.model_copy(update={"tracker": cell.tracker.model_copy(update={"noise_um": noise_um})})
+    )
+    assert (cell_of(noisy, "x").laws.tracker.steady is not None) == believed
 
 
 def test_configurations_without_a_tracker_of_the_axes_are_refused(prepared):

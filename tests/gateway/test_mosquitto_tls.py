@@ -87,15 +87,6 @@ class Plant:
         return node.lines[0]
 
 
-@pytest.fixture
-def closing():
-    """What is appended is closed, the last one first."""
-    open_ones = []
-    yield open_ones
-    for one in reversed(open_ones):
-        one.close()
-
-
 def test_a_broker_of_ones_own_authority(tmp_path, closing):
     plant = Plant(tmp_path, closing)
     plant.says("connected", ca=plant.authority[0])

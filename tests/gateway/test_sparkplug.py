@@ -46,15 +46,6 @@ def broker(request, tmp_path):
     made.close()
 
 
-@pytest.fixture
-def closing():
-    """What is appended is closed, the last one first."""
-    open_ones = []
-    yield open_ones
-    for one in reversed(open_ones):
-        one.close()
-
-
 def read(content):
     return Payload.FromString(content)
 

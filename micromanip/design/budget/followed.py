@@ -37,7 +37,7 @@ WINDOW_S = 1.0
 """Of the spectra of recorded signals."""
 _SETTLED_S, _LEAST_S, _EDGE_S = 1.0, 3.0, 1.0
 """Left out after tracking has begun; shortest stretch; left out at both ends, where filters know only one side."""
-_FLOOR_SHARE, _STANDS_OUT, _ROOM, _PASSED = 0.25, 10.0, 2.0, 0.01
+_FLOOR_SHARE, _STANDS_OUT, _ROOM, _NOTHING = 0.25, 10.0, 2.0, 0.01
 """Of the samples' spectrum: from which share of the sampling rate on it is floor; what stands out of it; how far beyond
 that the path may go; what of the samples is nothing in it."""
 
@@ -187,7 +187,7 @@ def mistaken(followed: Followed, laws: AxisLaws, grid: Grid) -> Mistaken:
     loop = laws.around(laws.model(grid.omega), grid.omega)
     to_stage = followed_share(loop, followed.tracking, laws.gains.reference)
     passed = followed.smoothing.share(grid.hertz)
-    passed = np.where(passed > _PASSED, passed, 0.0)
+    passed = np.where(passed > _NOTHING, passed, 0.0)
     highest_Hz = 0.5 / (followed.tracking.every * laws.period_s)
     white = np.where(grid.hertz < highest_Hz, followed.noise_um**2 * grid.bin_hz / highest_Hz, 0.0)
     true = np.abs(to_stage) ** 2

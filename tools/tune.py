@@ -1,7 +1,7 @@
 """Commission config/factory.yaml and put what was found into the tuned configurations: `make tune`.
 
-All describe the same cell: simulated.yaml reaches it in the loop's own cycle, ethercat.yaml and udp.yaml a cycle later.
-What is written by hand beside it, limits, soft start and devices, stays.
+All describe the same cell, and reach it in the loop's own cycle. What is written by hand beside it, limits, soft start
+and devices, stays.
 """
 
 import datetime
@@ -18,12 +18,11 @@ from micromanip.settings.schema.axis import Commissioned
 from micromanip.settings.schema.reference import Tracker
 from micromanip.settings.text.digits import rounded
 from micromanip.settings.write import edited, node, with_tuning, write_atomically
-from micromanip.virtual.experiment import VirtualExperiment, with_options
+from micromanip.virtual.experiment import VirtualExperiment
 
 CONFIG = Path(__file__).resolve().parent.parent / "config"
 TOOTH_HZ, SEED = 200.0, 1
-CELLS = {0: ("simulated.yaml",), 1: ("ethercat.yaml", "udp.yaml")}
-"""Configurations by how many cycles later their voltages come."""
+NAMES = ("simulated.yaml", "ethercat.yaml", "udp.yaml")
 HEADER = """\
 # The simulated cell, tuned: three axes hold the spindle on its path while the robot deviates and the
 # tool cuts. Physical units, named by the keys; every key is explained in docs/configuration.md.
@@ -38,16 +37,11 @@ def _say(what: str) -> None:
     sys.stderr.write(f"{what}\n")
 
 
-def tuned(late_cycles: int) -> CommissionedCell:
-    """The factory's cell, whose voltages come so much later, commissioned."""
+def tuned() -> CommissionedCell:
+    """The factory's cell, commissioned."""
     factory = prepare(CONFIG / "factory.yaml")
-    cell, late = factory.wiring.options["cell"], {"late_cycles": late_cycles}
-    variation = {axis: plant.model_copy(update=late) for axis, plant in cell.variation.items()}
-    prepared = with_options(
-        factory, "cell", cell.model_copy(update={"plant": cell.plant.model_copy(update=late), "variation": variation})
-    )
-    configuration = prepared.configuration
-    experiment, running = VirtualExperiment(prepared), VirtualExperiment(prepared, process=True)
+    configuration = factory.configuration
+    experiment, running = VirtualExperiment(factory), VirtualExperiment(factory, process=True)
     axes, knobs = list(configuration.axes), Knobs(tooth_Hz=TOOTH_HZ)
     return commission_cell(configuration, experiment, axes, _say, knobs, SEED, running)
 
@@ -76,15 +70,12 @@ def text_of(name: str, found: CommissionedCell, tracker: Tracker, today: str) ->
 
 def main() -> int:
     """Commission in virtual time; exit code 1 where a criterion is missed, and nothing is written."""
-    today, texts = datetime.datetime.now(datetime.UTC).date().isoformat(), {}
-    for late_cycles, names in CELLS.items():
-        _say(f"{' and '.join(names)}:")
-        found = tuned(late_cycles)
-        tracker = found.configuration.reference
-        if not found.passed or not isinstance(tracker, Tracker):
-            sys.stderr.write("\n".join([*missed(found), "nothing was written\n"]))
-            return 1
-        texts |= {name: text_of(name, found, tracker, today) for name in names}
+    today, found = datetime.datetime.now(datetime.UTC).date().isoformat(), tuned()
+    tracker = found.configuration.reference
+    if not found.passed or not isinstance(tracker, Tracker):
+        sys.stderr.write("\n".join([*missed(found), "nothing was written\n"]))
+        return 1
+    texts = {name: text_of(name, found, tracker, today) for name in NAMES}
     header = HEADER.format(tooth=TOOTH_HZ, seed=SEED, version=version("micromanip"), date=today)
     texts["simulated.yaml"] = re.sub(r"\A(#.*\n)*", lambda _: header, texts["simulated.yaml"])
     for name, text in texts.items():

@@ -9,32 +9,25 @@ from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
 
 from micromanip.errors import ConfigError
 from micromanip.rt.records import MAX_OUTPUTS
 
 from .cyclic import CyclicDriver, Wire
 from .driver import Channel
-from .number_options import Commanded
+from .loop_wire_options import LoopOutput, LoopWireOptions
 from .output_gate import adopt_limits, close_gate, gate_statistics, wait_for_rest, wire_of
 from .safe_state import SafeOutput
 
 _UNSAFE = 1
 
 
-class LoopOutput(Commanded):
-    """A value that the device is given in every cycle."""
-
-    switch: bool = Field(
-        default=False,
-        strict=True,
-        description="A line that is on or off: need not be at rest before the outputs follow the loop again.",
-    )
+_MOST_OF_A_CYCLE = 0.8
+"""The loop waits for the wire at most for so much of its cycle: the laws need the rest."""
 
 
 class LoopWire(CyclicDriver):
-    """Its options have ``simulated``, ``silence_ms`` and ``watchdog``, which has ``ms``, ``rest_ms`` and ``does``."""
+    """Its options are ``LoopWireOptions``, and what is its own."""
 
     CONTEXT: ClassVar[np.dtype[Any]]
     """Record with the fields of ``WIRE`` (``rt/wire/context.py``)."""
@@ -43,10 +36,13 @@ class LoopWire(CyclicDriver):
     BAD: ClassVar[tuple[str, ...]]
     """Those of them that count as errors."""
 
-    def __init__(self, options: Any, period_ns: int, fields: Mapping[str, LoopOutput], key: str) -> None:
+    options: LoopWireOptions
+
+    def __init__(self, options: LoopWireOptions, period_ns: int, fields: Mapping[str, LoopOutput], key: str) -> None:
         """`fields` are the outputs by name, in the order in which they are sent; `key` is where they stand.
 
-        Raises ConfigError for outputs that nothing would bring to rest, or before the loop knows that the link is lost.
+        Raises ConfigError for outputs that nothing would bring to rest, or before the loop knows that the link is lost,
+        and for a wait that leaves no time for the laws.
         """
         self.options, self.period_ns, self._fields = options, period_ns, fields
         self.simulated = options.simulated  # type: ignore[misc]
@@ -60,6 +56,12 @@ class LoopWire(CyclicDriver):
             raise ConfigError(
                 f"silence_ms: {options.silence_ms:g} ms must be at most half of the watchdog's {options.watchdog.ms:g} "
                 "ms: the loop must know that the link is lost before the device moves by itself"
+            )
+        self.wait_us: float = getattr(options, "wait_us", 0.0)  # drivers of API 1.8 and before don't have it
+        if self.wait_us * 1e3 > _MOST_OF_A_CYCLE * period_ns:
+            raise ConfigError(
+                f"wait_us: {self.wait_us:g} us is more than {100 * _MOST_OF_A_CYCLE:g} % of the cycle of "
+                f"{1e-3 * period_ns:g} us: the laws need the rest"
             )
         if len(fields) > MAX_OUTPUTS:
             raise ConfigError(f"{key}: {len(fields)} outputs, at most {MAX_OUTPUTS} are possible")
@@ -79,7 +81,12 @@ class LoopWire(CyclicDriver):
     @property
     def silent_cycles(self) -> int:
         """So many in a row without an answer, and the link is lost."""
-        return math.ceil(float(self.options.silence_ms) * 1e6 / self.period_ns)
+        return math.ceil(self.options.silence_ms * 1e6 / self.period_ns)
+
+    @property
+    def age_s(self) -> float:
+        """How old what comes back is: the answer of one cycle is taken in the next, or spun for."""
+        return 0.0 if self.wait_us > 0 else self.period_ns * 1e-9
 
     def context(self) -> NDArray[np.uint8]:
         context, watchdog = np.zeros(1, self.CONTEXT), self.options.watchdog
@@ -90,6 +97,7 @@ class LoopWire(CyclicDriver):
             self.silent_cycles,
             (watchdog.ms, watchdog.rest_ms) if watchdog else None,
         )
+        context[0]["wait_ns"] = round(1e3 * self.wait_us)
         self.fill(context[0])
         return context.view(np.uint8)
 

@@ -24,7 +24,7 @@ from micromanip.rt.wire.giving import give
 from micromanip.rt.wire.numbers import find_code, value_of_code
 from micromanip.rt.wire.records import BATCH
 from micromanip.rt.wire.samples import leave_samples
-from micromanip.rt.wire.serving import NOT_OPEN, begin, end, rest, send_due, send_outputs, take
+from micromanip.rt.wire.serving import NOT_OPEN, begin, end, rest, send_due, send_outputs, take, wait_for_answer
 
 __all__ = [
     "BAD_STATUS",
@@ -71,4 +71,5 @@ __all__ = [
     "turn",
     "value_of",
     "value_of_code",
+    "wait_for_answer",
 ]

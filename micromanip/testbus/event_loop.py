@@ -88,7 +88,8 @@ class EventLoop:
     def stop(self) -> None:
         """Make ``run`` return, at once if it isn't running yet; may be called by a signal handler or a thread."""
         self._stopping = True
-        os.eventfd_write(self._waker, 1)
+        if self._waker in self._readers:  # a second signal may come when all is closed
+            os.eventfd_write(self._waker, 1)
 
     def run(self, until_ns: int | None = None) -> None:
         """Serve until ``stop``, or until `until_ns` has passed; what is ready now is served in any case.

@@ -27,6 +27,12 @@ def test_calls_come_in_order_of_time_and_not_early(loop):
     assert all(late_ns >= after for (_, late_ns), after in zip(called, (300e3, 600e3, 600e3, 900e3), strict=True))
 
 
+def test_a_signal_that_comes_when_all_is_closed_does_no_harm():
+    loop = EventLoop()
+    loop.close()
+    loop.stop()  # before: Bad file descriptor, or an event at whatever has this descriptor by then
+
+
 def test_a_cancelled_timer_does_not_come(loop):
     called = []
     timer = loop.call_at(loop.now_ns(), lambda: called.append(1))

@@ -20,11 +20,11 @@ from micromanip.rt.records import MAX_AXES, MAX_OUTPUTS, MAX_SIGNALS, SIGNAL
 from micromanip.rt.states import NO_FAULT, TRACKING
 from micromanip.rt.wire.gate import FOLLOWING, GATE, acknowledge, has_sent, near, put_back
 from micromanip.settings.check import prepare
-from micromanip.settings.write import with_tuning
 from micromanip.virtual.cell import VirtualCell
 
 ROOT = Path(__file__).parents[2]
 RECORDED = Path(__file__).with_name("stalls.csv")
+LATE_AXES = Path(__file__).with_name("late_axes.yaml")
 WINDOW_S = 0.1
 PERIOD_NS = 100_000
 
@@ -40,10 +40,7 @@ def cell(folder, name, faults=""):
     text = (ROOT / "config" / f"{name}.yaml").read_text(encoding="utf-8")
     file = folder / "cell.yaml"
     file.write_text(text.replace("    seed: 1\n", f"    seed: 1\n{faults}", 1), encoding="utf-8")
-    prepared = prepare(file)
-    tracking = VirtualCell(prepared.parameters, prepared.wiring)
-    tracking.arm()
-    return tracking
+    return running(file)[0]
 
 
 def until(tracking, at_s):
@@ -144,19 +141,33 @@ BEHIND_A_BUS = {
 """Periods of the cycles of a moment."""
 
 
-def behind_a_bus(folder, max_age_us=300):
-    """The simulated cell with the axes that were commissioned for a bus' cycle, tracking, and its wiring."""
-    text = (ROOT / "config" / "simulated.yaml").read_text(encoding="utf-8")
-    text = text.replace("max_age_us: 300,", f"max_age_us: {max_age_us},")
+def behind_a_bus(folder):
+    """The simulated cell, its voltages a cycle later, with axes that were commissioned so; tracking, and its wiring."""
+    cell, _ = (ROOT / "config" / "simulated.yaml").read_text(encoding="utf-8").split("\naxes:\n")
+    text = cell + "\n" + LATE_AXES.read_text(encoding="utf-8")
+    text = text.replace("max_age_us: 300,", "max_age_us: 1000,")
     text = text.replace("    seed: 1\n", "    seed: 1\n    plant: {late_cycles: 1}\n", 1)
     for name in "yz":
         text = text.replace(f"      {name}: {{", f"      {name}: {{late_cycles: 1, ", 1)
     file = folder / "cell.yaml"
-    file.write_text(with_tuning(text, prepare(ROOT / "config" / "ethercat.yaml").configuration.axes), encoding="utf-8")
+    file.write_text(text, encoding="utf-8")
+    return running(file)
+
+
+def running(file):
+    """The cell of a file, armed, and its wiring."""
     prepared = prepare(file)
     tracking = VirtualCell(prepared.parameters, prepared.wiring)
     tracking.arm()
     return tracking, prepared.wiring
+
+
+def waiting(folder):
+    """The simulated cell as it is: as behind a wire whose answers the loop waits for, and tracking; its wiring."""
+    text = (ROOT / "config" / "simulated.yaml").read_text(encoding="utf-8")
+    file = folder / "cell.yaml"
+    file.write_text(text.replace("max_age_us: 300,", "max_age_us: 1000,"), encoding="utf-8")  # as ethercat.yaml allows
+    return running(file)
 
 
 @pytest.mark.long
@@ -240,9 +251,10 @@ LATE = {
 @pytest.mark.long
 @pytest.mark.parametrize("frames", LATE)
 @pytest.mark.parametrize("at_s", [6.0, 8.3])
-def test_frames_that_come_late_make_nothing_swing(tmp_path, at_s, frames):
+@pytest.mark.parametrize("of", [behind_a_bus, waiting])
+def test_frames_that_come_late_make_nothing_swing(tmp_path, of, at_s, frames):
     """Its voltages held back, and nobody told, the loop drove a stage that hardly followed from end to end."""
-    tracking, wiring = behind_a_bus(tmp_path, max_age_us=1000)  # as ethercat.yaml allows
+    tracking, wiring = of(tmp_path)
     until(tracking, at_s)
     wire, rows = Wire(tracking, wiring.drivers["cell"].inputs), []
     before = tracking.state.copy()

@@ -32,7 +32,6 @@ _WIRE_BYTES = 24
 """Of each frame besides its own: preamble, checksum, gap."""
 _BIT_S = 1e-8
 """EtherCAT has 100 Mbit/s."""
-_MOST_OF_A_CYCLE = 0.8
 _COUNTS = 1 << 32
 
 
@@ -51,11 +50,6 @@ class Ethercat(LoopWire):
             raise ConfigError(
                 f"cyclic_safe: {1e9 / period_ns:g} writes a second wear out a terminal that keeps them in flash "
                 "memory; say cyclic_safe: true if the manuals allow them for ever"
-            )
-        if options.wait_us * 1e3 > _MOST_OF_A_CYCLE * period_ns:
-            raise ConfigError(
-                f"wait_us: {options.wait_us:g} us is more than {100 * _MOST_OF_A_CYCLE:g} % of the cycle of "
-                f"{1e-3 * period_ns:g} us: the laws need the rest"
             )
         for name, terminal in options.terminals.items():
             if terminal.sync0_shift_us is not None and terminal.sync0_shift_us * 1e3 >= period_ns:
@@ -93,9 +87,7 @@ class Ethercat(LoopWire):
 
     @property
     def slow_inputs(self) -> tuple[Channel, ...]:
-        """The frame of one cycle is taken in the next, or spun for."""
-        period_s, waits = self.period_ns * 1e-9, self.options.wait_us > 0
-        age_s = 0.0 if waits else period_s
+        period_s, age_s = self.period_ns * 1e-9, self.age_s
         rates: dict[str, tuple[float, float]] = {}
         for terminal in self.options.terminals.values():
             for pdo in terminal.inputs.values():
@@ -120,7 +112,6 @@ class Ethercat(LoopWire):
         c["terminals"], c["working_counter"] = len(self.options.terminals), image.working_counter
         c["working_counter_at"], c["status_at"] = image.image_at + image.bytes, image.status_at
         c["counts"] = c["counted"]["counts"] = _COUNTS
-        c["wait_ns"] = round(1e3 * self.options.wait_us)
         c["clock"]["unit_ns"], c["clock"]["bits"] = 1.0, MOST_BITS
         c["time_at"], lock = image.time_at, self.options.lock
         ring = c["ring"]

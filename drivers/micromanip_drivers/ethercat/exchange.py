@@ -1,7 +1,7 @@
 """The driver in the loop: judge the frame that came back, look after the line, send the next one.
 
-The frame of one cycle is taken in the next: the loop never waits for the wire (decision 0034). It comes back through
-all slaves: with the working counter of all, and all in OP, it is the acknowledgement that they have its outputs.
+The frame of one cycle is taken in the next, or waited for (decision 0034). It comes back through all slaves: with the
+working counter of all, and all in OP, it is the acknowledgement that they have its outputs.
 """
 
 from __future__ import annotations
@@ -36,6 +36,7 @@ from micromanip.driver.datagrams import (
     take,
     taken_ns,
     turn,
+    wait_for_answer,
 )
 from micromanip.driver.ethercat import OP, STATUS_BYTES, STATUS_MASK, WKC_BYTES
 from micromanip.driver.wire import FOLLOWING, QUIET, RECENT
@@ -87,7 +88,9 @@ def take_good(c: Any, data: Any, came_ns: int, inputs: Any, deadline_ns: int) ->
     missing = missing_before(c["counted"], count)
     if missing < 0:
         return 0
-    if count != (g["sent_count"] - 1) % c["counts"]:
+    behind = (g["sent_count"] - 1 - count) % c["counts"]
+    c["answered"] = g["sent_count"] - behind
+    if behind != 0:
         c["delayed"] += 1
     broadcast = np.int64(bits_at(data, c["status_at"] + STATUS_BYTES, WKC_BYTES, 0))
     complete = np.int64(bits_at(data, c["working_counter_at"], WKC_BYTES, 0)) == c["working_counter"]
@@ -109,7 +112,7 @@ def take_good(c: Any, data: Any, came_ns: int, inputs: Any, deadline_ns: int) ->
         at_ns = taken_ns(c["clock"], code_of(f["clock"], data), came_ns)
     leave_samples(c["samples"], f, data, inputs, c["samples"]["lost"], missing, min(at_ns, deadline_ns))
     hear_drives(c, data, inputs, min(at_ns, deadline_ns))
-    return acknowledge(g, (g["sent_count"] - 1 - count) % c["counts"])
+    return acknowledge(g, behind)
 
 
 @compiled
@@ -148,20 +151,8 @@ def exchange(c: Any, outputs: Any, inputs: Any, deadline_ns: int, periods: int) 
     if c["lock"]["present"] != 0:
         c["lock"]["sent_ns"][c["gate"]["sent_count"] % RECENT] = now_ns(c["socket"]["timespec"])
     send_all(c, code, outputs, deadline_ns)
-    wait_for_frame(c, inputs, deadline_ns)
+    wait_for_answer(c, take_all, inputs, deadline_ns)
     return code
-
-
-@compiled
-def wait_for_frame(c: Any, inputs: Any, deadline_ns: int) -> None:
-    """Spin until the frame that was just sent is back, for `wait_ns` at most; what it acknowledges is of the next turn.
-
-    One that takes longer is taken in the next cycle, as without waiting.
-    """
-    g, timespec, end_ns = c["gate"], c["socket"]["timespec"], deadline_ns + c["wait_ns"]
-    sent = (g["sent_count"] - 1) % c["counts"]
-    while c["counted"]["last"] != sent and g["state"] != QUIET and now_ns(timespec) < end_ns:
-        c["news"] += take_all(c, inputs, deadline_ns)
 
 
 @compiled.rare

@@ -43,13 +43,12 @@ from pydantic import Field, field_validator, model_validator
 
 from micromanip.driver import BITS, PACKED, Scaled, Section, Typed, did_you_mean, number_range
 from micromanip.driver.quantities import Latency, SampleRate
-from micromanip.driver.wire import LoopOutput
+from micromanip.driver.wire import LoopOutput, LoopWireOptions
 from micromanip_drivers.line.section import Name, Whole
 
 from .drive_options import Drive, require_objects, words_of
 from .records import MOST_TERMINALS
 
-Milliseconds = Annotated[float, Field(strict=True, gt=0, le=6_500)]
 Number32 = Annotated[int, Field(strict=True, ge=0, le=0xFFFF_FFFF)]
 Interface = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{1,15}$")]
 Index = Annotated[int, Field(strict=True, ge=0, le=0xFFFF)]
@@ -229,17 +228,7 @@ class Lock(Section):
     )
 
 
-class Watchdog(Section):
-    """Set in every terminal with outputs: it is what brings them to rest, whoever has died."""
-
-    ms: Milliseconds = Field(description="After so long without outputs the terminal leaves OP.")
-    rest_ms: Annotated[float, Field(strict=True, ge=0, le=10_000)] = Field(
-        description="Then its outputs are at rest after so long."
-    )
-    does: str = Field(min_length=1, description="What the terminal does by then, in a few words.")
-
-
-class EthercatOptions(Section):
+class EthercatOptions(LoopWireOptions):
     """A line of terminals."""
 
     interface: Interface = Field(description="Network interface; nothing but the line is connected to it.")
@@ -247,20 +236,6 @@ class EthercatOptions(Section):
         default=None,
         description="Another one, to which the last terminal leads back: a cable that breaks is survived. null: the "
         "line ends at its last terminal.",
-    )
-    simulated: bool = Field(
-        default=False,
-        strict=True,
-        description="What answers is `micromanip simulate-device`: nothing real moves. Refused for a real interface.",
-    )
-    silence_ms: Milliseconds = Field(
-        default=5.0, description="No frame came back complete for so long: the link is lost."
-    )
-    watchdog: Watchdog | None = Field(default=None, description="Must be given where there are outputs.")
-    wait_us: Annotated[float, Field(strict=True, ge=0, le=1000)] = Field(
-        default=0.0,
-        description="Spin for the frame of this very cycle until so long after the deadline; 0: take that of the cycle "
-        "before.",
     )
     clocks: bool = Field(
         default=True,

@@ -40,8 +40,6 @@ CONTEXT = record(
     ("status_at", "i8"),
     ("al_status", "i8"),
     ("bring_ups", "i8"),
-    ("wait_ns", "i8"),
-    ("news", "i8"),
     ("delayed", "i8"),
     ("unusable", "i8"),
     ("not_this_frame", "i8"),
@@ -56,7 +54,6 @@ CONTEXT = record(
     ("asked", "f8", (MAX_OUTPUTS,)),
 )
 """``al_status`` is that of all slaves, merged by `or`, as the last frame told it; ``bring_ups`` counts how often the
-line was brought to OP. The loop waits for its frame until `wait_ns` after the deadline; `news` were acknowledged so.
-``delayed`` frames came back, but not before the next cycle; so many are ``unusable`` in a row, lost or with a wrong
-working counter. The first terminal's time is at `time_at` of the frame, which from there to the end of the line and
-back takes `turn_ns`. With drives, ``asked`` is what the outputs are to be sent."""
+line was brought to OP. ``delayed`` frames came back, but not before the next cycle; so many are ``unusable`` in a row,
+lost or with a wrong working counter. The first terminal's time is at `time_at` of the frame, which from there to the
+end of the line and back takes `turn_ns`. With drives, ``asked`` is what the outputs are to be sent."""

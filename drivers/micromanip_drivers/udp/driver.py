@@ -56,9 +56,8 @@ class Udp(LoopWire):
 
     @property
     def slow_inputs(self) -> tuple[Channel, ...]:
-        """The answer to what was sent in one cycle is taken in the next."""
         received, period_s = self.options.receive, self.period_ns * 1e-9
-        age_s = period_s + received.latency_us * 1e-6
+        age_s = self.age_s + received.latency_us * 1e-6
         channels = [Channel(name, 1 / period_s, age_s) for name in received.fields]
         for slow in received.slow.values():
             channels += [Channel(name, slow.rate_hz, age_s + slow.latency_us * 1e-6) for name in slow.fields]

@@ -1,7 +1,7 @@
 """The driver in the loop: take what came, look after the link, send what the loop has decided.
 
-The answer to the datagram of one cycle is taken in the next: the loop never waits for the wire. It says which datagram
-the device has acted on last; what may be sent then is the gate's to say (``micromanip.driver.datagrams``: ``turn``).
+The answer to the datagram of one cycle is taken in the next, unless the loop waits for it. It says which datagram the
+device has acted on last; what may be sent then is the gate's to say (``micromanip.driver.datagrams``: ``turn``).
 """
 
 from __future__ import annotations
@@ -35,6 +35,7 @@ from micromanip.driver.datagrams import (
     take,
     taken_ns,
     turn,
+    wait_for_answer,
 )
 
 from .compiled import compiled
@@ -75,12 +76,20 @@ def take_one(c: Any, k: int, inputs: Any, deadline_ns: int) -> int:
 
 @compiled
 def acknowledged(c: Any, data: Any) -> int:
-    """1 where the answer says that the device has acted on a datagram later than was known."""
-    n = c["receive"]["acknowledged"]
-    if n["present"] == 0:
-        return 1
-    g = c["gate"]
-    return acknowledge(g, (g["sent_count"] - 1 - np.int64(code_of(n, data))) % c["counts"])
+    """1 where the answer says that the device has acted on a datagram later than was known.
+
+    One that doesn't say which, of a device that is given nothing, answers the last.
+    """
+    g, n = c["gate"], c["receive"]["acknowledged"]
+    behind = 0 if n["present"] == 0 else (g["sent_count"] - 1 - np.int64(code_of(n, data))) % c["counts"]
+    c["answered"] = g["sent_count"] - behind
+    return acknowledge(g, behind)
+
+
+@compiled
+def take_all(c: Any, inputs: Any, deadline_ns: int) -> int:
+    """What has come since the last time; how many answers acknowledge what was sent."""
+    return take(c, take_one, inputs, deadline_ns)
 
 
 @compiled
@@ -91,8 +100,11 @@ def exchange(c: Any, outputs: Any, inputs: Any, deadline_ns: int, periods: int) 
     """
     if c["opened"] == 0:
         return NOT_OPEN
-    code = turn(c["gate"], take(c, take_one, inputs, deadline_ns), outputs, deadline_ns)
+    news = c["news"] + take_all(c, inputs, deadline_ns)
+    code = turn(c["gate"], news, outputs, deadline_ns)
+    c["news"] = 0
     send_due(c, code, outputs, deadline_ns)
+    wait_for_answer(c, take_all, inputs, deadline_ns)
     return code
 
 

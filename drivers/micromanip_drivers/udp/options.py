@@ -48,20 +48,10 @@ from pydantic import Field, model_validator
 
 from micromanip.driver import Section
 from micromanip.driver.quantities import Latency, SampleRate
-from micromanip.driver.wire import LoopOutput
+from micromanip.driver.wire import LoopOutput, LoopWireOptions
 from micromanip_drivers.line.frame_options import Counter, Crc, InputField, Known, OutputField, Status, WholeNumber
 from micromanip_drivers.line.port_options import UdpPort
 from micromanip_drivers.line.section import Count, HexBytes, Name
-
-Milliseconds = Annotated[float, Field(strict=True, gt=0, le=10_000)]
-
-
-class Watchdog(Section):
-    """What the device does by itself when nothing comes: it is what brings the outputs to rest, whoever has died."""
-
-    ms: Milliseconds = Field(description="After so long without a datagram it begins.")
-    rest_ms: Milliseconds = Field(description="So long it takes then until all outputs are at their `safe` values.")
-    does: str = Field(min_length=1, description="What it does, in a few words.")
 
 
 class Clock(WholeNumber):
@@ -127,18 +117,9 @@ class Identity(Section):
     numbers: dict[Name, Known] = Field(min_length=1, description="What it must hold: serial number, version.")
 
 
-class UdpOptions(UdpPort):
+class UdpOptions(UdpPort, LoopWireOptions):
     """A device that answers each datagram with one."""
 
-    simulated: bool = Field(
-        default=False,
-        strict=True,
-        description="What answers is `micromanip simulate-device`: nothing real moves. Refused for another machine.",
-    )
-    silence_ms: Milliseconds = Field(
-        default=5.0, description="No answer to all that was sent for so long: the link is lost."
-    )
-    watchdog: Watchdog | None = Field(default=None, description="Must be given where there are outputs.")
     crc: Crc | None = Field(
         description="The last of each datagram; null, said outright, for a device that relies on UDP's own checksum."
     )

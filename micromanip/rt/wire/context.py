@@ -18,9 +18,14 @@ WIRE = (
     ("receive", FRAME),
     ("send", FRAME),
     ("socket", SOCKET),
+    ("wait_ns", "i8"),
+    ("answered", "i8"),
+    ("news", "i8"),
     ("received", "i8"),
     ("wrong_length", "i8"),
     ("not_sent", "i8"),
 )
-"""Fields of its context. The count of what is sent begins anew after `counts`; `received` frames came, some of a
-`wrong_length`, and `not_sent` is what the system did not take."""
+"""Fields of its context. The count of what is sent begins anew after `counts`. The loop waits until `wait_ns`
+after the deadline for its answer: of all that was sent so many are `answered`, the last with those before. `news`
+acknowledgements came so, which count in the next cycle. `received` frames came, some of a `wrong_length`, and
+`not_sent` is what the system did not take."""

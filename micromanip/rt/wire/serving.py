@@ -58,6 +58,18 @@ def send_outputs(c: Any, outputs: Any, deadline_ns: int) -> None:
 
 
 @compiled
+def wait_for_answer(c: Any, take_all: Any, inputs: Any, deadline_ns: int) -> None:
+    """Spin until what was just sent is answered, for `wait_ns` after the deadline at most; not for a silent device.
+
+    ``take_all(c, inputs, deadline_ns)`` is the driver's ``take``. An answer that takes longer is taken in the next
+    cycle, as without waiting; what came here counts in the next ``turn``.
+    """
+    g, timespec, end_ns = c["gate"], c["socket"]["timespec"], deadline_ns + c["wait_ns"]
+    while c["answered"] < g["sent_count"] and g["answers"] > 0 and now_ns(timespec) < end_ns:
+        c["news"] += take_all(c, inputs, deadline_ns)
+
+
+@compiled
 def begin(c: Any) -> int:
     """The socket is open already, the device at rest: begin with the safe values."""
     if c["socket"]["descriptor"] < 0:

@@ -277,6 +277,37 @@ def test_another_device_is_refused():
             bench.driver.begin(bench.driver.context())
 
 
+def test_a_loop_that_waits_has_the_answer_of_its_own_cycle():
+    def answer(bench):
+        bench.device.settimeout(10)
+        data, controller = bench.device.recvfrom(2048)
+        bench.acted_on = int.from_bytes(data[2:4], "little")
+        bench.device.sendto(bench.datagram(strain=2.5), controller)
+
+    with Bench(wait_us=70.0) as bench, ThreadPoolExecutor(1) as thread:
+        bench.follow()
+        bench.commands()
+        bench.c["wait_ns"] = 10_000_000_000  # the device is a thread of this process
+        bench.now_ns = time.monotonic_ns()
+        answered = thread.submit(answer, bench)
+        assert bench.exchange(1.0, 0.0) == 0
+        assert values(bench)[0] == pytest.approx(2.5), "without waiting: of the cycle before"
+        assert bench.c["gate"]["acknowledged"] == bench.c["gate"]["sent_count"]
+        answered.result()
+
+
+def test_an_answer_that_takes_longer_than_the_loop_waits_is_of_the_next_cycle():
+    with Bench(wait_us=70.0) as bench:
+        bench.follow()
+        bench.now_ns = time.monotonic_ns()
+        assert bench.exchange(1.0, 0.0) == 0
+        before = bench.sample("strain")["sequence"]
+        bench.say(strain=2.5)
+        assert bench.exchange(1.0, 0.0) == 0
+        assert bench.sample("strain")["sequence"] == before + 1
+        assert values(bench)[0] == pytest.approx(2.5)
+
+
 def test_the_host_sees_that_the_device_rests(bench):
     """It waits for the watchdog, sends nothing but the safe values, and believes no silence."""
     bench.follow()

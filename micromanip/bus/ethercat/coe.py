@@ -5,8 +5,10 @@ from __future__ import annotations
 MAILBOX_HEADER, COE_HEADER, SDO_HEADER = "<HHBB", "<H", "<BHB"
 """Length, station, channel, type and counter; number and service; command, index, subindex."""
 COE = 3
-SDO_REQUEST, SDO_RESPONSE = 2, 3
+SDO_REQUEST, SDO_RESPONSE, SDO_INFORMATION = 2, 3, 8
 """Services of CoE."""
+INFORMATION_ERROR = 7
+"""Answer of the last that says why there is no other: an abort code."""
 ERROR_TYPE = 0
 """Type of a mail that says what was wrong with the one before."""
 
@@ -27,6 +29,7 @@ TOGGLE, LAST_SEGMENT = 0x10, 0x01
 """Bits of a command that goes on with one."""
 
 NO_TOGGLE, BAD_COMMAND = 0x05030000, 0x05040001
+UNSUPPORTED = 0x06010000
 WRITE_ONLY, READ_ONLY, NO_OBJECT, NOT_MAPPABLE = 0x06010001, 0x06010002, 0x06020000, 0x06040041
 WRONG_LENGTH, NO_SUBINDEX, BAD_STATE = 0x06070010, 0x06090011, 0x08000022
 

@@ -154,7 +154,7 @@ class Application:
         self._put(AL_STATUS, INIT)
         self._put(AL_CONTROL, INIT)
         esc["clock_began_ns"], esc["clock_adjusted_ns"] = now_ns, 0
-        esc["outputs_ns"] = esc["outputs_count"] = esc["events"] = 0
+        esc["outputs_ns"] = esc["outputs_count"] = esc["events"] = esc["begun"] = 0
         esc["powered"] = 1
         self.state, self._said, self._last_mail = INIT, b"", b""
         self._repeated = 0

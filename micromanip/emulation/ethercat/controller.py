@@ -72,6 +72,7 @@ ESC = record(
     ("writable", "u1", (MEMORY_BYTES,)),
     ("powered", "i8"),
     ("events", "i8"),
+    ("begun", "i8"),
     ("outputs_ns", "i8"),
     ("outputs_count", "i8"),
     ("clock_began_ns", "i8"),
@@ -83,7 +84,8 @@ ESC = record(
     ("last_wkc", "i8"),
 )
 """One controller. Where `writable` is 1 a master may write. Its clock began at `clock_began_ns`, gains `clock_ppb` and
-was adjusted by so much; a frame reaches it `to_ns` after the first one and, where `returns` is 1, comes by again
+was adjusted by so much. ``begun`` has a bit for each sync manager of whose mailbox the first byte has passed, and the
+last not yet. A frame reaches it `to_ns` after the first one and, where `returns` is 1, comes by again
 `back_ns` after that. `outputs_count` frames have brought outputs, the last one at `outputs_ns`."""
 
 
@@ -148,7 +150,10 @@ def guard_of(s: Any, start: int, length: int) -> int:
 
 @compiled
 def may_pass(s: Any, start: int, length: int, writing: bool) -> bool:
-    """Whether the sync manager of these bytes lets the master at them, this way and now."""
+    """Whether the sync manager of these bytes lets the master at them, this way and now.
+
+    A mailbox is written and read from its first byte to its last, in as many strokes as the master likes.
+    """
     k = guard_of(s, start, length)
     if k < 0:
         return True
@@ -159,7 +164,7 @@ def may_pass(s: Any, start: int, length: int, writing: bool) -> bool:
     if m[at + 4] & SM_MAILBOX == 0:
         return True
     full = m[at + SM_STATUS] & SM_FULL != 0
-    return full != writing and start <= number(m, at, 2)
+    return full != writing and (start <= number(m, at, 2) or s["begun"] & (1 << k) != 0)
 
 
 @compiled
@@ -169,8 +174,10 @@ def has_passed(s: Any, start: int, length: int, writing: bool, now_ns: int) -> N
     if k < 0:
         return
     m, at = s["memory"], SM + k * SM_BYTES
+    s["begun"] |= 1 << k
     if start + length < number(m, at, 2) + number(m, at + 2, 2):
         return
+    s["begun"] &= ~(1 << k)
     if m[at + 4] & SM_MAILBOX != 0:
         if writing:
             m[at + SM_STATUS] |= np.uint8(SM_FULL)
@@ -202,6 +209,7 @@ def write(s: Any, start: int, data: Any, at: int, length: int, now_ns: int) -> i
         s["events"] |= SII_ASKED
     if start < SM + SM_COUNT * SM_BYTES and end > SM:
         s["events"] |= SM_CHANGED
+        s["begun"] = 0
     if start <= DC_PORTS < end:
         latch(s, now_ns)
         taken = 1

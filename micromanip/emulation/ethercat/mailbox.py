@@ -14,6 +14,7 @@ from micromanip.bus.ethercat.coe import (
     DOWNLOAD_SEGMENT,
     ERROR_TYPE,
     EXPEDITED,
+    INFORMATION_ERROR,
     LAST_SEGMENT,
     MAILBOX_HEADER,
     NO_TOGGLE,
@@ -22,10 +23,12 @@ from micromanip.bus.ethercat.coe import (
     SAID_UPLOAD,
     SAID_UPLOAD_SEGMENT,
     SDO_HEADER,
+    SDO_INFORMATION,
     SDO_REQUEST,
     SDO_RESPONSE,
     SIZE_GIVEN,
     TOGGLE,
+    UNSUPPORTED,
     UPLOAD,
     UPLOAD_SEGMENT,
 )
@@ -57,9 +60,12 @@ class Mailbox:
         body = mail[6 : 6 + length]
         if kind & 0x0F != COE:
             return self._mail(ERROR_TYPE, struct.pack("<HH", 1, _UNSUPPORTED))
+        (number,) = struct.unpack_from(COE_HEADER, body.ljust(2, b"\0"))
+        if number >> 12 == SDO_INFORMATION:  # its EEPROM says that it has none
+            said = struct.pack("<BBHI", INFORMATION_ERROR, 0, 0, UNSUPPORTED)
+            return self._mail(COE, struct.pack(COE_HEADER, SDO_INFORMATION << 12) + said)
         if len(body) < length or length < 10:
             return self._mail(ERROR_TYPE, struct.pack("<HH", 1, _BAD_HEADER))
-        (number,) = struct.unpack_from(COE_HEADER, body)
         command, index, subindex = struct.unpack_from(SDO_HEADER, body, 2)
         try:
             said = self._transferred(number >> 12, command, index, subindex, body[6:])

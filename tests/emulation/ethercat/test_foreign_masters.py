@@ -1,5 +1,6 @@
 """Masters that others wrote bring the emulated slaves to OP, unmodified; what went over the wire is dissected."""
 
+import asyncio
 import shutil
 import struct
 import subprocess
@@ -11,6 +12,7 @@ from .wire import slaves, until, veth
 
 pysoem = pytest.importorskip("pysoem")
 kickcat = pytest.importorskip("kickcat")
+ebpfcat = pytest.importorskip("ebpfcat.ethercat")
 pytestmark = [pytest.mark.live, pytest.mark.compiled_only, pytest.mark.xdist_group("ethercat")]
 
 LONG = bytes(range(256)) + bytes(44)
@@ -97,6 +99,40 @@ def test_pysoem_is_told_why_a_state_is_refused(soem):
     slave = soem.slaves[0]
     assert until(lambda: soem.read_state() and slave.state & pysoem.STATE_ACK)
     assert pysoem.al_status_code_to_string(slave.al_status) == "Invalid requested state change"
+
+
+async def met_by_ebpfcat(wire):
+    """What it read of both terminals on the way to SAFEOP."""
+    line = ebpfcat.EtherCat(wire)
+    await line.connect()
+    assert await line.count() == 2
+    for place in range(2):
+        terminal = ebpfcat.Terminal(line)
+        await terminal.initialize(-place, place + 1)
+        await terminal.to_operational(ebpfcat.MachineState.PRE_OPERATIONAL)
+        objects = [await terminal.sdo_read(*at) for at in ((0x1018, 4), (0x1008, 0), (0x1018,))]
+        with pytest.raises(ebpfcat.EtherCatError, match="got 7"):  # no SDO information, but an answer
+            await terminal.read_ODlist()
+        await terminal.parse_pdos()
+        await terminal.to_operational(ebpfcat.MachineState.SAFE_OPERATIONAL)
+        yield terminal, objects, {at: (to.name, byte) for at, (to, byte, _) in terminal.pdos.items()}
+    line.transport.close()
+
+
+def test_ebpfcat_which_writes_a_mail_in_two_strokes_reaches_safe_operational(wire):
+    """Its length and head first, then the last byte, which hands the mailbox over; that second one was not taken."""
+
+    async def all_of_them():
+        return [met async for met in met_by_ebpfcat(wire)]
+
+    amplifier, gauge = asyncio.run(all_of_them())
+    identity = struct.pack("<4I", 0x1234, 0x10, 3, 1001)
+    assert amplifier[1] == [identity[12:], b"Piezo amplifier", identity]
+    assert amplifier[0].serialNo == 1001
+    assert gauge[0].productCode == 0x20
+    voltages = {(0x7000, 1): ("OUT", 0), (0x7000, 2): ("OUT", 4), (0x7000, 3): ("OUT", 8)}
+    assert voltages.items() <= amplifier[2].items(), amplifier[2]
+    assert [byte for to, byte in gauge[2].values() if to == "IN"] == [0, 4, 8]
 
 
 def test_pysoem_walks_the_drive_by_canopens_table_of_the_profile():

@@ -1,9 +1,9 @@
-"""The slave controllers (ESC) of a line: what hardware does with a frame as it passes, in compiled code.
+"""A slave controller (ESC): what its hardware does as a frame passes (``frame.py``), in compiled code.
 
-A controller answers datagrams from its memory, maps logical addresses by its FMMUs, guards the mailboxes by its sync
-managers, counts the working counter, and latches times. Whatever needs thought is left to the slave's application
-(``application.py``) as an event. FMMUs map bits or bytes; of a byte of the process data that an FMMU writes in part the
-other bits stay, as real ones do it with digital outputs only.
+It is read and written in its memory, maps logical addresses by its FMMUs, guards the mailboxes by its sync managers,
+and latches times. Whatever needs thought is left to the slave's application (``application.py``) as an event. FMMUs map
+bits or bytes; of a byte of the process data that an FMMU writes in part the other bits stay, as real ones do it with
+digital outputs only.
 
 What it lacks of a real one: the three buffers of a sync manager (a frame passes as a whole, so nothing is torn), two
 logical areas in one FMMU, commands that read and write the same registers (APRW, FPRW, BRW), SYNC signals and latch
@@ -15,15 +15,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import types
 
 from micromanip.bus.ethercat.registers import (
     AL_CONTROL,
-    APRD,
-    APWR,
-    ARMW,
-    BRD,
-    BWR,
     DC_DELAY,
     DC_DIFFERENCE,
     DC_OFFSET,
@@ -31,12 +25,8 @@ from micromanip.bus.ethercat.registers import (
     DC_SYSTEM,
     DC_UNIT,
     DL_CONTROL,
-    ETHERTYPE,
     FMMU,
     FMMU_BYTES,
-    FPRD,
-    FPWR,
-    FRMW,
     LRD,
     LRW,
     LWR,
@@ -49,21 +39,15 @@ from micromanip.bus.ethercat.registers import (
     SM_MAILBOX,
     SM_PDI,
     SM_STATUS,
-    STATION,
-    TYPE_DATAGRAMS,
 )
 from micromanip.rt.record import record
-from micromanip.rt.signatures import array_of
 
 from ..compiled import compiled
 
 MEMORY_BYTES = 0x3000
 FMMU_COUNT, SM_COUNT = 8, 8
-NOT_ETHERCAT = -1
-"""What ``pass_frame`` returns for a frame that slaves let through untouched."""
 AL_ASKED, SII_ASKED, MAIL_CAME, MAIL_TAKEN, SM_CHANGED, LOOPS_SET = 1, 2, 4, 8, 16, 32
 """Events for the application."""
-_HEADER, _DATAGRAM = 16, 10
 _DRIFT_SHIFT = 4
 """A slave's clock makes up for a 16th of the difference to the reference clock each time that it is told."""
 
@@ -292,64 +276,3 @@ def map_logical(s: Any, command: int, logical: int, data: Any, at: int, length: 
             else:
                 taken |= write(s, physical + low - first, data, at + low - logical, high - low, now_ns)
     return put + (2 if command == LRW else 1) * taken
-
-
-@compiled
-def pass_datagram(s: Any, data: Any, at: int, length: int, came_ns: int) -> None:
-    """Let one controller act on a datagram whose header is at `at`; its frame was at the first one at `came_ns`."""
-    now_ns = came_ns + s["to_ns"]
-    command, body, wkc_at = int(data[at]), at + _DATAGRAM, at + _DATAGRAM + length
-    wkc = 0
-    if LRD <= command <= LRW:
-        wkc = map_logical(s, command, number(data, at + 2, 4), data, body, length, now_ns)
-    elif APRD <= command <= FRMW:
-        slave, start = number(data, at + 2, 2), number(data, at + 4, 2)
-        if command in (FPRD, FPWR, FRMW):
-            here = slave == number(s["memory"], STATION, 2)
-        else:
-            here = slave == 0 or command in (BRD, BWR)
-            put_number(data, at + 2, 2, slave + 1)
-        reads = command in (APRD, FPRD, BRD)
-        writes = command in (APWR, FPWR, BWR)
-        if command in (ARMW, FRMW):
-            reads, writes, here = here, not here, True
-        if here and writes:
-            wkc = write(s, start, data, body, length, now_ns)
-        elif here and reads:
-            wkc = read(s, start, data, body, length, command == BRD, now_ns)
-    s["last_wkc"] = wkc
-    put_number(data, wkc_at, 2, number(data, wkc_at, 2) + wkc)
-
-
-@compiled
-def pass_frame(slaves: Any, data: Any, length: int, now_ns: int) -> int:
-    """Let a frame pass all controllers up to the first without power: how many datagrams it had, or NOT_ETHERCAT.
-
-    It may pass none: what comes from the far end of a ring goes by behind them, as it is.
-    """
-    if length < _HEADER or (int(data[12]) << 8 | int(data[13])) != ETHERTYPE:
-        return NOT_ETHERCAT
-    head = number(data, 14, 2)
-    end, at, count, more = min(length, _HEADER + (head & 0x7FF)), _HEADER, 0, 1
-    if head >> 12 != TYPE_DATAGRAMS:
-        return NOT_ETHERCAT
-    while more != 0 and at + _DATAGRAM + 2 <= end:
-        size = number(data, at + 6, 2)
-        more, size = size >> 15, size & 0x7FF
-        if at + _DATAGRAM + size + 2 > end:
-            break
-        for k in range(len(slaves)):
-            if slaves[k]["powered"] == 0:
-                break
-            pass_datagram(slaves[k], data, at, size, now_ns)
-        count += 1
-        at += _DATAGRAM + size + 2
-    if len(slaves) > 0:
-        data[6] |= np.uint8(2)
-    return count
-
-
-@compiled.entry(types.int64(array_of(ESC), types.uint8[::1], types.int64, types.int64))
-def passed(slaves: Any, data: Any, length: int, now_ns: int) -> int:
-    """``pass_frame`` by itself."""
-    return pass_frame(slaves, data, length, now_ns)

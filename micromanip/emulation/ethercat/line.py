@@ -10,8 +10,9 @@ import numpy as np
 from micromanip.rt.jit import prepare
 
 from .application import Application
-from .controller import ESC, NOT_ETHERCAT, passed
+from .controller import ESC
 from .drive import DRIVE, fill_drive, step_drives, take_codes
+from .frame import NOT_ETHERCAT, passed
 from .terminal import Terminal
 
 _HOP_NS = 750

@@ -26,8 +26,9 @@ from ..arrivals import ARRIVED, note
 from ..compiled import compiled
 from ..compiled_plant import PLANT, advance
 from ..path_error import PATH_ERRORS, note_errors
-from .controller import ESC, NOT_ETHERCAT, pass_frame
+from .controller import ESC
 from .drive import DRIVE, step_drives
+from .frame import NOT_ETHERCAT, pass_frame
 
 MOST_TERMINALS = 8
 NOBODYS, OF_DRIVE, COUNTS = -1, -2, 1000

@@ -27,6 +27,7 @@ from ..telling import Teller
 from .channels import tell_why
 from .nodes import Nodes
 from .people import APPLICATION_URI, People, Person, Rules, prepared_folder
+from .sessions import Host
 
 NAMESPACE = "urn:micromanip:cell"
 _ORDERS = {"Arm": "arm", "Hold": "hold", "Disarm": "disarm", "Reset": "reset"}
@@ -65,7 +66,7 @@ class OpcUa:
         """Serve meanwhile."""
         logging.getLogger("asyncua").setLevel(logging.CRITICAL)  # what a client does wrong is its own affair
         tell_why()
-        server = Server(user_manager=self._people)
+        server = Server(Host(self._people))
         await server.init()
         server.iserver.max_connections = _MOST_CONNECTIONS
         server.set_endpoint(self._url)

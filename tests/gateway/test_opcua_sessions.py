@@ -1,0 +1,142 @@
+"""Whose session and whose subscription it is: another client's is of no use, and what is gone is told to be gone."""
+
+import asyncio
+import contextlib
+
+import pytest
+
+pytest.importorskip("asyncua")
+
+from asyncua import Client, ua
+from asyncua.ua.ua_binary import struct_from_binary
+
+from .test_opcua import Served, client, value
+
+
+@pytest.fixture(scope="module")
+def served(tmp_path_factory):
+    made = Served(tmp_path_factory.mktemp("sessions"), is_local=True)
+    yield made
+    made.close()
+
+
+class Heard:
+    def datachange_notification(self, node, value, data):
+        pass
+
+
+@contextlib.asynccontextmanager
+async def channel(served, token):
+    """A stranger's, who says this token of a session."""
+    made = Client(served.server.url, timeout=5.0)
+    await made.connect_socket()
+    try:
+        await made.send_hello()
+        await made.open_secure_channel()
+        made.uaclient.session.restore_authentication_token(token)
+        yield made
+    finally:
+        made.disconnect_socket()
+
+
+async def answered(made, request, response):
+    return struct_from_binary(response, await made.uaclient.protocol.send_request(request))
+
+
+def no_proof():
+    """What no server takes for somebody's, and what anybody may say."""
+    for token in (ua.UserNameIdentityToken(UserName="ana", Password=b"", PolicyId="0"), ua.AnonymousIdentityToken("0")):
+        params = ua.ActivateSessionParameters()
+        params.UserIdentityToken = token
+        yield params
+
+
+@pytest.mark.parametrize("knows", [True, False])
+def test_nobody_gives_orders_in_another_s_session(served, knows):
+    served.played.orders.clear()
+    order = ua.CallRequest()
+    order.Parameters.MethodsToCall = [ua.CallMethodRequest(ua.NodeId("cell", 2), ua.NodeId("cell/Arm", 2), [])]
+
+    async def asked():
+        async with client(served, "ana") as operator:
+            token = operator.uaclient.session.authentication_token
+            guessed = [token] if knows else [ua.NodeId(number) for number in range(1000, 1100)]
+            for params in no_proof() if knows else [next(no_proof())]:
+                for tried in guessed:
+                    async with channel(served, tried) as stranger:
+                        with pytest.raises(ua.UaStatusCodeError):
+                            await stranger.uaclient.activate_session(params)
+                        with pytest.raises(ua.UaStatusCodeError):
+                            await answered(stranger, order, ua.CallResponse)
+            assert served.played.orders == []
+            await answered(operator, order, ua.CallResponse)
+
+    asyncio.run(asked())
+    assert served.played.orders == ["arm"]
+
+
+def test_a_client_whose_connection_was_cut_goes_on_with_its_session(served):
+    async def asked():
+        async with client(served) as first:
+            subscription = await first.create_subscription(100, Heard())
+            token = first.uaclient.session.authentication_token
+            first.disconnect_socket()
+            async with channel(served, token) as again:
+                await again.uaclient.activate_session(list(no_proof())[1])
+                results = await again.uaclient.delete_subscriptions([subscription.subscription_id])
+                assert [result.name for result in results] == ["Good"]
+
+    asyncio.run(asked())
+
+
+def test_a_subscription_is_its_session_s_own(served):
+    async def asked():
+        async with client(served) as mine, client(served) as other:
+            number = (await mine.create_subscription(100, Heard())).subscription_id
+            assert [code.name for code in await other.uaclient.delete_subscriptions([number])] == [
+                "BadSubscriptionIdInvalid"
+            ]
+            with pytest.raises(ua.UaStatusCodeError, match="BadSubscriptionIdInvalid"):
+                await other.uaclient.create_monitored_items(ua.CreateMonitoredItemsParameters(number))
+            assert [code.name for code in await mine.uaclient.delete_subscriptions([number])] == ["Good"]
+
+    asyncio.run(asked())
+
+
+def test_what_can_t_be_sent_again_is_told_to_be_gone(served):
+    """Where it was sent empty, and Good, node-opcua asked for it some hundred times a second, for good."""
+
+    async def asked():
+        async with client(served) as made:
+            number = (await made.create_subscription(100, Heard())).subscription_id
+            for of, name in ((number, "BadMessageNotAvailable"), (number + 1, "BadSubscriptionIdInvalid")):
+                request = ua.RepublishRequest()
+                request.Parameters = ua.RepublishParameters(of, 4000)
+                with pytest.raises(ua.UaStatusCodeError, match=name):
+                    await answered(made, request, ua.RepublishResponse)
+
+    asyncio.run(asked())
+
+
+def test_a_second_session_on_one_channel_is_refused_and_the_first_goes_on(served):
+    async def asked():
+        async with client(served) as made:
+            with pytest.raises(ua.UaStatusCodeError, match="BadTooManySessions"):
+                await answered(made, ua.CreateSessionRequest(), ua.CreateSessionResponse)
+            assert await value(made, "Identification/Manufacturer") == "micromanip"
+
+    asyncio.run(asked())
+
+
+@pytest.mark.parametrize(
+    ("asked_ms", "given_ms"), [(0.0, 50), (1e-6, 50), (float("nan"), 50), (60.0, 60), (1e300, 3.6e6)]
+)
+def test_nobody_has_values_published_faster_than_they_are_of_use(served, asked_ms, given_ms):
+    async def asked():
+        async with client(served) as made:
+            params = ua.CreateSubscriptionParameters(RequestedPublishingInterval=asked_ms)
+            request = ua.CreateSubscriptionRequest()
+            request.Parameters = params
+            return (await answered(made, request, ua.CreateSubscriptionResponse)).Parameters.RevisedPublishingInterval
+
+    assert asyncio.run(asked()) == given_ms

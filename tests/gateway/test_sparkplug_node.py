@@ -105,20 +105,21 @@ def test_a_birth_names_everything_with_type_alias_and_unit():
     assert only(fields(only(fields(only(position, 9)), 2)), 8) == b"um"
 
 
-def test_only_what_has_left_its_deadband_is_sent_and_by_its_alias():
+def test_only_what_has_left_its_deadband_is_sent_by_its_alias_and_with_its_type():
+    """sparkplug-payload 1.0.3, the common decoder for JavaScript, reads null where data has no type."""
     node = EdgeNode(OPTIONS, 0)
     list(node.birth(said(axes=[axis("x", 10.0)]), NOW))
     assert list(node.changes(said(axes=[axis("x", 10.4, 80.09)]), NOW)) == []
     (data,) = node.changes(said(axes=[axis("x", 10.5, 80.09)]), NOW)
     assert kinds([data]) == ["DDATA/x"]
-    assert metrics(data) == [(None, 4, None, 10.5)]
+    assert metrics(data) == [(None, 4, 10, 10.5)]
     (data,) = node.changes(said(axes=[axis("x", 10.1, 80.11)]), NOW)  # against what was sent last, each
-    assert metrics(data) == [(None, 5, None, 80.11)]
+    assert metrics(data) == [(None, 5, 10, 80.11)]
     (data,) = node.changes(said(axes=[axis("x", None, float("nan"))]), NOW)
-    assert metrics(data) == [(None, 4, None, None), (None, 5, None, None)]
+    assert metrics(data) == [(None, 4, 10, None), (None, 5, 10, None)]
     assert [only(fields(value), 7) for key, value in fields(data.payload) if key == 2] == [1, 1], "is_null"
     (data,) = node.changes(said("FAULT", 5, ["a", "b"], [axis("x", None, None)]), NOW)
-    assert metrics(data) == [(None, 1, None, b"FAULT"), (None, 2, None, 5), (None, 3, None, b"a\nb")]
+    assert metrics(data) == [(None, 1, 12, b"FAULT"), (None, 2, 4, 5), (None, 3, 12, b"a\nb")]
 
 
 @given(st.lists(st.floats(-1e3, 1e3), max_size=40), st.floats(0.0, 50.0))
@@ -150,7 +151,7 @@ def test_axes_die_with_the_controller_and_are_born_again():
     messages = list(node.changes([Reading(("Monitoring", "State"), str, "READY")], NOW))
     assert kinds(messages) == ["DDEATH/x", "DDEATH/y", "NDATA"]
     assert metrics(messages[0]) == []
-    assert metrics(messages[2]) == [(None, 2, None, None), (None, 3, None, None)], "nobody knows them now"
+    assert metrics(messages[2]) == [(None, 2, 4, None), (None, 3, 12, None)], "nobody knows them now"
     assert list(node.changes([Reading(("Monitoring", "State"), str, "READY")], NOW)) == []
     messages = list(node.changes(said(axes=both), NOW))
     assert sorted(kinds(messages)) == ["DBIRTH/x", "DBIRTH/y", "NDATA"]

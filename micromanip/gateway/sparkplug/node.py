@@ -61,6 +61,7 @@ class EdgeNode:
         self._deadbands: Mapping[str | None, float] = {None: 0.0} | options.deadbands.model_dump()
         self._seq = 0
         self._aliases: dict[tuple[str, str], int] = {}
+        self._types: dict[tuple[str, str], int] = {}
         self._sent: dict[tuple[str, str], Value] = {}
         self._alive: set[str] = set()
 
@@ -113,13 +114,16 @@ class EdgeNode:
             if metric.unit is not None:
                 made.properties.keys.append("engUnit")
                 made.properties.values.add(type=STRING, string_value=metric.unit)
-            self._sent[key] = metric.value
+            self._types[key], self._sent[key] = metric.datatype, metric.value
         if device:
             self._alive.add(device)
         return self._message("DBIRTH" if device else "NBIRTH", device, payload)
 
     def _data(self, device: str, metrics: list[Metric], now_ms: int) -> Iterator[Message]:
-        """What has changed; a metric of the node that nobody knows now is null."""
+        """What has changed; a metric of the node that nobody knows now is null.
+
+        The standard would have types in births alone (SHOULD), but many hosts read no value without one.
+        """
         known = {metric.name: metric for metric in metrics}
         payload = Payload(timestamp=now_ms)
         for key, sent in self._sent.items():
@@ -129,7 +133,7 @@ class EdgeNode:
             metric = known.get(name)
             value = None if metric is None else metric.value
             if _differs(value, sent, self._deadbands[None if metric is None else metric.unit]):
-                made = payload.metrics.add(alias=self._aliases[key], timestamp=now_ms)
+                made = payload.metrics.add(alias=self._aliases[key], datatype=self._types[key], timestamp=now_ms)
                 _put(made, value)
                 self._sent[key] = value
         if payload.metrics:

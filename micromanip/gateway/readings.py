@@ -13,6 +13,7 @@ from micromanip.status_reply import AxisValues, Status
 
 from .cell import Cell
 
+MANUFACTURER = "micromanip"
 Plain = bool | int | float | str | list[str]
 _AUTOMATIC, _OTHER = 1, 5
 """OperationMode of OPC 40501-1."""
@@ -41,7 +42,7 @@ class Reading:
 def readings(cell: Cell, version: str) -> Iterator[Reading]:
     """Everything there is to say now; without a controller only that there is none."""
     status = cell.status
-    yield Reading(("Identification", "Manufacturer"), str, "micromanip")
+    yield Reading(("Identification", "Manufacturer"), str, MANUFACTURER)
     yield Reading(("Identification", "SoftwareRevision"), str, version)
     yield Reading(("Monitoring", "Connected"), bool, status is not None)
     yield Reading(("Monitoring", "Problem"), str, cell.problem or "")

@@ -64,6 +64,8 @@ class Nodes:
         name = ua.QualifiedName(reading.path[-1], self._index)
         empty: Any = [] if reading.kind is list else reading.kind()
         variable = await above.add_variable(self._id(reading.path), name, empty, kind)
+        if reading.kind is list:
+            await variable.write_value_rank(ua.ValueRank.OneDimension)
         if reading.unit is not None:
             code, symbol, called = _UNITS[reading.unit]
             number = int.from_bytes(code.encode(), "big")

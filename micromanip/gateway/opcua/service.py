@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import contextvars
+import datetime
 import importlib.metadata
 import logging
 from collections.abc import AsyncIterator, Callable
@@ -22,7 +23,7 @@ from micromanip.errors import MicromanipError
 from micromanip.status_reply import Fault
 
 from ..cell import Cell
-from ..readings import readings
+from ..readings import MANUFACTURER, readings
 from ..telling import Teller
 from .channels import tell_why
 from .nodes import Nodes
@@ -30,6 +31,7 @@ from .people import APPLICATION_URI, People, Person, Rules, prepared_folder
 from .sessions import Host
 
 NAMESPACE = "urn:micromanip:cell"
+_NAME = "micromanip gateway"
 _ORDERS = {"Arm": "arm", "Hold": "hold", "Disarm": "disarm", "Reset": "reset"}
 _SEVERITY = {"fault": 900, "refused": 500, "state": 200}
 """Of 1 to 1000, as the standard has it."""
@@ -70,7 +72,7 @@ class OpcUa:
         await server.init()
         server.iserver.max_connections = _MOST_CONNECTIONS
         server.set_endpoint(self._url)
-        server.set_server_name("micromanip gateway")
+        server.set_server_name(_NAME)
         await server.set_application_uri(APPLICATION_URI)
         encrypted = ua.SecurityPolicyType.Aes256Sha256RsaPss_SignAndEncrypt
         policies = [ua.SecurityPolicyType.NoSecurity, encrypted] if self._is_local else [encrypted]
@@ -86,6 +88,8 @@ class OpcUa:
             await cell.add_method(ua.NodeId(f"cell/{name}", index), ua.QualifiedName(name, index), self._order(verb))
         await self._make_events(server, index, cell)
         version = importlib.metadata.version("micromanip")
+        built = datetime.datetime.fromtimestamp(Path(__file__).stat().st_mtime, datetime.UTC)
+        await server.set_build_info(APPLICATION_URI, MANUFACTURER, _NAME, version, version, built)
         await nodes.show(readings(self._cell, version))
         self._cell.listeners.add(self._heard)
         async with server:

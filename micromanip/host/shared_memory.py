@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from micromanip.errors import DeviceUnavailable
 from micromanip.rt.histogram import BINS
 from micromanip.rt.mailbox import WORDS
 from micromanip.rt.records import CELL_PARAMETERS, CELL_STATE, MAX_AXES, MAX_OUTPUTS, MAX_SIGNALS, SIGNAL
@@ -54,11 +55,18 @@ class Segment:
 
     @classmethod
     def create(cls, name: str, size: int) -> Segment:
-        """New zeroed memory of `size` bytes; `name` shows in /proc only."""
+        """New zeroed memory of `size` bytes; `name` shows in /proc only. DeviceUnavailable where there is none."""
         descriptor = os.memfd_create(name)
-        os.fchmod(descriptor, 0o600)  # or whoever is handed a read-only one could open it again, for writing
-        os.ftruncate(descriptor, max(size, 1))
-        return cls(descriptor, mmap.mmap(descriptor, max(size, 1)))
+        try:
+            os.fchmod(descriptor, 0o600)  # or whoever is handed a read-only one could open it again, for writing
+            os.ftruncate(descriptor, max(size, 1))
+            return cls(descriptor, mmap.mmap(descriptor, max(size, 1)))
+        except OSError as problem:
+            os.close(descriptor)
+            raise DeviceUnavailable(
+                f"{size / 1e6:.0f} MB of memory for {name}: {problem.strerror}; a limit may forbid it, "
+                "`ulimit -a`, in a service LimitFSIZE or LimitAS"
+            ) from problem
 
     @classmethod
     def attach(cls, descriptor: int, *, writable: bool) -> Segment:

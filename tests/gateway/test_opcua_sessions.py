@@ -10,7 +10,8 @@ pytest.importorskip("asyncua")
 from asyncua import Client, ua
 from asyncua.ua.ua_binary import struct_from_binary
 
-from .test_opcua import Served, client, value
+from .rings import status
+from .test_opcua import Served, client, eventually, node, value
 
 
 @pytest.fixture(scope="module")
@@ -75,14 +76,25 @@ def test_nobody_gives_orders_in_another_s_session(served, knows):
     assert served.played.orders == ["arm"]
 
 
-def test_a_client_whose_connection_was_cut_goes_on_with_its_session(served):
+def test_a_client_whose_connection_was_cut_misses_nothing(served):
     async def asked():
-        async with client(served) as first:
+        served.say(status())
+        async with client(served) as first, client(served) as watching:
             subscription = await first.create_subscription(100, Heard())
+            await subscription.subscribe_data_change(await node(first, "Monitoring/Timing/Cycles"), queuesize=50)
+            await asyncio.sleep(0.3)
             token = first.uaclient.session.authentication_token
             first.disconnect_socket()
+            for k in range(5):
+                served.say(status() | {"cycles": 1_000_000 + k})
+                await eventually(lambda: value(watching, "Monitoring/Timing/Cycles"), 1_000_000 + k)
+                await asyncio.sleep(0.15)  # longer than it publishes at: a dead connection would have swallowed it
             async with channel(served, token) as again:
                 await again.uaclient.activate_session(list(no_proof())[1])
+                told = (await answered(again, ua.PublishRequest(), ua.PublishResponse)).Parameters.NotificationMessage
+                (changed,) = told.NotificationData
+                seen = [item.Value.Value.Value for item in changed.MonitoredItems]
+                assert [number for number in seen if number >= 1_000_000] == [1_000_000 + k for k in range(5)]
                 results = await again.uaclient.delete_subscriptions([subscription.subscription_id])
                 assert [result.name for result in results] == ["Good"]
 

@@ -38,6 +38,11 @@ class Processor(UaProcessor):  # type: ignore[misc]
             self._transport.write(uatcp_to_binary(ua.MessageType.Error, said))
             return False
 
+    async def close(self) -> None:
+        """The connection is over: what its client still waits for is kept for the connection that follows."""
+        self._publish_requests.clear()
+        await super().close()
+
     async def _process_message(self, typeid: Any, requesthdr: Any, seqhdr: Any, body: Any) -> Any:
         """One request. A connection has one session, and a session goes to another connection with its certificate."""
         before, certificate = self.session, self._connection.security_policy.peer_certificate

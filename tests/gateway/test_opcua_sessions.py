@@ -140,6 +140,20 @@ def test_a_second_session_on_one_channel_is_refused_and_the_first_goes_on(served
     asyncio.run(asked())
 
 
+def test_nobody_has_another_server_listed(served):
+    other = ua.RegisteredServer("urn:of:another", ServerNames=[ua.LocalizedText("another")], IsOnline=True)
+    other.DiscoveryUrls = ["opc.tcp://192.0.2.1:4840"]
+
+    async def asked():
+        async with client(served, "ana") as made:
+            request = ua.RegisterServerRequest(Server=other)
+            with pytest.raises(ua.UaStatusCodeError, match="BadServiceUnsupported"):
+                await answered(made, request, ua.RegisterServerResponse)
+            return [found.ApplicationUri for found in await made.find_servers()]
+
+    assert asyncio.run(asked()) == ["urn:micromanip:gateway"]
+
+
 @pytest.mark.parametrize(
     ("asked_ms", "given_ms"), [(0.0, 50), (1e-6, 50), (float("nan"), 50), (60.0, 60), (1e300, 3.6e6)]
 )

@@ -15,10 +15,15 @@ from asyncua.server import binary_server_asyncio
 from asyncua.server.uaprocessor import UaProcessor
 from asyncua.ua.ua_binary import uatcp_to_binary
 
-_CREATE, _ACTIVATE, *_WITHOUT_SESSION = (
-    ua.NodeId(getattr(ua.ObjectIds, f"{name}Request_Encoding_DefaultBinary"))
-    for name in ("CreateSession", "ActivateSession", "GetEndpoints", "FindServers", "CloseSecureChannel")
-)
+
+def _requests(*names: str) -> list[ua.NodeId]:
+    return [ua.NodeId(getattr(ua.ObjectIds, f"{name}Request_Encoding_DefaultBinary")) for name in names]
+
+
+_CREATE, _ACTIVATE = _requests("CreateSession", "ActivateSession")
+_WITHOUT_SESSION = _requests("CreateSession", "GetEndpoints", "FindServers", "CloseSecureChannel")
+_REGISTERING = _requests("RegisterServer", "RegisterServer2")
+"""asyncua is a discovery server, too, and lists what anybody registers."""
 
 
 class Processor(UaProcessor):  # type: ignore[misc]
@@ -46,11 +51,13 @@ class Processor(UaProcessor):  # type: ignore[misc]
     async def _process_message(self, typeid: Any, requesthdr: Any, seqhdr: Any, body: Any) -> Any:
         """One request. A connection has one session, and a session goes to another connection with its certificate."""
         before, certificate = self.session, self._connection.security_policy.peer_certificate
+        if typeid in _REGISTERING:
+            raise ServiceError(ua.StatusCodes.BadServiceUnsupported)
         if typeid == _CREATE and before is not None:
             if before.is_activated():
                 raise ServiceError(ua.StatusCodes.BadTooManySessions)
             await before.close_session(True)
-        elif typeid not in (_CREATE, *_WITHOUT_SESSION):
+        elif typeid not in _WITHOUT_SESSION:
             told = before or self.iserver.lookup_external_session(requesthdr.AuthenticationToken)
             if told is None or told.auth_token != requesthdr.AuthenticationToken:
                 raise ServiceError(ua.StatusCodes.BadSessionIdInvalid)

@@ -84,28 +84,29 @@ def serve(options: Options, say: Callable[[str], None]) -> None:
     opcua = None if options.opcua is None else _opcua(options.opcua, options.opcua_folder, cell, in_use, say)
     sparkplug = None if options.sparkplug is None else _sparkplug(options.sparkplug, cell, say)
 
-    @contextlib.asynccontextmanager
-    async def beside() -> AsyncIterator[None]:
-        async with contextlib.AsyncExitStack() as stack:
-            stack.callback(asyncio.create_task(in_use.follow()).cancel)
-            for other in (opcua, sparkplug):
-                if other is not None:
-                    await stack.enter_async_context(other.serving())
-            yield
-
     runs = None if options.state is None else Runs(options.state, options.runs)
-    gateway = Gateway(cell, tokens, origins, differs, beside, runs=runs, expiries=in_use.expiries)
     with listening(host, port, "--listen") as socket_:
         address = options.behind_proxy or f"{origins.scheme}://{shown(called, socket_.getsockname()[1])}"
+
+        @contextlib.asynccontextmanager
+        async def beside() -> AsyncIterator[None]:
+            """What serves beside the pages; each is told of when it does."""
+            async with contextlib.AsyncExitStack() as stack:
+                stack.callback(asyncio.create_task(in_use.follow()).cancel)
+                if opcua is not None:
+                    await stack.enter_async_context(opcua.serving())
+                    say(f"OPC UA at {opcua.url}; certificates in {options.opcua_folder}")
+                if sparkplug is not None:
+                    await stack.enter_async_context(sparkplug.serving())
+                    say(f"MQTT Sparkplug B as {sparkplug.name}")
+                say(f"cell page at {address}/, scope at {address}/scope; tokens in {options.tokens}; Ctrl-C ends it")
+                yield
+
         if is_new:
             say(f"made new tokens in {options.tokens}: one to observe, one to operate")
-        if opcua is not None:
-            say(f"OPC UA at {opcua.url}; certificates in {options.opcua_folder}")
-        if sparkplug is not None:
-            say(f"MQTT Sparkplug B as {sparkplug.name}")
         memory_MB = History(fields(_MOST_AXES)).nbytes / 1e6
         say(f"the history of an hour takes {memory_MB:.0f} MB with three axes, all of it once there is a controller")
-        say(f"cell page at {address}/, scope at {address}/scope; tokens in {options.tokens}; Ctrl-C ends it")
+        gateway = Gateway(cell, tokens, origins, differs, beside, runs=runs, expiries=in_use.expiries)
         run(gateway, socket_, options.certificate, options.key)
 
 

@@ -47,7 +47,12 @@ def options(folder, public, private, listen="127.0.0.1:0", **more):
 def lines(monkeypatch):
     """What the gateway says that would serve then."""
     said = []
-    monkeypatch.setattr(serving, "run", lambda *_: said.append("serves"))
+
+    async def begin(gateway):
+        async with gateway._beside():
+            said.append("serves")
+
+    monkeypatch.setattr(serving, "run", lambda gateway, *_: asyncio.run(begin(gateway)))
     return said
 
 

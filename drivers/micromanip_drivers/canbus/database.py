@@ -15,6 +15,7 @@ from micromanip.driver import CLASSIC_LENGTHS, FD_LENGTHS, ConfigError, did_you_
 
 from ..saved_text import decoded
 from .bit_field import GREATEST
+from .dbc_text import usable
 
 # its warnings are about messages that we refuse in words of our own, where they matter
 logging.getLogger("cantools").addHandler(logging.NullHandler())
@@ -35,7 +36,8 @@ class Database:
         try:
             require_regular(file, _MOST_BYTES)
             self._text = decoded(file.read_bytes(), "cp1252")
-            self._database: Any = cantools.database.load_string(self._text, database_format="dbc", strict=False)
+            text, self._impossible = usable(self._text)
+            self._database: Any = cantools.database.load_string(text, database_format="dbc", strict=False)
         except OSError as error:
             raise ConfigError(f"database: {file} can't be read: {error.strerror}") from error
         except UnsupportedDatabaseFormatError as error:
@@ -49,6 +51,8 @@ class Database:
 
     def message(self, key: str, name: str) -> Any:
         """The message of that name, which the configuration has at `key`. Raises ConfigError if there is none."""
+        if name in self._impossible:
+            raise self._refused(self._impossible[name])
         names = [message.name for message in self._database.messages]
         if name not in names:
             raise ConfigError(f"{key}: {self.name} has no message {name}; {did_you_mean(name, names)}")
@@ -102,6 +106,11 @@ def nonsense(message: Any) -> str | None:
     if message.dbc and "CANFD_BRS" in message.dbc.attributes and _attribute(message, "CANFD_BRS") not in (0, 1):
         return f"The attribute CANFD_BRS is neither 0 nor 1 in message {message.name}."
     return None
+
+
+def is_multiplexed(message: Any) -> bool:
+    """Whether signals of a message of cantools lie over each other; also where its multiplexer (M) is missing."""
+    return any(one.is_multiplexer or one.multiplexer_ids for one in message.signals)
 
 
 def _scales(signal: Any) -> bool:
@@ -162,12 +171,18 @@ def _attribute(described: Any, name: str) -> float | None:
 
 
 def _must_be_plain(key: str, message: Any) -> None:
-    if message.is_multiplexed():
+    if is_multiplexed(message):
         raise ConfigError(
             f"{key}: {message.name} is multiplexed (m0, m1, ... in the DBC), which is not supported: "
             "give each group of signals a message of its own"
         )
     lengths, kind = (FD_LENGTHS, "CAN FD") if message.is_fd else (CLASSIC_LENGTHS, "classic CAN")
     if message.length not in lengths or not message.length:
-        hint = "" if message.is_fd or message.length <= 8 else ": for CAN FD give it VFrameFormat StandardCAN_FD"
+        hint = "" if message.is_fd or message.length <= 8 else _of_long(message)
         raise ConfigError(f"{key}: {message.name} has {message.length} bytes, which {kind} has not{hint}")
+
+
+def _of_long(message: Any) -> str:
+    if message.protocol == "j1939":
+        return ": J1939 sends it in several frames, which is not supported"
+    return f": for CAN FD give it VFrameFormat {'Extended' if message.is_extended_frame else 'Standard'}CAN_FD"

@@ -12,7 +12,7 @@ import can
 from micromanip.driver import Answer
 
 from .bit_field import bit_field
-from .database import nonsense
+from .database import is_multiplexed, nonsense
 from .link import CanLink
 from .plan import UnpackPlan
 
@@ -54,8 +54,8 @@ def _answer(key: tuple[int, bool], speaker: _Speaker, known: Any, seconds: float
     name = f"message {key[0]:#05x}" if not key[1] else f"message {key[0]:#010x} (extended)"
     if known is None:
         return Answer(name, values, "not in the database", is_value=False)
-    if known.is_multiplexed() or len(data) < known.length:
-        why = "multiplexed" if known.is_multiplexed() else f"{known.length} bytes in the database"
+    if is_multiplexed(known) or len(data) < known.length:
+        why = "multiplexed" if is_multiplexed(known) else f"{known.length} bytes in the database"
         return Answer(name, values, f"{known.name}, signals not shown: {why}", is_value=len(data) >= known.length)
     if (found := nonsense(known)) is not None:
         return Answer(name, values, f"{known.name}, signals not shown: {found}", is_value=False)

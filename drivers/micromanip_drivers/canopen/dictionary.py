@@ -9,7 +9,7 @@ import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
-from canopen.objectdictionary import ObjectDictionary, ObjectDictionaryError, ODArray, ODVariable, import_od
+from canopen.objectdictionary import ObjectDictionary, ObjectDictionaryError, ODVariable, import_od
 
 from micromanip.driver import ConfigError, did_you_mean, require_regular
 
@@ -74,8 +74,6 @@ class Dictionary:
         if entry is None or isinstance(entry, ODVariable):
             return entry if subindex == 0 else None
         found: ODVariable | None = entry.subindices.get(subindex)
-        if found is None and isinstance(entry, ODArray) and _is_compact(entry) and 0 < subindex < 0xFF:
-            return entry[subindex]  # made from the first
         return found
 
     def _variables(self) -> Iterator[ODVariable]:
@@ -84,11 +82,6 @@ class Dictionary:
                 yield entry
             else:
                 yield from entry.subindices.values()
-
-
-def _is_compact(array: ODArray) -> bool:
-    """True for an array that the EDS describes by its first element (CompactSubObj)."""
-    return 1 in array.subindices and array.subindices[0].default is None
 
 
 def number(index: int, subindex: int = 0) -> str:

@@ -17,9 +17,10 @@ from canopen.objectdictionary import datatypes
 from micromanip.driver import ConfigError
 
 from ..saved_text import decoded
+from .eds_compact import whole
 
 _SECTION = re.compile(r"\[\s*([^\]]*?)\s*\]")
-_OBJECT = re.compile(r"([0-9a-f]{1,4})(?:(sub)([0-9a-f]{1,2})|(name))?", re.IGNORECASE)
+_OBJECT = re.compile(r"([0-9a-f]{1,4})(?:(sub)([0-9a-f]{1,2})|(name|value))?", re.IGNORECASE)
 _DUMMIES = "DummyUsage"
 _KEYS = {
     name.lower(): name
@@ -58,10 +59,11 @@ def objects_of(file: Path) -> io.StringIO:
     sections = _objects(_sections(file, decoded(file.read_bytes(), "latin-1")))
     for section in sections.values():
         _complete(file, section, sections)
+    listed = whole({name: section.values for name, section in sections.items()})
     text = io.StringIO("[DeviceInfo]\n")  # which canopen would miss
     text.seek(0, io.SEEK_END)
-    for section in sorted(sections.values(), key=lambda each: len(each.name) > len("1000")):
-        text.write(f"[{section.name}]\n" + "".join(f"{key}={value}\n" for key, value in section.values.items()))
+    for name in sorted(listed, key=lambda each: len(each) > len("1000")):
+        text.write(f"[{name}]\n" + "".join(f"{key}={value}\n" for key, value in listed[name].items()))
     text.seek(0)
     text.name = file.name
     return text
@@ -93,7 +95,7 @@ def _objects(sections: dict[str, _Section]) -> dict[str, _Section]:
 
 def _index(name: str) -> str:
     """The section of the object that another section belongs to."""
-    return name.partition("sub")[0].removesuffix("Name")
+    return name.partition("sub")[0].removesuffix("Name").removesuffix("Value")
 
 
 def _named(said: str) -> str | None:
@@ -102,8 +104,8 @@ def _named(said: str) -> str | None:
         return _DUMMIES
     if (found := _OBJECT.fullmatch(said)) is None:
         return None
-    index, sub, subindex, name = found.groups()
-    return index.upper() + (f"sub{subindex.upper()}" if sub else "Name" if name else "")
+    index, sub, subindex, of_parts = found.groups()
+    return index.upper() + (f"sub{subindex.upper()}" if sub else (of_parts or "").capitalize())
 
 
 def _take(file: Path, line: int, section: _Section, said: str) -> None:
@@ -141,15 +143,25 @@ def _complete(file: Path, section: _Section, sections: dict[str, _Section]) -> N
         return
     if index not in sections:
         raise ConfigError(f"{file}:{section.line}: [{name}] belongs to [{index}], which is not there")
-    wanted = ["NrOfEntries"] if name.endswith("Name") else ["ParameterName"]
+    if name.endswith(("Name", "Value")):
+        if name.endswith("Value") and _is_integer(sections[index].values):
+            values.update({key: _without_zeros(value) for key, value in values.items()})
+        return
+    if values.get("CompactSubObj") == "0":
+        del values["CompactSubObj"]
+    wanted = ["ParameterName"]
     kind = int(values.get("ObjectType", _VARIABLE))
     if kind == _DOMAIN:
         values.setdefault("DataType", str(0xF))
         values.setdefault("AccessType", "rw")
-    if int(values.get("DataType", 0)) in datatypes.INTEGER_TYPES:
+    if _is_integer(values):
         values.update({key: _without_zeros(values[key]) for key in _VALUES if key in values})
-    if not name.endswith("Name") and (kind not in _WITH_SUBS or "CompactSubObj" in values):
+    if kind not in _WITH_SUBS or "CompactSubObj" in values:
         wanted += ["DataType", "AccessType"]
     for key in wanted:
         if not values.get(key):
             raise ConfigError(f"{file}:{section.line}: [{name}] has no {key}")
+
+
+def _is_integer(values: dict[str, str]) -> bool:
+    return int(values.get("DataType", 0)) in datatypes.INTEGER_TYPES

@@ -48,7 +48,7 @@ def command() -> None:
 def esi(file: Path, product: int | None, revision: int | None, as_json: bool) -> None:
     """List the devices of an ESI FILE; of a single one write the keys below `terminals` of a configuration.
 
-    These are the PDOs that it has assigned from the start. Scales and ranges stand in its manual, not in the file.
+    These are the PDOs that it has assigned from the start. Scales and ranges stand in its manual.
     """
     from micromanip.errors import UsageError
 
@@ -91,7 +91,7 @@ def _revision(device: EsiDevice) -> str:
 
 
 def _document(device: EsiDevice) -> dict[str, Any]:
-    from micromanip.bus.ethercat.esi_keys import not_mapped, terminal_keys
+    from micromanip.bus.ethercat.esi_keys import not_mapped, remarks, terminal_keys
 
     name, keys = terminal_keys(device, set())
     return {
@@ -107,11 +107,12 @@ def _document(device: EsiDevice) -> dict[str, Any]:
             {"pdo": pdo.index, "index": entry.index, "subindex": entry.subindex, "bits": entry.bits, "type": entry.type}
             for pdo, entry in not_mapped(device)
         ],
+        "remarks": list(remarks(device)),
     }
 
 
 def _show(devices: Sequence[EsiDevice]) -> None:
-    from micromanip.bus.ethercat.esi_keys import lines_of, not_mapped, terminal_keys
+    from micromanip.bus.ethercat.esi_keys import lines_of, remarks, terminal_keys
 
     from .tables import Figures, out_console
 
@@ -126,10 +127,5 @@ def _show(devices: Sequence[EsiDevice]) -> None:
         return
     (device,) = devices
     click.echo("\n".join(lines_of(*terminal_keys(device, set()))))
-    if device.has_slots:
-        say("# it has slots: PDOs of the modules in them are not read, and are to be added")
-    for pdo, entry in not_mapped(device):
-        say(
-            f"# PDO 0x{pdo.index:04x}: no field for 0x{entry.index:04x}:{entry.subindex:02x} {entry.name}, "
-            f"{entry.bits} bits {entry.type}: its type is not known, or has other bits"
-        )
+    for remark in remarks(device):
+        say(f"# {remark}")

@@ -14,8 +14,9 @@ from micromanip.bus.ethercat.al_states import (
     state_name,
 )
 from micromanip.bus.ethercat.coe import abort_in_words
-from micromanip.bus.ethercat.esi import TYPES as ESI_TYPES
 from micromanip.bus.ethercat.esi import EsiDevice, EsiEntry, EsiPdo, esi_products, read_esi
+from micromanip.bus.ethercat.esi_assigned import apart
+from micromanip.bus.ethercat.esi_types import field_type
 from micromanip.bus.ethercat.frames import (
     DATAGRAM_BYTES,
     HEADER_BYTES,
@@ -31,7 +32,6 @@ from micromanip.bus.ethercat.process_data import PackedNumber, bytes_of, packed_
 __all__ = [
     "DATAGRAM_BYTES",
     "ERROR",
-    "ESI_TYPES",
     "HEADER_BYTES",
     "INIT",
     "OP",
@@ -50,9 +50,11 @@ __all__ = [
     "PackedNumber",
     "abort_in_words",
     "al_code_in_words",
+    "apart",
     "bytes_of",
     "coe",
     "esi_products",
+    "field_type",
     "framed",
     "packed_numbers",
     "read_esi",

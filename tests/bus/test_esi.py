@@ -80,7 +80,7 @@ def test_a_device_becomes_keys(tmp_path):
 
 @pytest.mark.parametrize(
     ("kind", "bits", "ours"),
-    [("BIT", 1, "bool"), ("BIT2", 2, "bit2"), ("BIT11", 11, "bit11"), ("BIT8", 8, "uint8"), ("BOOL", 8, None)],
+    [("BIT", 1, "bool"), ("BIT2", 2, "bit2"), ("BIT11", 11, "bit11"), ("BIT8", 8, "uint8"), ("BOOL", 17, None)],
 )
 def test_bits_become_fields_where_type_and_width_agree(tmp_path, kind, bits, ours):
     (device,) = read(tmp_path, ONE.replace("BOOL", kind).replace("<BitLen>1</", f"<BitLen>{bits}</"))

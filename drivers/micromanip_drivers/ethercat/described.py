@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from micromanip.driver import ConfigError
-from micromanip.driver.ethercat import ESI_TYPES, EsiDevice, EsiEntry, EsiPdo, esi_products, read_esi
+from micromanip.driver.ethercat import EsiDevice, EsiEntry, EsiPdo, apart, esi_products, field_type, read_esi
 
 from .options import InputPdo, OutputPdo, Terminal
 
@@ -59,6 +59,11 @@ def _of_direction(
         if clash := found.excludes & taken - {found.index}:
             yield f"{direction}.{name}.pdo", f"it excludes 0x{min(clash):04x}, which is assigned as well", found.line
         yield from ((f"{direction}.{name}.{key}", what, line) for key, what, line in _of_pdo(pdo, found, device))
+    outside = [found.index for found in apart(device, [found for _, _, found in known])]
+    for name, _, found in known:
+        if found.index in outside:
+            what = f"sync manager {found.sync_manager} lies apart from that of the others: one area is exchanged"
+            yield f"{direction}.{name}.pdo", what, found.line
     for each in there:
         if each.mandatory and each.index not in taken and pdos:
             yield direction, f"PDO 0x{each.index:04x}, {each.name}, is mandatory and missing", each.line
@@ -78,7 +83,7 @@ def _of_pdo(pdo: Any, found: EsiPdo, device: EsiDevice) -> Iterator[tuple[str, s
             if there.mapping != field.mapping:
                 yield f"fields.{name}", f"{_words(field)}, but entry {place + 1} is {_entry_words(there)}", there.line
                 return
-        ours = ESI_TYPES.get(there.type) if there is not None else None
+        ours = field_type(there.type, there.bits) if there is not None else None
         if there is not None and ours is not None and ours != field.type:
             yield f"fields.{name}.type", f"{field.type}, but the terminal has {there.type}, which is {ours}", there.line
     if not is_free and len(found.entries) > len(pdo.fields):

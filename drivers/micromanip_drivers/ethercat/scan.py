@@ -142,7 +142,8 @@ def _asked(link: Link, station: int) -> Slave:
 def _process_data(link: Link, station: int, has_coe: bool) -> tuple[Area, Area, Pdos, Pdos]:
     """Areas and PDOs of outputs and inputs, by the EEPROM; PDOs only where no mailbox tells of them."""
     managers: Mapping[int, Area] = {}
-    pdos: dict[int, Pdos] = {}
+    starts: Sequence[int] = ()
+    pdos: dict[int, Sequence[tuple[int, int, Sequence[int]]]] = {}
     word = _CATEGORIES_WORD
     while word < _MOST_WORDS:
         kind, length = struct.unpack_from("<HH", sii(link, station, word))
@@ -152,11 +153,13 @@ def _process_data(link: Link, station: int, has_coe: bool) -> tuple[Area, Area, 
             content = b"".join(sii(link, station, word + 2 + at) for at in range(0, length, 4))[: 2 * length]
             if kind == _SYNC_MANAGERS:
                 managers = dict(_areas(content))
+                starts = [struct.unpack_from("<H", content, at)[0] for at in range(0, len(content) - 7, 8)]
             else:
                 pdos[kind] = list(_assigned(content))
         word += 2 + length
     outputs, inputs = managers.get(_OUTPUTS, _USUAL[0]), managers.get(_INPUTS, _USUAL[1])
-    return outputs, inputs, pdos.get(_OUTPUT_PDOS, ()), pdos.get(_INPUT_PDOS, ())
+    output_pdos, input_pdos = (in_one_area(pdos.get(kind, ()), starts) for kind in (_OUTPUT_PDOS, _INPUT_PDOS))
+    return outputs, inputs, output_pdos, input_pdos
 
 
 def _areas(content: bytes) -> Iterator[tuple[int, Area]]:
@@ -172,8 +175,8 @@ def _areas(content: bytes) -> Iterator[tuple[int, Area]]:
             yield kind, Area(k, start, control | (registers.SM_WATCHDOG if kind == _OUTPUTS else 0))
 
 
-def _assigned(content: bytes) -> Iterator[tuple[int, Sequence[int]]]:
-    """The PDOs of a category that a sync manager has from the start."""
+def _assigned(content: bytes) -> Iterator[tuple[int, int, Sequence[int]]]:
+    """The PDOs of a category that a sync manager has from the start: that, index and entries."""
     at = 0
     while at + 8 <= len(content):
         index, count, manager = struct.unpack_from("<HBB", content, at)
@@ -181,7 +184,25 @@ def _assigned(content: bytes) -> Iterator[tuple[int, Sequence[int]]]:
         entries = list(struct.iter_unpack("<HBxxBxx", content[at : at + 8 * count].ljust(8 * count, b"\0")))
         at += 8 * count
         if manager != _NOT_ASSIGNED:
-            yield index, [entry << 16 | subindex << 8 | bits for entry, subindex, bits in entries]
+            yield manager, index, [entry << 16 | subindex << 8 | bits for entry, subindex, bits in entries]
+
+
+def in_one_area(pdos: Sequence[tuple[int, int, Sequence[int]]], starts: Sequence[int]) -> Pdos:
+    """Those of a direction that are exchanged, of (sync manager, index, entries): others begin elsewhere.
+
+    `starts` are the addresses of the sync managers; none, or not enough, in older EEPROMs: then they are one area.
+    """
+    exchanged: list[tuple[int, Sequence[int]]] = []
+    current, bits = None, 0
+    for manager, index, entries in pdos:
+        if current is not None and manager != current and max(manager, current) < len(starts):
+            if bits % 8 or starts[manager] != starts[current] + bits // 8:
+                continue
+            bits = 0
+        current = manager
+        bits += sum(entry & 0xFF for entry in entries)
+        exchanged.append((index, entries))
+    return exchanged
 
 
 def sii(link: Link, station: int, word: int) -> bytes:

@@ -1,41 +1,30 @@
 """ESI files: what the maker of a terminal says of it, as XML (ETG.2000): identity, PDOs, sync managers, mailbox, clock.
 
 Read are the elements below ``EtherCATInfo/Vendor`` and ``Descriptions/Devices/Device``; what else there is does no
-harm. A document type, and with it any entity of the file's own, is refused: such a file may be small, its text endless.
+harm.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from xml.etree.ElementTree import Element, TreeBuilder
-from xml.parsers import expat
+from xml.etree.ElementTree import Element
 
-from micromanip.bus.number_options import PACKED
-from micromanip.errors import ConfigError, system_error
-from micromanip.files.regular_file import open_regular
+from micromanip.errors import ConfigError
 
-MOST_BYTES = 64 * 1024 * 1024
-_MOST_DEEP = 100
+from .esi_document import EsiDocument, text_of
+from .esi_types import known_type
+
 _ENGLISH = "1033"
-TYPES = {
-    "SINT": "int8", "USINT": "uint8", "BYTE": "uint8", "BITARR8": "uint8", "BIT8": "uint8",
-    "INT": "int16", "UINT": "uint16", "WORD": "uint16", "BITARR16": "uint16", "BIT16": "uint16",
-    "INT24": "int24", "UINT24": "uint24",
-    "DINT": "int32", "UDINT": "uint32", "DWORD": "uint32", "BITARR32": "uint32", "REAL": "float32",
-    "LINT": "int64", "ULINT": "uint64", "LWORD": "uint64", "LREAL": "float64",
-    "BOOL": "bool", "BIT": "bool", "BIT1": "bool",
-    **{kind.upper(): kind for kind in PACKED if kind != "bool"},
-}  # fmt: skip
-"""Types of the files by ours; there are others, of texts."""
 
 
 @dataclass(frozen=True)
 class EsiEntry:
     """An object in a PDO, index 0 for a gap; `line` is its line in the file.
 
-    `type` is one of `TYPES` also where the file names a type of its own that is one of them.
+    `type` is one that `field_type` knows also where the file names a type of its own that is based on it; `scale` is
+    what the file says of its range, in the maker's words: "+/-10".
     """
 
     index: int
@@ -44,6 +33,7 @@ class EsiEntry:
     name: str
     type: str
     line: int
+    scale: str = ""
 
     @property
     def mapping(self) -> int:
@@ -97,81 +87,12 @@ class EsiDevice:
     line: int
 
 
-@dataclass
-class _Read:
-    """A file as it is read: elements, and the line of each."""
-
-    path: Path
-    builder: TreeBuilder = field(default_factory=TreeBuilder)
-    lines: dict[Element, int] = field(default_factory=dict)
-    deep: int = 0
-
-    def error(self, line: int, what: str) -> ConfigError:
-        return ConfigError(f"{self.path}:{line}: {what}")
-
-    def document(self) -> Element:
-        """Its root. Raises ConfigError."""
-        try:
-            with open_regular(self.path, MOST_BYTES) as opened:
-                text = opened.read()
-        except OSError as problem:
-            raise system_error(problem, self.path) from problem
-        parser = expat.ParserCreate()
-        parser.buffer_text = True
-
-        def start(name: str, attributes: dict[str, str]) -> None:
-            self.deep += 1
-            if self.deep > _MOST_DEEP:
-                raise self.error(parser.CurrentLineNumber, f"elements lie in each other more than {_MOST_DEEP} deep")
-            self.lines[self.builder.start(_local(name), attributes)] = parser.CurrentLineNumber
-
-        def end(name: str) -> None:
-            self.deep -= 1
-            self.builder.end(_local(name))
-
-        def refuse(*_: object) -> None:
-            raise self.error(parser.CurrentLineNumber, "a document type (<!DOCTYPE) is refused: ESI files have none")
-
-        parser.StartElementHandler, parser.EndElementHandler = start, end
-        parser.CharacterDataHandler, parser.StartDoctypeDeclHandler = self.builder.data, refuse
-        try:
-            parser.Parse(text, True)
-        except expat.ExpatError as problem:
-            raise self.error(problem.lineno, f"this is no XML: {expat.ErrorString(problem.code)}") from problem
-        except (ValueError, LookupError) as problem:  # of an encoding that nobody knows, or that is none for texts
-            raise self.error(parser.CurrentLineNumber, f"its text can't be read: {problem}") from problem
-        return self.builder.close()
-
-    def number(self, element: Element, text: str | None, what: str, most: int, default: int | None = None) -> int:
-        """A number as ESI files have it, ``#x1a00`` or decimal. Raises ConfigError."""
-        said = (text or "").strip()
-        if not said and default is not None:
-            return default
-        hexadecimal = said[:2].lower() == "#x"
-        digits = said[2:] if hexadecimal else said
-        if digits.isascii() and digits.isalnum() and len(digits) <= 20:  # 1_0, +1 and other scripts are none
-            try:
-                number = int(digits, 16 if hexadecimal else 10)
-            except ValueError:
-                number = -1
-            if 0 <= number <= most:
-                return number
-        line = self.lines[element]
-        raise self.error(line, f"{what} {said[:40]!r} is no number from 0 to {most} (#x1a00, or decimal)")
-
-    def child_number(self, parent: Element, name: str, most: int, default: int | None = None) -> int:
-        found = parent.find(name)
-        if found is None and default is None:
-            raise self.error(self.lines[parent], f"<{parent.tag}> has no <{name}>")
-        return self.number(parent if found is None else found, _text(found), name, most, default)
-
-
 def read_esi(path: Path, product: int | None = None) -> Sequence[EsiDevice]:
     """All devices of a file, or those with one product code, whatever the others are like; that may be none.
 
     Raises ConfigError with file and line, another MicromanipError if it can't be opened.
     """
-    read = _Read(path)
+    read = EsiDocument(path)
     vendor, found = _vendor_and_devices(read)
     return [_device(read, vendor, each) for each in found if product is None or _product(read, each) == product]
 
@@ -181,7 +102,7 @@ def esi_listing(path: Path) -> Sequence[EsiDevice | ConfigError]:
 
     Raises as `read_esi` where that is so for the file as a whole.
     """
-    read = _Read(path)
+    read = EsiDocument(path)
     vendor, found = _vendor_and_devices(read)
 
     def listed(element: Element) -> EsiDevice | ConfigError:
@@ -193,9 +114,9 @@ def esi_listing(path: Path) -> Sequence[EsiDevice | ConfigError]:
     return [listed(each) for each in found]
 
 
-def _vendor_and_devices(read: _Read) -> tuple[int, Sequence[Element]]:
+def _vendor_and_devices(read: EsiDocument) -> tuple[int, Sequence[Element]]:
     """The vendor's number, and the elements of the devices, of which there is one at least. Raises ConfigError."""
-    root = read.document()
+    root = read.root()
     if root.tag != "EtherCATInfo":
         raise read.error(read.lines[root], f"<{root.tag[:40]}> is no ESI file: that begins with <EtherCATInfo>")
     vendor = root.find("Vendor")
@@ -205,19 +126,19 @@ def _vendor_and_devices(read: _Read) -> tuple[int, Sequence[Element]]:
     found = root.findall("Descriptions/Devices/Device")
     if not found:
         other = root.find("InfoReference")
-        where = "" if other is None else f"; it refers to another file: {_text(other)[:80]}"
+        where = "" if other is None else f"; it refers to another file: {text_of(other)[:80]}"
         raise read.error(read.lines[root], f"there is no <Device> in <Descriptions> <Devices>{where}")
     return number, found
 
 
 def esi_products(path: Path) -> Sequence[int]:
     """The product codes in a file, as far as it has them. Raises as `read_esi`."""
-    read = _Read(path)
-    codes = (_product(read, each) for each in read.document().iterfind("Descriptions/Devices/Device"))
+    read = EsiDocument(path)
+    codes = (_product(read, each) for each in read.root().iterfind("Descriptions/Devices/Device"))
     return sorted({code for code in codes if code is not None})
 
 
-def _product(read: _Read, device: Element) -> int | None:
+def _product(read: EsiDocument, device: Element) -> int | None:
     """Its product code; None where it has none that can be read."""
     kind = device.find("Type")
     try:
@@ -226,22 +147,22 @@ def _product(read: _Read, device: Element) -> int | None:
         return None
 
 
-def _device(read: _Read, vendor: int, element: Element) -> EsiDevice:
+def _device(read: EsiDocument, vendor: int, element: Element) -> EsiDevice:
     kind, coe = element.find("Type"), element.find("Mailbox/CoE")
     if kind is None:
         raise read.error(read.lines[element], "<Device> has no <Type>")
     if not (kind.get("ProductCode") or "").strip():
-        name = _name(element) or _text(kind)
+        name = _name(element) or text_of(kind)
         raise read.error(read.lines[kind], f"<Type> of {name[:60] or 'a device'} has no ProductCode")
     product = read.number(kind, kind.get("ProductCode"), "ProductCode", 0xFFFF_FFFF)
     revision = (kind.get("RevisionNo") or "").strip() or None
     own_types = {
-        _text(each.find("Name")): _text(each.find("BaseType"))
+        text_of(each.find("Name")): text_of(each.find("BaseType"))
         for each in element.iterfind("Profile/Dictionary/DataTypes/DataType")
     }
     managers = [
         EsiSyncManager(
-            _text(each),
+            text_of(each),
             *(read.number(each, each.get(n), n, 0xFFFF, 0) for n in ("StartAddress", "DefaultSize", "ControlByte")),
         )
         for each in element.iterfind("Sm")
@@ -250,7 +171,7 @@ def _device(read: _Read, vendor: int, element: Element) -> EsiDevice:
         vendor=vendor,
         product=product,
         revision=None if revision is None else read.number(kind, revision, "RevisionNo", 0xFFFF_FFFF),
-        name=_name(element) or _text(kind),
+        name=_name(element) or text_of(kind),
         outputs=[_pdo(read, pdo, own_types) for pdo in element.iterfind("RxPdo")],
         inputs=[_pdo(read, pdo, own_types) for pdo in element.iterfind("TxPdo")],
         sync_managers=managers,
@@ -262,7 +183,7 @@ def _device(read: _Read, vendor: int, element: Element) -> EsiDevice:
     )
 
 
-def _pdo(read: _Read, element: Element, own_types: Mapping[str, str]) -> EsiPdo:
+def _pdo(read: EsiDocument, element: Element, own_types: Mapping[str, str]) -> EsiPdo:
     manager = (element.get("Sm") or "").strip()
     return EsiPdo(
         read.child_number(element, "Index", 0xFFFF),
@@ -276,40 +197,26 @@ def _pdo(read: _Read, element: Element, own_types: Mapping[str, str]) -> EsiPdo:
     )
 
 
-def _entries(read: _Read, pdo: Element, own_types: Mapping[str, str]) -> Iterator[EsiEntry]:
+def _entries(read: EsiDocument, pdo: Element, own_types: Mapping[str, str]) -> Iterator[EsiEntry]:
     for element in pdo.iterfind("Entry"):
+        kind = element.find("DataType")
         yield EsiEntry(
             read.child_number(element, "Index", 0xFFFF),
             read.child_number(element, "SubIndex", 0xFF, 0),
             read.child_number(element, "BitLen", 0xFFFF),
             _name(element),
-            _type(_text(element.find("DataType")), own_types),
+            known_type(text_of(kind), own_types),
             read.lines[element],
+            "" if kind is None else " ".join((kind.get("DScale") or "").split()),
         )
-
-
-def _type(said: str, own_types: Mapping[str, str]) -> str:
-    """That which a type of the file's own is based on, if it is one."""
-    known = (each for each in (said, own_types.get(said, "")) if each.upper() in TYPES)
-    return next((each.upper() for each in known), said)
 
 
 def _name(element: Element) -> str:
     """The English one of its names, or the first."""
     names = element.findall("Name")
-    return _text(
+    return text_of(
         next((each for each in names if each.get("LcId", "").strip() == _ENGLISH), names[0] if names else None)
     )
-
-
-def _local(name: str) -> str:
-    """A tag without the prefix of its namespace."""
-    return name.rpartition(":")[2]
-
-
-def _text(element: Element | None) -> str:
-    """In one line."""
-    return "" if element is None else " ".join((element.text or "").split())
 
 
 def _is_true(text: str | None) -> bool:

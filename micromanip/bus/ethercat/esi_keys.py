@@ -6,11 +6,9 @@ import re
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from micromanip.bus.number_options import BITS
-
-from .esi import TYPES, EsiDevice, EsiEntry, EsiPdo
-
-_GAP_TYPES = {bits: kind for kind, bits in BITS.items() if kind.startswith(("u", "b"))}
+from .esi import EsiDevice, EsiEntry, EsiPdo
+from .esi_assigned import begun_with, why_not
+from .esi_types import field_type, unsigned_type
 
 
 def terminal_keys(device: EsiDevice, taken: set[str]) -> tuple[str, dict[str, Any]]:
@@ -19,11 +17,10 @@ def terminal_keys(device: EsiDevice, taken: set[str]) -> tuple[str, dict[str, An
     if device.revision is not None:
         keys["revision"] = device.revision
     for direction, pdos in (("outputs", device.outputs), ("inputs", device.inputs)):
-        assigned = [pdo for pdo in pdos if pdo.sync_manager is not None]
         names: set[str] = set()
         if of_direction := {
             _name(pdo.name, names): {"pdo": pdo.index, "fields": fields}
-            for pdo in assigned
+            for pdo in begun_with(device, pdos)
             if (fields := _fields(pdo, taken))
         }:
             keys[direction] = of_direction
@@ -31,10 +28,28 @@ def terminal_keys(device: EsiDevice, taken: set[str]) -> tuple[str, dict[str, An
 
 
 def not_mapped(device: EsiDevice) -> Iterator[tuple[EsiPdo, EsiEntry]]:
-    """What its PDOs have that can't be a field: of an unknown type, or of other bits than its type has."""
-    for pdo in (*device.outputs, *device.inputs):
-        if pdo.sync_manager is not None:
-            yield from ((pdo, entry) for entry in pdo.entries if _type(entry) is None)
+    """What its PDOs have that can't be a field: of more bits than a number has."""
+    yield from ((pdo, entry) for pdo, entry in _entries(device) if unsigned_type(entry.bits) is None)
+
+
+def remarks(device: EsiDevice) -> Iterator[str]:
+    """What the keys do not say, or not as the file has it."""
+    if device.has_slots:
+        yield "it has slots: PDOs of the modules in them are not read, and are to be added"
+    yield from why_not(device)
+    for pdo, entry in _entries(device):
+        what = f"0x{entry.index:04x}:{entry.subindex:02x} {entry.name}, {entry.bits} bits {entry.type}".rstrip()
+        if unsigned_type(entry.bits) is None:
+            yield f"PDO 0x{pdo.index:04x}: no field for {what}: there is no type of so many bits"
+        elif entry.index and field_type(entry.type, entry.bits) is None:
+            yield f"PDO 0x{pdo.index:04x}: {what} is spare: its type is not known, or has other bits"
+        elif entry.scale:
+            yield f"PDO 0x{pdo.index:04x}: {what} stands for {entry.scale}, says the file"
+
+
+def _entries(device: EsiDevice) -> Iterator[tuple[EsiPdo, EsiEntry]]:
+    for pdos in (device.outputs, device.inputs):
+        yield from ((pdo, entry) for pdo in begun_with(device, pdos) for entry in pdo.entries)
 
 
 def lines_of(name: str, keys: dict[str, Any]) -> Sequence[str]:
@@ -46,24 +61,20 @@ def lines_of(name: str, keys: dict[str, Any]) -> Sequence[str]:
         for pdo_name, pdo in pdos.items():
             lines += [f"    {pdo_name}:", f"      pdo: 0x{pdo['pdo']:04x}", "      fields:"]
             for field_name, f in pdo["fields"].items():
-                entry = f"{{index: 0x{f['index']:04x}, subindex: {f['subindex']}, type: {f['type']}}}"
-                lines.append(f"        {field_name}: {entry}")
+                spare = ", spare: true" if "spare" in f else ""
+                entry = f"index: 0x{f['index']:04x}, subindex: {f['subindex']}, type: {f['type']}{spare}"
+                lines.append(f"        {field_name}: {{{entry}}}")
     return lines
 
 
 def _fields(pdo: EsiPdo, taken: set[str]) -> dict[str, dict[str, Any]]:
-    return {
-        _name(entry.name or "gap", taken): {"index": entry.index, "subindex": entry.subindex, "type": kind}
-        for entry in pdo.entries
-        if (kind := _type(entry)) is not None
-    }
-
-
-def _type(entry: EsiEntry) -> str | None:
-    if entry.index == 0:
-        return _GAP_TYPES.get(entry.bits)
-    kind = TYPES.get(entry.type)
-    return kind if kind is not None and BITS[kind] == entry.bits else None
+    fields: dict[str, dict[str, Any]] = {}
+    for entry in pdo.entries:
+        known = field_type(entry.type, entry.bits) if entry.index else unsigned_type(entry.bits)
+        if (kind := known or unsigned_type(entry.bits)) is not None:
+            keys = {"index": entry.index, "subindex": entry.subindex, "type": kind}
+            fields[_name(entry.name or "gap", taken)] = keys if known is not None else keys | {"spare": True}
+    return fields
 
 
 def _name(said: str, taken: set[str]) -> str:

@@ -177,3 +177,25 @@ def test_without_a_file_nothing_is_looked_at(tmp_path):
         {"interface": "none0", "terminals": {"a": {"vendor": 1, "product": 2}}}
     ).terminals.values():
         compare_with_file("a", each, tmp_path)
+
+
+def test_pdos_of_two_areas_are_refused(tmp_path):
+    """They would be read as if they lay behind each other."""
+    managers = "".join(f'<Sm StartAddress="#x{start}"/>' for start in (1000, 1200, 1300))
+    pdos = "".join(
+        f'<TxPdo Sm="{manager}"><Index>#x1a0{manager}</Index><Entry><Index>#x6000</Index><SubIndex>{manager}</SubIndex>'
+        "<BitLen>8</BitLen><DataType>USINT</DataType></Entry></TxPdo>"
+        for manager in (1, 2)
+    )
+    text = SAMPLE.read_text()
+    text = text[: text.index("<Devices>")] + (
+        f'<Devices><Device><Type ProductCode="#x1006">T</Type>{managers}{pdos}</Device></Devices></Descriptions>'
+        "</EtherCATInfo>"
+    )
+    (tmp_path / "areas.xml").write_text(text)
+    (device,) = read_esi(tmp_path / "areas.xml")
+    fields = [{f"f{k}": {"index": 0x6000, "subindex": k, "type": "uint8"}} for k in (1, 2)]
+    inputs = {f"p{k}": {"pdo": 0x1A00 + k, "fields": fields[k - 1]} for k in (1, 2)}
+    assert list(differences(terminal(inputs={"p1": inputs["p1"]}), device)) == []
+    (found,) = differences(terminal(inputs=inputs), device)
+    assert found[:2] == ("inputs.p2.pdo", "sync manager 2 lies apart from that of the others: one area is exchanged")

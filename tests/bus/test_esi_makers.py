@@ -1,0 +1,135 @@
+"""What makers write into ESI files, and what a configuration begins with."""
+
+import pytest
+
+from micromanip.bus.ethercat.esi import read_esi
+from micromanip.bus.ethercat.esi_keys import lines_of, not_mapped, remarks, terminal_keys
+
+
+def entry(index, bits, kind="", name="x", subindex=0):
+    kind = f"<DataType{kind if kind.startswith((' ', '>')) else '>' + kind}</DataType>" if kind else ""
+    return (
+        f"<Entry><Index>{index}</Index><SubIndex>{subindex}</SubIndex><BitLen>{bits}</BitLen><Name>{name}</Name>{kind}"
+        "</Entry>"
+    )
+
+
+def pdo(index, *entries, tag="TxPdo", keys='Sm="3"', more=""):
+    return f"<{tag} {keys}><Index>{index}</Index><Name>P</Name>{more}{''.join(entries)}</{tag}>"
+
+
+MANAGERS = "".join(f'<Sm StartAddress="#x{start:x}"/>' for start in (0xF00, 0xF01, 0x1200, 0x1300))
+
+
+def device(tmp_path, *parts, head="<Vendor><Id>2</Id></Vendor>", code="7"):
+    text = "".join((MANAGERS, *parts))
+    (tmp_path / "maker.xml").write_text(
+        f"<EtherCATInfo>{head}<Descriptions><Devices><Device><Type ProductCode='{code}'>T</Type>{text}</Device>"
+        "</Devices></Descriptions></EtherCATInfo>"
+    )
+    (found,) = read_esi(tmp_path / "maker.xml")
+    return found
+
+
+def types(found):
+    (of_pdo,) = terminal_keys(found, set())[1]["inputs"].values()
+    return [(each["type"], each.get("spare", False)) for each in of_pdo["fields"].values()]
+
+
+@pytest.mark.parametrize("said", ["#x6041", "#X6041", "0x6041", "#x0x6041", "24641", " #x00006041 "])
+def test_numbers_as_they_are_written(tmp_path, said):
+    found = device(
+        tmp_path, pdo("#x1a00", entry(said, 16, "UINT")), code=said, head=f"<Vendor><Id>{said}</Id></Vendor>"
+    )
+    assert (found.vendor, found.product, found.inputs[0].entries[0].index) == (0x6041, 0x6041, 0x6041)
+
+
+@pytest.mark.parametrize(
+    ("kind", "bits", "ours"),
+    [
+        ("UINT16", 16, ("uint16", False)),
+        ("INT8", 8, ("int8", False)),
+        ("float32", 32, ("float32", False)),
+        ("USINT", 3, ("bit3", False)),
+        ("BITARR16", 12, ("bit12", False)),
+        ("UDINT", 1, ("bool", False)),
+        ("INT", 12, ("bit12", True)),
+        ("UDINT", 16, ("uint16", True)),
+        ("BOOL", 8, ("uint8", True)),
+        ("STRING(2)", 16, ("uint16", True)),
+        ("", 32, ("uint32", True)),
+        ("DT_ENUM", 3, ("bit3", False)),
+        ("DT_FAR", 16, ("int16", False)),
+        ("DT_RING", 16, ("uint16", True)),
+    ],
+)
+def test_what_is_no_number_of_ours_is_spare(tmp_path, kind, bits, ours):
+    own = "".join(
+        f"<DataType><Name>{name}</Name><BaseType>{base}</BaseType></DataType>"
+        for name, base in (("DT_ENUM", "USINT"), ("DT_FAR", "DT_NEAR"), ("DT_NEAR", "INT"), ("DT_RING", "DT_RING"))
+    )
+    dictionary = f"<Profile><Dictionary><DataTypes>{own}</DataTypes></Dictionary></Profile>"
+    found = device(tmp_path, dictionary, pdo("#x1a00", entry("#x6000", bits, kind)))
+    assert types(found) == [ours]
+    assert list(not_mapped(found)) == []
+    said = "\n".join(lines_of(*terminal_keys(found, set())))
+    assert (", spare: true}" in said) == ours[1]
+    assert any("is spare: its type is not known" in each for each in remarks(found)) == ours[1]
+
+
+def test_what_has_more_bits_than_a_number_is_no_field(tmp_path):
+    found = device(tmp_path, pdo("#x1a00", entry("#x6000", 1600, "INT"), entry("#x0", 31), entry("#x6001", 8, "USINT")))
+    assert types(found) == [("uint8", False)]
+    assert [each.bits for _, each in not_mapped(found)] == [1600, 31]
+    assert sum("there is no type of so many bits" in each for each in remarks(found)) == 2
+
+
+def test_a_range_that_the_file_hints_at_is_told(tmp_path):
+    found = device(tmp_path, pdo("#x1a00", entry("#x6000", 16, ' DScale="+/-10">INT', "Value")))
+    assert list(remarks(found)) == ["PDO 0x1a00: 0x6000:00 Value, 16 bits INT stands for +/-10, says the file"]
+
+
+def begun(found):
+    keys = terminal_keys(found, set())[1]
+    return [[each["pdo"] for each in keys.get(direction, {}).values()] for direction in ("outputs", "inputs")]
+
+
+def test_of_pdos_that_exclude_each_other_the_first_is_taken(tmp_path):
+    one = entry("#x6000", 16, "INT")
+    found = device(
+        tmp_path,
+        pdo("#x1a00", one),
+        pdo("#x1a01", one, more="<Exclude>#x1a00</Exclude>"),
+        pdo("#x1a02", one),
+        pdo("#x1a03", one, keys=""),
+    )
+    assert begun(found) == [[], [0x1A00, 0x1A02]]
+    assert list(remarks(found)) == ["PDO 0x1a01 P: left out, it and 0x1a00 exclude each other"]
+
+
+@pytest.mark.parametrize(
+    ("managers", "bits", "taken"),
+    [
+        ((0, 1), 8, [0x1600, 0x1601]),
+        ((0, 1), 4, [0x1600]),
+        ((0, 1), 16, [0x1600]),
+        ((2, 3), 8, [0x1600]),
+        ((0, 9), 8, [0x1600]),
+        ((2, 2), 4, [0x1600, 0x1601]),
+    ],
+)
+def test_pdos_that_lie_behind_each_other_are_one_area(tmp_path, managers, bits, taken):
+    one = entry("#x7000", bits, f"BITARR{bits}")
+    first, second = (
+        pdo(f"#x160{k}", one, tag="RxPdo", keys=f'Sm="{manager}" Mandatory="1"') for k, manager in enumerate(managers)
+    )
+    found = device(tmp_path, first, second)
+    assert begun(found) == [taken, []]
+    apart = [each for each in remarks(found) if "lies apart from that of 0x1600; it is mandatory" in each]
+    assert len(apart) == 2 - len(taken)
+
+
+def test_a_device_of_which_nothing_is_assigned(tmp_path):
+    found = device(tmp_path, *(pdo(f"#x1a0{k}", entry("#x6000", 16, "INT"), keys="") for k in range(2)))
+    assert begun(found) == [[], []]
+    assert list(remarks(found)) == ["none of its inputs is assigned from the start; it has the PDOs 0x1a00, 0x1a01"]

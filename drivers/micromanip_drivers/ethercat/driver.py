@@ -212,7 +212,9 @@ def _require_own_names(options: EthercatOptions) -> None:
             for pdo in getattr(keys, direction).values():
                 for name in (name for name, field in pdo.fields.items() if field.is_channel):
                     if name in seen:
-                        raise ConfigError(f"terminals.{terminal}.{direction}: {name} is a field of {seen[name]} too")
+                        raise ConfigError(
+                            f"terminals.{terminal}.{direction}: {name} is a field of {seen[name]} too; rename one"
+                        )
                     seen[name] = terminal
     for terminal, drive in options.drives.items():  # of the inputs
         if drive.ok in seen:

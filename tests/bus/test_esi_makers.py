@@ -133,3 +133,37 @@ def test_a_device_of_which_nothing_is_assigned(tmp_path):
     found = device(tmp_path, *(pdo(f"#x1a0{k}", entry("#x6000", 16, "INT"), keys="") for k in range(2)))
     assert begun(found) == [[], []]
     assert list(remarks(found)) == ["none of its inputs is assigned from the start; it has the PDOs 0x1a00, 0x1a01"]
+
+
+@pytest.mark.parametrize(
+    ("encoding", "name"),
+    [
+        ("GB2312", "伺服驱动器"),
+        ("gbk", "伺服驅動器"),
+        ("Shift_JIS", "サーボ①"),
+        ("EUC-KR", "서보 드라이브"),
+        ("big5", "伺服驅動器"),
+    ],
+)
+def test_files_of_the_far_east(tmp_path, encoding, name):
+    """Two bytes of a letter may be a `\\` or a `|`, and a file says GB2312 that has letters of GBK."""
+    one = pdo("#x1a00", entry("#x6000", 16, "INT", name))
+    text = (
+        f'<?xml version="1.0" encoding="{encoding}"?>\n<EtherCATInfo><Vendor><Id>2</Id></Vendor><Descriptions><Devices>'
+        f'\n<Device><Type ProductCode="1">T</Type><Name>{name}</Name>{one}</Device></Devices></Descriptions>'
+        "</EtherCATInfo>"
+    )
+    (tmp_path / "far.xml").write_bytes(text.encode({"Shift_JIS": "cp932"}.get(encoding, encoding)))
+    (found,) = read_esi(tmp_path / "far.xml")
+    assert (found.name, found.inputs[0].entries[0].name, found.line) == (name, name, 3)
+    (tmp_path / "far.xml").write_bytes(text.encode("gbk", "replace").replace(b"T</Type>", b"\x81\xff</Type>"))
+    assert read_esi(tmp_path / "far.xml")[0].product == 1, "what is no letter is no reason"
+
+
+@pytest.mark.parametrize("declared", ["", '<?xml version="1.0"?>\n', '<?xml version="1.0" encoding="utf-8"?>\n'])
+def test_letters_of_windows_in_a_file_that_says_otherwise(tmp_path, declared):
+    device(tmp_path, pdo("#x1a00", entry("#x6000", 16, "INT", "±10 µA")))
+    text = declared + (tmp_path / "maker.xml").read_text()
+    (tmp_path / "maker.xml").write_bytes(text.encode("cp1252"))
+    (found,) = read_esi(tmp_path / "maker.xml")
+    assert found.inputs[0].entries[0].name == "±10 µA"

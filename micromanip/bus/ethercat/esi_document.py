@@ -5,6 +5,7 @@ A document type, and with it any entity of the file's own, is refused: such a fi
 
 from __future__ import annotations
 
+import codecs
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,6 +20,15 @@ _MOST_DEEP = 100
 _HEXADECIMAL = re.compile(r"(?:#x0x|#x|0x)([0-9a-f]{1,20})", re.IGNORECASE)
 """``#x1a00`` by ETG.2000; makers write the others as well."""
 _DECIMAL = re.compile(r"[0-9]{1,20}", re.ASCII)  # 1_0, +1 and other scripts are none
+
+_DECLARED = re.compile(rb"""\s*<\?xml\s[^>]*?encoding\s*=\s*["']([A-Za-z][\w.-]*)["']""")
+_FAR_EAST = {
+    **dict.fromkeys(("gb2312", "gbk"), "gb18030"),
+    **dict.fromkeys(("shift_jis", "cp932"), "cp932"),
+    **dict.fromkeys(("euc_kr", "cp949"), "cp949"),
+    **{name: name for name in ("gb18030", "big5", "big5hkscs", "euc_jp")},
+}
+"""Encodings of several bytes a letter, which expat does not know, each by the widest of its kind."""
 
 
 @dataclass
@@ -40,7 +50,8 @@ class EsiDocument:
                 content = opened.read()
         except OSError as problem:
             raise system_error(problem, self.path) from problem
-        parser = expat.ParserCreate()
+        encoding = _to_spare_expat(content)
+        parser = expat.ParserCreate("utf-8" if encoding else None)
         parser.buffer_text = True
 
         def start(name: str, attributes: dict[str, str]) -> None:
@@ -59,7 +70,7 @@ class EsiDocument:
         parser.StartElementHandler, parser.EndElementHandler = start, end
         parser.CharacterDataHandler, parser.StartDoctypeDeclHandler = self.builder.data, refuse
         try:
-            parser.Parse(content, True)
+            parser.Parse(content.decode(encoding, "replace").encode() if encoding else content, True)
         except expat.ExpatError as problem:
             raise self.error(problem.lineno, f"this is no XML: {expat.ErrorString(problem.code)}") from problem
         except (ValueError, LookupError) as problem:  # of an encoding that nobody knows, or that is none for texts
@@ -92,6 +103,22 @@ class EsiDocument:
 def text_of(element: Element | None) -> str:
     """In one line."""
     return "" if element is None else " ".join((element.text or "").split())
+
+
+def _to_spare_expat(content: bytes) -> str | None:
+    """The encoding of a file that expat can't read: one of several bytes a letter, or Windows' where UTF-8 was said."""
+    declared = _DECLARED.match(content[:1000])
+    try:
+        name = codecs.lookup(declared[1].decode() if declared else "utf-8").name
+    except LookupError:
+        return None
+    if name != "utf-8" or content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return _FAR_EAST.get(name)
+    try:
+        content.decode()
+    except UnicodeDecodeError:
+        return "cp1252"
+    return None
 
 
 def _local(name: str) -> str:

@@ -20,6 +20,8 @@ from .driver import BusDriver, BusOptions, Channel, Load
 UNSAFE = 1
 """What ``safe`` returns where the worker did not bring its outputs to rest in time."""
 PATIENCE_NS, _STEP_S = 5_000_000_000, 2e-3
+PERIODS = 2
+"""An output waits for its device where its turn has not come for more than so many periods."""
 
 
 class BusBridge(CyclicDriver):
@@ -75,6 +77,8 @@ class BusBridge(CyclicDriver):
         image["inputs"], image["outputs"] = len(self.bus.inputs), len(self.bus.outputs)
         image["silent_ns"] = self._silent_ns
         image["words"][0][OUTPUT_STATE] = UNKNOWN
+        for i, channel in enumerate(self.bus.outputs):
+            image["patience_ns"][0][i] = round(PERIODS * 1e9 / channel.rate_hz)
         return image.view(np.uint8)
 
     def missing(self, context: NDArray[np.uint8]) -> NDArray[np.int64]:

@@ -6,6 +6,7 @@ import math
 import mmap
 import os
 import time
+from collections.abc import Sequence
 from typing import Any, Self
 
 import numpy as np
@@ -31,7 +32,7 @@ class ProcessImage:
         self._value: Any = memoryview(inputs["value"])
         self._time_ns = memoryview(inputs["time_ns"])
         self._sequence, self._status = memoryview(inputs["sequence"]), memoryview(inputs["status"])
-        self._missing = memoryview(image["missing"])
+        self._missing, self._turned_ns = memoryview(image["missing"]), memoryview(image["turned_ns"])
         self._count = int(image["outputs"])
         self._wanted, self._sent = image["value"][: self._count], image["sent"][: self._count]
         self._values = np.zeros(MAX_OUTPUTS)
@@ -118,6 +119,11 @@ class ProcessImage:
         if not self.ask(rt.SENT_NS):
             return None
         return [value if math.isfinite(value) else None for value in self.record[0]["sent"][:count].tolist()]
+
+    def tell_turn(self, indices: Sequence[int], now_ns: int) -> None:
+        """Tell the loop that these outputs have had their turn."""
+        for i in indices:
+            shared.tell(self._turned_ns, i, now_ns)
 
     def remember_sent(self, values: NDArray[np.float64], now_ns: int) -> None:
         """Note what the device was given: it is where a worker that takes this one's place begins."""

@@ -235,7 +235,11 @@ class Worker:
     def _perform(self, number: int) -> None:
         """Do a task with what was decided. Raises what the driver does."""
         outcome = self._writer.perform(number, self._values, self._inbox)
-        self._counts["held" if outcome is Outcome.HELD else "performed"] += 1
+        if outcome is Outcome.HELD:
+            self._counts["held"] += 1
+            return
+        self._counts["performed"] += 1
+        self._image.tell_turn(self._driver.tasks[number].outputs, time.monotonic_ns())
 
     def _note_given(self, last: Values) -> None:
         """The device has taken something: `last` is what its outputs were given."""

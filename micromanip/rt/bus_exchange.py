@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from .bus_image import (
@@ -80,6 +81,18 @@ def link_is_up(c: Record, now_ns: int) -> bool:
 
 
 @compiled
+def put_back(c: Record, outputs: Any, now_ns: int) -> None:
+    """Put what the device was given in place of the `outputs` whose turn has not come for too long: they have to wait.
+
+    No turn number guards this: of a turn that comes just now either side is true.
+    """
+    for i in range(c["outputs"]):
+        given = c["sent"][i]
+        if now_ns - load_acquire(c["turned_ns"], i) > c["patience_ns"][i] and math.isfinite(given):
+            outputs[i] = given
+
+
+@compiled
 def exchange_image(c: Record, outputs: Any, inputs: Any, now_ns: int) -> int:
     """One exchange of the loop with a bus; 0, DOWN, TAKEN, or AWAY."""
     leave_outputs(c, outputs, now_ns)
@@ -90,4 +103,5 @@ def exchange_image(c: Record, outputs: Any, inputs: Any, now_ns: int) -> int:
         return 0
     if load_acquire(c["words"], OUTPUT_STATE) != FOLLOWING:
         return TAKEN
+    put_back(c, outputs, now_ns)
     return 0 if load_acquire(c["words"], AT_REST) != 0 else AWAY

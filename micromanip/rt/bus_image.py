@@ -52,6 +52,8 @@ IMAGE = np.dtype(
         ("timespec", "i8", (2,)),
         ("value", "f8", (MAX_OUTPUTS,)),
         ("sent", "f8", (MAX_OUTPUTS,)),
+        ("turned_ns", "i8", (MAX_OUTPUTS,)),
+        ("patience_ns", "i8", (MAX_OUTPUTS,)),
         ("input_turn", "i8", (MAX_SIGNALS,)),
         ("input", SIGNAL, (MAX_SIGNALS,)),
         ("missing", "i8", (MAX_SIGNALS,)),
@@ -60,5 +62,7 @@ IMAGE = np.dtype(
     align=True,
 )
 """``inputs`` and ``outputs`` are how many there are; a worker silent for longer than ``silent_ns`` is lost. ``value``
-is what the loop wants, ``sent`` what the device was given last; NaN where it was not given anything yet. Of each input
-so many samples are ``missing``, known never to have come, some of them before the loop saw its first one."""
+is what the loop wants, ``sent`` what the device was given last; NaN where it was not given anything yet. At
+``turned_ns`` each output had its turn last, acknowledged or not; one that follows and has had none for longer than
+``patience_ns`` has to wait (``waiting.py``). Of each input so many samples are ``missing``, known never to have come,
+some of them before the loop saw its first one."""

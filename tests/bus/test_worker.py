@@ -80,7 +80,8 @@ class Bench:
     def __init__(self, driver=None, memory=None, record=None):
         self.driver = driver or ScriptedDriver()
         self.record = np.zeros(1, IMAGE) if record is None else record
-        self.record["inputs"], self.record["outputs"], self.record["silent_ns"] = 1, 2, 10**12
+        self.record["inputs"], self.record["outputs"] = 1, 2
+        self.record["silent_ns"] = self.record["patience_ns"] = 10**12
         self.signals, self.outputs = np.zeros(MAX_SIGNALS, SIGNAL), np.zeros(MAX_OUTPUTS)
         self.image = ProcessImage(self.record)
         self.worker = Worker(self.driver, self.image, RULES, memory)
@@ -274,6 +275,19 @@ def test_a_value_that_is_held_back_was_not_given(bench):
     bench.until(lambda: bench.image.output_state == "at rest")
     assert bench.image.known(2) == [0.0, 1.0]
     assert largest_step(bench.driver) <= STEP_V + 1e-9
+
+
+def test_the_loop_finds_what_the_device_has_while_the_outputs_have_no_turn(bench):
+    def finds(voltage):
+        return bench.cycle(70.0) == AWAY and bench.outputs[0] == voltage
+
+    bench.record["patience_ns"] = 50 * MS
+    bench.follow(40.0)
+    bench.driver.outcome = Outcome.HELD
+    bench.until(lambda: finds(40.0))
+    bench.driver.outcome = Outcome.SENT  # a turn, whether it is acknowledged or not
+    bench.until(lambda: finds(70.0))
+    bench.driver.confirms = True
 
 
 def test_a_value_that_was_not_confirmed_was_not_given(bench):

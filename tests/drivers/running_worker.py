@@ -21,7 +21,7 @@ class RunningWorker:
         self.driver = driver
         self.record = np.zeros(1, IMAGE)
         self.record["inputs"], self.record["outputs"] = len(driver.inputs), len(driver.outputs)
-        self.record["silent_ns"] = 10**10
+        self.record["silent_ns"] = self.record["patience_ns"] = 10**10
         self.image = ProcessImage(self.record)
         self.outputs, self.signals = np.zeros(MAX_OUTPUTS), np.zeros(MAX_SIGNALS, SIGNAL)
         self.worker = Worker(driver, self.image, rules, memory)

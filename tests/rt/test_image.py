@@ -1,5 +1,6 @@
 """The process image: whole samples only, what a killed writer leaves behind, and when a link counts as up."""
 
+import math
 import threading
 
 import numpy as np
@@ -130,6 +131,54 @@ def test_outputs_that_do_not_follow_are_seen_in_the_very_next_cycle(state):
     ProcessImage(bus_without_outputs).tell(im.OUTPUT_STATE, state)
     exchange(bus_without_outputs, 200)
     assert exchange(bus_without_outputs, 300)[0] == 0
+
+
+def waiting(given=(5.0, -6.0), at_ns=1000):
+    """An image whose outputs follow, given these in their turn at that time; each comes every 200 ns at least."""
+    image = new(silent_ns=10**9)
+    image["patience_ns"] = 200
+    up(image, at_ns)
+    exchange(image, at_ns)
+    values = np.zeros(MAX_OUTPUTS)
+    values[:2] = given
+    ProcessImage(image).remember_sent(values, at_ns)
+    ProcessImage(image).tell_turn((0, 1), at_ns)
+    return image
+
+
+def left(image, now_ns):
+    """What an exchange that asks for 8 and 9 leaves of these; the worker is asked for them all the same."""
+    outputs = np.zeros(MAX_OUTPUTS)
+    outputs[:2] = 8.0, 9.0
+    exchange(image, now_ns, outputs)
+    assert image[0]["value"][:2].tolist() == [8.0, 9.0]
+    return outputs[:2].tolist()
+
+
+def test_outputs_whose_turn_has_not_come_for_too_long_are_what_the_device_has():
+    image = waiting()
+    assert left(image, 1200) == [8.0, 9.0]
+    assert left(image, 1201) == [5.0, -6.0]
+    ProcessImage(image).tell_turn((1,), 1201)  # by the task of this one alone
+    assert left(image, 1202) == [5.0, 9.0]
+    ProcessImage(image).tell_turn((0,), 1203)
+    assert left(image, 1401) == [8.0, 9.0]
+    assert left(image, 1402) == [8.0, -6.0]
+
+
+@pytest.mark.parametrize("state", [im.RESTING, im.SAFE_RAMP, im.UNKNOWN])
+def test_no_output_waits_that_does_not_follow(state):
+    image = waiting()
+    ProcessImage(image).tell(im.OUTPUT_STATE, state)
+    assert left(image, 5000) == [8.0, 9.0]
+    ProcessImage(image).tell(im.OUTPUT_STATE, im.FOLLOWING)
+    assert left(image, 5001) == [5.0, -6.0]
+    ProcessImage(image).tell(im.LINK, im.LINK_DOWN)
+    assert left(image, 5002) == [8.0, 9.0]
+
+
+def test_a_value_that_nobody_knows_is_not_put_in_place_of_an_output():
+    assert left(waiting((math.nan, -6.0)), 5000) == [8.0, -6.0]
 
 
 def test_a_silent_worker_is_a_lost_link():

@@ -87,6 +87,14 @@ def rests(st: Record) -> bool:
 
 
 @compiled
+def note_turn(st: Record, image: Record, task: int, now_ns: int) -> None:
+    """The outputs of `task` have had their turn."""
+    t = st["task"][task]
+    for j in range(t["outputs"]):
+        store_release(image["turned_ns"], t["output"][j], now_ns)
+
+
+@compiled
 def note_sent(st: Record, task: int) -> None:
     """The device may have what was decided of the outputs of `task`: it has not confirmed that yet."""
     t = st["task"][task]

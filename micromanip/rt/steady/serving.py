@@ -28,7 +28,7 @@ from micromanip.rt.record import Record
 from micromanip.rt.signatures import array_of
 from micromanip.rt.wire.datagrams import wait
 
-from .gate import decide, note_given, note_sent, rests, state_holds, take_confirmed, take_wanted
+from .gate import decide, note_given, note_sent, note_turn, rests, state_holds, take_confirmed, take_wanted
 from .records import ASKED, INBOX, LEFT_OVER, STATE_CHANGES, STEADY, UNCONFIRMED
 
 
@@ -77,6 +77,7 @@ def perform(st: Record, image: Record, turns: Any, values: Any, task: int, now: 
         st["failed"] = task
         return code
     advance(st, task, now)
+    note_turn(st, image, task, now)
     st["calls"] += 1
     if code == UNCONFIRMED:
         note_sent(st, task)

@@ -20,8 +20,9 @@ from .driver import BusDriver, BusOptions, Channel, Load
 UNSAFE = 1
 """What ``safe`` returns where the worker did not bring its outputs to rest in time."""
 PATIENCE_NS, _STEP_S = 5_000_000_000, 2e-3
-PERIODS = 2
-"""An output waits for its device where its turn has not come for more than so many periods."""
+PERIODS = 4
+"""An output waits for its device where its turn has not come for more than so many periods; a bus that is slow for
+long, and no more than that, is not waited for."""
 
 
 class BusBridge(CyclicDriver):

@@ -14,10 +14,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from micromanip.bus.bridge import BusBridge
 from micromanip.bus.cyclic import EXCHANGE_C
+from micromanip.bus.driver import BusOptions, Channel
+from micromanip.bus.image import ProcessImage
+from micromanip.bus.safe_state import VOLTAGE, SafeOutput, SafeState
 from micromanip.replay.kernel import NO_SWAP, NOTHING_DIFFERS, replay_rows
+from micromanip.rt.bus_exchange import exchange_image
+from micromanip.rt.bus_image import ALIVE_NS, EPOCH, EPOCH_SEEN, IMAGE, LINK, LINK_UP, OUTPUT_STATE
+from micromanip.rt.bus_image import FOLLOWING as FOLLOWING_BUS
 from micromanip.rt.records import MAX_AXES, MAX_OUTPUTS, MAX_SIGNALS, SIGNAL
 from micromanip.rt.states import NO_FAULT, TRACKING
+from micromanip.rt.telemetry import DEVICE_ABOVE, DEVICE_BELOW
 from micromanip.rt.wire.gate import FOLLOWING, GATE, acknowledge, has_sent, near, put_back
 from micromanip.settings.check import prepare
 from micromanip.virtual.cell import VirtualCell
@@ -265,6 +273,78 @@ def test_frames_that_come_late_make_nothing_swing(tmp_path, of, at_s, frames):
     assert tracking.state[0]["fault"] == NO_FAULT
     played = np.concatenate(rows)
     assert np.abs(played["axis"]["path_error_um"]).max() < most_um, "before, up to 460 um"
+    assert not tracking.state[0]["axis"]["waits"].any()
+    again = replayed(tracking.parameters, before, played)
+    assert np.array_equal(again["axis"]["voltage_V"], played["axis"]["voltage_V"])
+
+
+class Turns:
+    """Put between the loop and the cell's driver: a worker that gives 2000 times a second, and never while it `stands`.
+
+    Image, safe state and bridge are the true ones. The sensors come by another bus, and go on.
+    """
+
+    inputs, outputs = (), tuple(Channel(f"voltage_{name}", 2000.0) for name in "xyz")
+
+    def __init__(self, tracking):
+        self.record = BusBridge(self, BusOptions(), 10**12).context().view(IMAGE)
+        self.image, self.stands, self.cycles = ProcessImage(self.record), False, 0
+        self.safe = SafeState([SafeOutput(VOLTAGE, 0.0, -20.0, 150.0, 40e3)] * 3, [5e-4] * 3, 0.2, 10**12)
+        self.safe.read_back(tracking.outputs[:3].tolist())
+        self.safe.state = FOLLOWING_BUS
+        self.given = tracking.outputs.copy()
+        for word, value in ((EPOCH_SEEN, 1), (EPOCH, 1), (LINK, LINK_UP), (OUTPUT_STATE, FOLLOWING_BUS)):
+            self.image.tell(word, value)
+        driver = tracking._drivers[0]
+        self._cell, self._context = EXCHANGE_C(int(driver["exchange"])), int(driver["context"])
+        self._exchange = EXCHANGE_C(self.exchange)
+        driver["exchange"] = ctypes.cast(self._exchange, ctypes.c_void_p).value
+        self.turn(int(tracking.state[0]["cycle"]) * PERIOD_NS)
+
+    def turn(self, now_ns):
+        """Give what the gate lets through."""
+        wanted, written_ns = self.image.wanted()
+        if written_ns:
+            self.given[:3] = self.safe.values(wanted[:3].tolist(), written_ns, now_ns)
+        self.safe.given(range(3), self.given[:3].tolist())
+        self.image.tell_turn(range(3), now_ns)
+        self.image.remember_sent(self.given, now_ns)
+
+    def exchange(self, _, outputs_at, inputs_at, now_ns, periods):
+        """As the loop calls it."""
+        self.image.tell(ALIVE_NS, now_ns)
+        exchange_image(self.record[0], at(outputs_at, float, MAX_OUTPUTS), np.zeros(0, SIGNAL), now_ns)
+        self.cycles += periods
+        if self.cycles % 5 == 0 and not self.stands:
+            self.turn(now_ns)
+        return self._cell(self._context, self.given.ctypes.data, inputs_at, now_ns, periods)
+
+
+STANDS = {
+    "25 ms of 100": (([True] * 250 + [False] * 750) * 5, 130.0),
+    "8 ms of 50": (([True] * 80 + [False] * 420) * 10, 80.0),
+    "three turns of four": (([True] * 15 + [False] * 5) * 100, 25.0),
+}
+"""Whether the worker stands in each cycle; what the path error stays below, um. Before, 530, 130 and 20."""
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("moments", STANDS)
+@pytest.mark.parametrize("at_s", [6.0, 8.3])
+def test_a_worker_that_stands_still_makes_nothing_swing(tmp_path, at_s, moments):
+    """With sensors that went on, and nobody told, the loop acted by feedback on a stage that could not follow."""
+    tracking = cell(tmp_path, "simulated_2khz")
+    until(tracking, at_s)
+    bus, rows = Turns(tracking), []
+    undisturbed = tracking.run(WINDOW_S)["axis"]["fresh"]
+    assert not (undisturbed & (DEVICE_BELOW | DEVICE_ABOVE)).any()
+    before = tracking.state.copy()
+    stands, most_um = STANDS[moments]
+    for bus.stands in stands + 500 * [False]:
+        rows.append(tracking.run(1e-4))
+    assert tracking.state[0]["fault"] == NO_FAULT
+    played = np.concatenate(rows)
+    assert np.abs(played["axis"]["path_error_um"]).max() < most_um
     assert not tracking.state[0]["axis"]["waits"].any()
     again = replayed(tracking.parameters, before, played)
     assert np.array_equal(again["axis"]["voltage_V"], played["axis"]["voltage_V"])

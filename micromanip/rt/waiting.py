@@ -3,9 +3,10 @@
 On a wire whose frames come back late a device may still have any of the voltages of the last frames, and gets none that
 is further than a step from one of them (``wire/gate.py``): so it is slower than the limiter says, by as many times as
 frames are on their way. A loop that does not know takes what it asked for to be in force, asks for more, and swings
-from end to end behind a voltage that hardly moves. So the driver puts what it gave in place of what was asked, and an
-axis that sees it goes no further in that direction, as at an end of its range: neither set-point nor voltage. Back they
-go as ever. Its PID waits as well, and each such cycle counts as one that was missed (``outrun.py``).
+from end to end behind a voltage that hardly moves. The same behind a bus whose worker stands still. So the driver, or
+the bus' exchange, puts what was given in place of what was asked, and an axis that sees it goes no further in that
+direction, as at an end of its range: neither set-point nor voltage. Back they go as ever. Its PID waits as well, and
+each such cycle counts as one that was missed (``outrun.py``).
 """
 
 from __future__ import annotations

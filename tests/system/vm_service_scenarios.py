@@ -4,6 +4,7 @@ Rights, limits and what follows what; no timing: an emulated machine has none. E
 before it ended, for a start takes an emulated processor minutes.
 """
 
+import itertools
 import json
 import os
 import re
@@ -129,10 +130,13 @@ def test_interface_down_is_a_fault_and_up_again_the_outputs_rest(service, peer):
     set_link("down")
     falls(service)
     says(service, "socketcan-vcan0: vcan0 is down; as root: ")
-    up_s = time.monotonic()
+    last_V, up_s = peer.voltage_V, time.monotonic()
     set_link("up")
     says(service, "driver can0: link up; its outputs stay at rest")
-    assert set(peer.gets(100, up_s)) == {0.0}
+    led_V = peer.gets(100, up_s)  # of the ramp of 25 values those that this device is back in time for
+    assert [last_V, *led_V] == sorted([last_V, *led_V], reverse=True)
+    assert max(before - after for before, after in itertools.pairwise(led_V)) < 0.1 * last_V
+    assert set(led_V[-50:]) == {0.0}
     assert service.state == "FAULT"
     clear_lost_link(service)
     assert set(peer.gets(50, time.monotonic())) == {0.0}

@@ -88,8 +88,8 @@ class LiveExperiment:
         played = np.zeros((1, MAX_AXES)) if samples is None else samples
         with LiveLine() as line:
             kept, path = self._process, self._socket_path
-            rows = play(self._prepared, configuration, played, seconds, path, line, process=kept)[::every]
-        return at_own_time(rows, configuration, self._prepared.wiring)
+            rows = play(self._prepared, configuration, played, seconds, path, line, process=kept)
+        return at_own_time(rows, configuration, self._prepared.wiring)[::every]
 
     def path(self, configuration: Configuration, axis: str) -> FeedbackPath:
         """What the sensors and the output of `axis` take."""

@@ -32,6 +32,7 @@ def recorded(every, late):
     """Rows with a gauge that is fresh every `every` cycles, seen `late` cycles after its sample was taken."""
     rows = np.zeros(COUNT, ROW)
     rows["time_ns"] = (np.arange(COUNT) + 1) * PERIOD_NS
+    rows["cycle"] = np.arange(COUNT) + 1
     axis = rows["axis"][:, 0]
     axis["voltage_V"] = np.arange(COUNT)
     for k in range(COUNT):
@@ -59,6 +60,34 @@ def test_late_samples_stand_where_they_were_taken(every, late):
     assert np.abs(moved["stage_um"] + expected)[inside].max() < 0.01
     assert np.abs(rows["axis"]["strain_um"][:, 0] - expected)[inside].max() > 0.1
     assert (moved["voltage_V"] == np.arange(COUNT)).all()
+
+
+def test_a_sample_that_a_wire_brings_late_stands_where_it_was_taken():
+    """Waited for, a frame is of its own cycle, but for some; the gauge of these stood still in the record."""
+    rows = recorded(1, 0)
+    axis, late = rows["axis"][:, 0], np.arange(40, COUNT - 1, 7)
+    for sensor in ("strain", "stage"):
+        axis[f"{sensor}_um"][late] = axis[f"{sensor}_um"][late - 1]
+        axis[f"{sensor}_age_ns"][late] = PERIOD_NS
+    axis["fresh"][late] = 0
+    moved = at_own_time(rows, *bench())["axis"][:, 0]
+    expected = truth(np.arange(COUNT) * 1e-4)
+    assert np.abs(moved["strain_um"] - expected).max() < 0.001
+    assert np.abs(rows["axis"]["strain_um"][:, 0] - expected).max() > 0.01
+    assert (moved["voltage_V"] == np.arange(COUNT)).all()
+
+
+def test_sensors_go_on_while_cycles_are_missed_and_the_voltage_does_not():
+    rows = recorded(1, 0)
+    seen = np.arange(COUNT)
+    for begin in (50, 200):
+        seen[begin : begin + 12] = begin - 1
+    rows = rows[seen]
+    moved = at_own_time(rows, *bench())["axis"][:, 0]
+    expected = truth(np.arange(COUNT) * 1e-4)
+    assert np.abs(moved["stage_um"] + expected).max() < 0.01
+    assert np.abs(rows["axis"]["stage_um"][:, 0] + expected).max() > 0.1
+    assert (moved["voltage_V"] == rows["axis"]["voltage_V"][:, 0]).all()
 
 
 def test_a_voltage_stands_where_it_is_in_force():

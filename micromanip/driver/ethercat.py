@@ -13,6 +13,7 @@ from micromanip.bus.ethercat.al_states import (
     al_code_in_words,
     state_name,
 )
+from micromanip.bus.ethercat.area import in_first_area
 from micromanip.bus.ethercat.coe import abort_in_words
 from micromanip.bus.ethercat.esi import EsiDevice, EsiEntry, EsiPdo, esi_products, read_esi
 from micromanip.bus.ethercat.esi_assigned import apart
@@ -56,6 +57,7 @@ __all__ = [
     "esi_products",
     "field_type",
     "framed",
+    "in_first_area",
     "packed_numbers",
     "read_esi",
     "registers",

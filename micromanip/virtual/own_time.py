@@ -29,8 +29,8 @@ def at_own_time(rows: NDArray[Any], configuration: Configuration, wiring: Wiring
     if not len(rows):
         return rows
     missed = _missed(rows["cycle"])
-    is_late = missed.any() or _has_late(rows["axis"][:, : len(paths)])
-    if all(path == AT_ONCE for path in paths) and not is_late:
+    at_once = all(path == AT_ONCE for path in paths) and not missed.any()
+    if at_once and not _has_late(rows["axis"][:, : len(paths)]):
         return rows
     moved, period_ns = rows.copy(), configuration.loop.period_ns
     time_ns = rows["time_ns"] + missed * period_ns

@@ -46,9 +46,7 @@ def recorded(name, kind):
 def cell(folder, name, faults=""):
     """The example, tracking, with `faults` scheduled."""
     text = (ROOT / "config" / f"{name}.yaml").read_text(encoding="utf-8")
-    file = folder / "cell.yaml"
-    file.write_text(text.replace("    seed: 1\n", f"    seed: 1\n{faults}", 1), encoding="utf-8")
-    return running(file)[0]
+    return running(folder, text.replace("    seed: 1\n", f"    seed: 1\n{faults}", 1))[0]
 
 
 def until(tracking, at_s):
@@ -157,13 +155,13 @@ def behind_a_bus(folder):
     text = text.replace("    seed: 1\n", "    seed: 1\n    plant: {late_cycles: 1}\n", 1)
     for name in "yz":
         text = text.replace(f"      {name}: {{", f"      {name}: {{late_cycles: 1, ", 1)
+    return running(folder, text)
+
+
+def running(folder, text):
+    """The cell of a configuration, armed, and its wiring."""
     file = folder / "cell.yaml"
     file.write_text(text, encoding="utf-8")
-    return running(file)
-
-
-def running(file):
-    """The cell of a file, armed, and its wiring."""
     prepared = prepare(file)
     tracking = VirtualCell(prepared.parameters, prepared.wiring)
     tracking.arm()
@@ -173,9 +171,7 @@ def running(file):
 def waiting(folder):
     """The simulated cell as it is: as behind a wire whose answers the loop waits for, and tracking; its wiring."""
     text = (ROOT / "config" / "simulated.yaml").read_text(encoding="utf-8")
-    file = folder / "cell.yaml"
-    file.write_text(text.replace("max_age_us: 300,", "max_age_us: 1000,"), encoding="utf-8")  # as ethercat.yaml allows
-    return running(file)
+    return running(folder, text.replace("max_age_us: 300,", "max_age_us: 1000,"))  # as ethercat.yaml allows
 
 
 @pytest.mark.long

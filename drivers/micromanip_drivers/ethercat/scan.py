@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from micromanip.driver import IdentityMismatch, LinkError
-from micromanip.driver.ethercat import ERROR, INIT, registers
+from micromanip.driver.ethercat import ERROR, INIT, in_first_area, registers
 
 from .link import Link
 from .options import Terminal
@@ -192,17 +192,14 @@ def in_one_area(pdos: Sequence[tuple[int, int, Sequence[int]]], starts: Sequence
 
     `starts` are the addresses of the sync managers; none, or not enough, in older EEPROMs: then they are one area.
     """
-    exchanged: list[tuple[int, Sequence[int]]] = []
-    current, bits = None, 0
-    for manager, index, entries in pdos:
-        if current is not None and manager != current and max(manager, current) < len(starts):
-            if bits % 8 or starts[manager] != starts[current] + bits // 8:
-                continue
-            bits = 0
-        current = manager
-        bits += sum(entry & 0xFF for entry in entries)
-        exchanged.append((index, entries))
-    return exchanged
+
+    def begins_after(manager: int, before: int, bits: int) -> bool:
+        is_known = max(manager, before) < len(starts)
+        return not is_known or (bits % 8 == 0 and starts[manager] == starts[before] + bits // 8)
+
+    sizes = ((manager, sum(entry & 0xFF for entry in entries)) for manager, _, entries in pdos)
+    lie_there = in_first_area(sizes, begins_after)
+    return [(index, entries) for (_, index, entries), is_one in zip(pdos, lie_there, strict=True) if is_one]
 
 
 def sii(link: Link, station: int, word: int) -> bytes:

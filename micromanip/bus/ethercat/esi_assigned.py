@@ -1,13 +1,10 @@
-"""Which PDOs of an ESI device a configuration begins with: those assigned from the start, as far as they can be used.
-
-A sync manager is an area of the terminal's memory. The master exchanges one area of each direction: PDOs of another
-sync manager are part of it only where that begins at the byte at which the one before ends, as with 16 lines.
-"""
+"""Which PDOs of an ESI device a configuration begins with: of those assigned from the start the ones of use."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+from .area import in_first_area
 from .esi import EsiDevice, EsiPdo
 
 
@@ -23,17 +20,15 @@ def begun_with(device: EsiDevice, pdos: Sequence[EsiPdo]) -> Sequence[EsiPdo]:
 
 def apart(device: EsiDevice, pdos: Sequence[EsiPdo]) -> Iterator[EsiPdo]:
     """Those of one direction that lie in another area than the first of them."""
-    manager, bits = None, 0
-    for pdo in pdos:
-        if pdo.sync_manager is None:
-            continue
-        if manager is not None and pdo.sync_manager != manager:
-            if bits % 8 or _start(device, pdo.sync_manager) != _start(device, manager) + bits // 8:
-                yield pdo
-                continue
-            bits = 0
-        manager = pdo.sync_manager
-        bits += sum(entry.bits for entry in pdo.entries)
+
+    def begins_after(manager: int, before: int, bits: int) -> bool:
+        return bits % 8 == 0 and _start(device, manager) == _start(device, before) + bits // 8
+
+    placed = [(pdo, pdo.sync_manager) for pdo in pdos if pdo.sync_manager is not None]
+    sizes = ((manager, sum(entry.bits for entry in pdo.entries)) for pdo, manager in placed)
+    for (pdo, _), lies_there in zip(placed, in_first_area(sizes, begins_after), strict=True):
+        if not lies_there:
+            yield pdo
 
 
 def why_not(device: EsiDevice) -> Iterator[str]:

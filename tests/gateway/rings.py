@@ -49,6 +49,10 @@ class Played:
         self.ring["rows"][np.arange(head, head + len(new)) % len(self.ring["rows"])] = new
         self.ring["words"][RING_HEAD] = head + len(new)
 
+    def has_read(self):
+        """Whether the cell has taken in all that was played."""
+        return self.cell.source.reader.position == self.ring["words"][RING_HEAD]
+
     def read(self):
         """Let the cell take in all that was played, and tell it."""
         while (new := self.cell.source.read()) is not None:

@@ -266,19 +266,28 @@ class Compiler:
         is_kept = self.keeps(function)
         if tell and not is_kept:
             Compiler.tell(function.__name__)
+        with self._cache_folder():
+            return build(bool(self._caches))
+
+    def keeps(self, function: Any) -> bool:
+        """Whether machine code of `function`, as it is installed here, is in the cache: numba keeps another place's
+        apart, though it is the same.
+        """
+        if self._caches is None:
+            self._caches = self._open_cache()
+        caching = _numba().core.caching
+        with self._cache_folder():
+            return self._caches and bool(caching.FunctionCache(function)._cache_file._load_index())
+
+    @contextlib.contextmanager
+    def _cache_folder(self) -> Iterator[None]:
         config = _numba().config
         previous = config.CACHE_DIR
         config.CACHE_DIR = str(self.cache_dir)
         try:
-            return build(bool(self._caches))
+            yield
         finally:
             config.CACHE_DIR = previous
-
-    def keeps(self, function: Any) -> bool:
-        """Whether machine code of `function` is in the cache."""
-        if self._caches is None:
-            self._caches = self._open_cache()
-        return any(self.cache_dir.rglob(f"*.{function.__name__}-*.nbi"))
 
     def _open_cache(self) -> bool:
         fresh = not os.path.lexists(self.cache_dir)

@@ -41,7 +41,11 @@ def controller(tmp_path):
         listening.listen()
 
         def answer():
-            with listening.accept()[0] as one, one.makefile("rwb") as lines:
+            try:
+                one = listening.accept()[0]
+            except OSError:  # nobody has come
+                return
+            with one, one.makefile("rwb") as lines:
                 asked = json.loads(lines.readline())
                 assert asked["verb"] == "status"
                 lines.write(json.dumps({"ok": True, "result": {"axes": {"x": {}, "y": {}}}}).encode() + b"\n")
@@ -49,6 +53,8 @@ def controller(tmp_path):
         answering = threading.Thread(target=answer, daemon=True)
         answering.start()
         yield path
+        listening.shutdown(socket.SHUT_RDWR)
+        answering.join(30.0)
 
 
 def completed(*words):

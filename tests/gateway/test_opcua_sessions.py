@@ -2,12 +2,14 @@
 
 import asyncio
 import contextlib
+import threading
 
 import pytest
 
 pytest.importorskip("asyncua")
 
 from asyncua import Client, ua
+from asyncua.server.binary_server_asyncio import OPCUAProtocol
 from asyncua.ua.ua_binary import struct_from_binary
 
 from .rings import status
@@ -76,7 +78,13 @@ def test_nobody_gives_orders_in_another_s_session(served, knows):
     assert served.played.orders == ["arm"]
 
 
-def test_a_client_whose_connection_was_cut_misses_nothing(served):
+def test_a_client_whose_connection_was_cut_misses_nothing(served, monkeypatch):
+    cut = threading.Event()
+
+    def lost(connection, why, real=OPCUAProtocol.connection_lost):
+        real(connection, why)
+        cut.set()
+
     async def asked():
         served.say(status())
         async with client(served) as first, client(served) as watching:
@@ -84,7 +92,9 @@ def test_a_client_whose_connection_was_cut_misses_nothing(served):
             await subscription.subscribe_data_change(await node(first, "Monitoring/Timing/Cycles"), queuesize=50)
             await asyncio.sleep(0.3)
             token = first.uaclient.session.authentication_token
+            monkeypatch.setattr(OPCUAProtocol, "connection_lost", lost)
             first.disconnect_socket()
+            assert await asyncio.to_thread(cut.wait, 30.0)
             for k in range(5):
                 served.say(status() | {"cycles": 1_000_000 + k})
                 await eventually(lambda: value(watching, "Monitoring/Timing/Cycles"), 1_000_000 + k)

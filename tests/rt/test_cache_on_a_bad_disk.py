@@ -1,4 +1,4 @@
-"""The compile cache where the disk takes nothing: slower, said once, and never the end of a start."""
+"""The compile cache where the disk takes nothing: slower, said once, and never the end of a start; and what is told."""
 
 import os
 import subprocess
@@ -16,6 +16,7 @@ PROGRAM = """\
 import sys
 from micromanip.rt.jit import Compiler
 
+Compiler.tell = staticmethod(print)
 compiler = Compiler(__file__)
 
 
@@ -39,9 +40,12 @@ print(step(3.0), from_c.ctypes(4.0), compiler.cache_dir)
 
 
 def run(folder, *, limit=None, **environment):
-    """What the program printed, its standard error, and its cache folder while it ran; `limit` is of a file's size."""
+    """The program's standard error, its cache folder while it ran, what it told that it compiles.
+
+    `limit` is of a file's size.
+    """
     program = folder / "package" / "program.py"
-    program.parent.mkdir()
+    program.parent.mkdir(parents=True, exist_ok=True)
     program.write_text(PROGRAM)
     begin = f"import resource; resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, {limit})); " if limit else ""
     done = subprocess.run(
@@ -50,9 +54,9 @@ def run(folder, *, limit=None, **environment):
         capture_output=True, text=True, timeout=300, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    step, from_c, cache = done.stdout.split()
+    *told, step, from_c, cache = done.stdout.split()
     assert (float(step), float(from_c)) == (7.0, 9.0)
-    return done.stderr, Path(cache)
+    return done.stderr, Path(cache), told
 
 
 @pytest.fixture
@@ -64,7 +68,7 @@ def folder(tmp_path):
 def test_a_home_that_takes_nothing(folder):
     """As root, too: below a file there is no folder."""
     (folder / "file").touch()
-    said, cache = run(folder, XDG_CACHE_HOME=str(folder / "file" / "cache"))
+    said, cache, _ = run(folder, XDG_CACHE_HOME=str(folder / "file" / "cache"))
     assert said.startswith(f"WARNING: compiled code can't be kept in {folder}/file/cache/micromanip: ")
     assert len(said.splitlines()) == 1
     assert cache.is_relative_to(folder / "tmp")
@@ -73,21 +77,30 @@ def test_a_home_that_takes_nothing(folder):
 
 def test_no_room_anywhere(folder):
     (folder / "file").touch()
-    said, _ = run(folder, XDG_CACHE_HOME=str(folder / "file" / "cache"), TMPDIR="/nowhere", TMP="/proc", TEMP="/proc")
+    said, _, _ = run(
+        folder, XDG_CACHE_HOME=str(folder / "file" / "cache"), TMPDIR="/nowhere", TMP="/proc", TEMP="/proc"
+    )
     assert said.startswith("WARNING: compiled code can't be kept in ")
     assert "Traceback" not in said
 
 
 def test_a_disk_that_fills_as_the_code_is_saved(folder):
-    said, cache = run(folder, limit=1000, XDG_CACHE_HOME=str(folder / "cache"))
+    said, cache, _ = run(folder, limit=1000, XDG_CACHE_HOME=str(folder / "cache"))
     assert said == ""
     assert cache.is_relative_to(folder / "cache")
     assert all(file.stat().st_size <= 1000 for file in cache.rglob("*") if file.is_file())
 
 
 def test_a_good_disk_keeps_it(folder):
-    _, cache = run(folder, XDG_CACHE_HOME=str(folder / "cache"))
+    _, cache, _ = run(folder, XDG_CACHE_HOME=str(folder / "cache"))
     assert {file.name.split("-")[0] for file in cache.rglob("*.nbc")} >= {"program.step", "program.from_c"}
+
+
+def test_what_has_to_be_compiled_is_told_also_where_the_same_is_installed_elsewhere(folder):
+    """One cache for all that a user has; numba looks there by the place of each source."""
+    kept, both = {"XDG_CACHE_HOME": str(folder / "cache")}, ["step", "from_c"]
+    for place, wanted in (("one", both), ("one", []), ("other", both), ("other", []), ("one", [])):
+        assert run(folder / place, **kept)[2] == wanted
 
 
 def test_a_user_without_a_home(monkeypatch):

@@ -16,6 +16,10 @@ _SLICE_NS = 5_000_000
 _STREAM_S = 0.25
 """Several times what a driver that is quiet needs to show it: what was under way has come by then, too."""
 
+TURNS_AFTER_SILENCE = 2
+"""A silence may end just before the link is lost by it: then that is seen in the first turn, and all is well in the
+next."""
+
 
 @dataclass(frozen=True)
 class Arrival:
@@ -107,6 +111,13 @@ class Session:
             if any(isinstance(error, LinkError) for error in self.errors[first:]):
                 return False
         return False
+
+    def open_again_if_lost(self) -> None:
+        """Close and open the driver where it has said since the last time that the link is lost."""
+        if any(isinstance(error, LinkError) for error in self.errors):
+            self.driver.close()
+            self.open()
+            self.errors.clear()
 
     def fresh(self, seconds: float = 1.0) -> bool:
         """Run until every input has a new good sample, for so long at most."""

@@ -101,7 +101,7 @@ def test_a_late_reply_is_never_taken_for_that_of_another_question(identity):
     """With delays around the time-out, in any order; and good replies still come."""
     draw = random.Random(4)
     delays = [0.0]
-    one, _ = framing(gcs_device(lambda: draw.choice(delays)), identity=identity)
+    one, _ = framing(gcs_device(lambda: draw.choice(delays)), identity=identity, silence_ms=60_000.0)
     begin(one)
     delays[:] = [0.0, 0.0, 0.0, 0.003, 0.0045, 0.006, 0.009]
     good = late = 0

@@ -20,6 +20,7 @@ import atexit
 import contextlib
 import functools
 import hashlib
+import inspect
 import os
 import shutil
 import sys
@@ -277,7 +278,7 @@ class Compiler:
             self._caches = self._open_cache()
         caching = _numba().core.caching
         with self._cache_folder():
-            return self._caches and bool(caching.FunctionCache(function)._cache_file._load_index())
+            return self._caches and bool(caching.FunctionCache(inspect.unwrap(function))._cache_file._load_index())
 
     @contextlib.contextmanager
     def _cache_folder(self) -> Iterator[None]:

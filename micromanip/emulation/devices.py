@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -107,7 +108,7 @@ class Devices:
         try:
             document = parsed(line)
             if "report" in document:
-                return self._report(self.cell.report_since_last())
+                return self._report(self.cell.report_since_last)
             if "inject" in document:
                 self._inject(document)
             else:
@@ -119,19 +120,19 @@ class Devices:
     def report(self) -> dict[str, Any]:
         """Figures since the start."""
         self._take_back()
-        return self._report(self.cell.report())
+        return self._report(self.cell.report)
 
     def _take_back(self) -> None:
         """What compiled code serves is Python's until the loop waits the next time."""
         if self._steady is not None:
             self._steady.leave()
 
-    def _report(self, cell: dict[str, Any]) -> dict[str, Any]:
+    def _report(self, of_cell: Callable[[], dict[str, Any]]) -> dict[str, Any]:
         return {
             "elapsed_s": (self.loop.now_ns() - self._began_ns) * 1e-9,
             "cpu_s": time.process_time() - self._began_cpu_s,
             "devices": {name: device.report() for name, device in self.emulated.items()},
-            **cell,
+            **of_cell(),  # to which the devices have told theirs now
         }
 
     def _inject(self, document: dict[str, Any]) -> None:

@@ -3,55 +3,60 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from itertools import cycle
 
-from micromanip.testbus.event_loop import EventLoop
+from micromanip.testbus.event_loop import EventLoop, Timer
 
 _IDLE_NS = 1_000_000
-_SERVED_NS = 4_000_000
-_GONE_NS = 6_000_000
-"""While frames are served, one turn each `_SERVED_NS` right behind one of them; after so long without, as when idle."""
+_GONE_NS = 2_000_000
+"""So long after a turn was due behind a frame there is none."""
 
 
 class Upkeep:
-    """Calls back each millisecond; while frames come, one of the callbacks each four, in the pause behind a frame.
+    """Calls back each millisecond; while frames come, each `served_ns`, in the pause behind one."""
 
-    All of them together take as long as a cycle of the loop: wherever they lay, the next frame came back late.
-    """
-
-    def __init__(self, loop: EventLoop, turns: tuple[Callable[[], None], ...]) -> None:
-        self._loop, self._turns = loop, turns
-        self._next = cycle(turns)
+    def __init__(self, loop: EventLoop, turn: Callable[[], None], served_ns: int) -> None:
+        self._loop, self._turn, self._served_ns = loop, turn, served_ns
         self._looked_ns, self._serves = 0, False
+        self._timer: Timer | None = None
 
     @property
     def due_ns(self) -> int:
         """When a turn is due behind a frame."""
-        return self._looked_ns + _SERVED_NS
+        return self._looked_ns + self._served_ns
 
     def start(self) -> None:
-        """Begin, with all turns at once."""
-        self._all(self._loop.now_ns())
-        self._wait()
+        """Begin, with a turn at once."""
+        self._look()
 
     def behind_a_frame(self) -> None:
         """A frame has been served: the next one is not there yet."""
         self._serves, now_ns = True, self._loop.now_ns()
         if now_ns >= self.due_ns:
             self._looked_ns = now_ns
-            next(self._next)()
+            self._turn()
+            self._wait()
 
-    def _is_due(self) -> None:
-        now_ns = self._loop.now_ns()
-        if now_ns - self._looked_ns >= (_GONE_NS if self._serves else _IDLE_NS):
-            self._serves = False
-            self._all(now_ns)
+    def serves_no_more(self) -> None:
+        """Compiled code serves no frames, or none come: have a turn now, where that is new, and each millisecond."""
+        if self._serves:
+            self._look()
+
+    def _look(self) -> None:
+        self._serves, self._looked_ns = False, self._loop.now_ns()
+        self._turn()
         self._wait()
 
-    def _all(self, now_ns: int) -> None:
-        self._looked_ns = now_ns
-        for turn in self._turns:
-            turn()
-
     def _wait(self) -> None:
-        self._loop.call_at(self._looked_ns + (_GONE_NS if self._serves else _IDLE_NS), self._is_due)
+        if self._timer is not None:
+            self._timer.cancel()
+        self._timer = self._loop.call_at(self._gone_ns, self._is_gone)
+
+    @property
+    def _gone_ns(self) -> int:
+        return self.due_ns + _GONE_NS if self._serves else self._looked_ns + _IDLE_NS
+
+    def _is_gone(self) -> None:
+        if self._loop.now_ns() >= self._gone_ns:
+            self._look()
+        else:
+            self._wait()

@@ -115,9 +115,12 @@ class EventLoop:
             os.close(self._waker)
 
     def _next_ns(self, until_ns: int | None) -> int | None:
-        if not self._timers:
+        timers = self._timers
+        while timers and timers[0][2].callback is None:  # nobody is woken by what was cancelled
+            heapq.heappop(timers)
+        if not timers:
             return until_ns
-        next_ns = self._timers[0][0]
+        next_ns = timers[0][0]
         return next_ns if until_ns is None else min(next_ns, until_ns)
 
     def _call_due(self, now_ns: int) -> None:

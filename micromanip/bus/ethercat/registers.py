@@ -30,7 +30,7 @@ PORT1, PORT1_CLOSED = 0x0C, 0x0C
 SYNC_ON, SYNC0_ON = 0x01, 0x02
 """Bits of ``DC_ACTIVATE``."""
 
-SM_STATUS, SM_ACTIVATE, SM_PDI = 5, 6, 7
+SM_CONTROL, SM_STATUS, SM_ACTIVATE, SM_PDI = 4, 5, 6, 7
 """Bytes within a sync manager: what it holds, whether it is on, what the slave itself says of it."""
 SM_FULL = 0x08
 SM_REPEAT = 0x02

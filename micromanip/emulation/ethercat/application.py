@@ -56,7 +56,6 @@ from micromanip.bus.ethercat.registers import (
     SM_PDI,
     SM_REPEAT,
     SM_STATUS,
-    SM_WATCHDOG,
     STATION,
     SYNC0_ON,
     SYNC_ON,
@@ -66,7 +65,6 @@ from micromanip.bus.ethercat.registers import (
     WATCHDOG_PDI,
     WATCHDOG_SM,
     WATCHDOG_STATUS,
-    WATCHDOG_TICK_NS,
 )
 
 from .controller import (
@@ -77,12 +75,14 @@ from .controller import (
     MEMORY_BYTES,
     SII_ASKED,
     SM_CHANGED,
+    WATCHDOG_TURNED,
     local_ns,
     system_ns,
 )
 from .eeprom import eeprom_of
 from .mailbox import Mailbox
 from .objects import Objects
+from .sm_watchdog import has_run_out
 from .terminal import DIGITAL_OUTPUTS, MAILBOX_BYTES, MAILBOX_IN, MAILBOX_OUT, Area, Terminal
 
 _ESC_KIND, _RAM_KB, _PORTS = 0x11, 8, 0x0F
@@ -154,11 +154,11 @@ class Application:
         self._put(AL_STATUS, INIT)
         self._put(AL_CONTROL, INIT)
         esc["clock_began_ns"], esc["clock_adjusted_ns"] = now_ns, 0
+        esc["output_manager"] = self.terminal.output_area.manager
         esc["outputs_ns"] = esc["outputs_count"] = esc["events"] = esc["begun"] = 0
         esc["powered"] = 1
         self.state, self._said, self._last_mail = INIT, b"", b""
         self._repeated = 0
-        self._ticked_ns = now_ns
         self.objects = Objects(self.terminal, lambda: self.state == PREOP)
         self._mailbox = Mailbox(self.objects, MAILBOX_BYTES)
         self.mailbox_silent = self.is_starved = False
@@ -185,6 +185,8 @@ class Application:
             self._asked(self._get(AL_CONTROL), now_ns)
         if events & SM_CHANGED:
             self._repeat_mail()
+        if events & WATCHDOG_TURNED:
+            self._watch(bool(has_run_out(esc, now_ns)))
         if events & MAIL_CAME and self.state != INIT and not self.mailbox_silent:
             self._said = self._mailbox.answer(self.memory[MAILBOX_OUT : MAILBOX_OUT + MAILBOX_BYTES].tobytes())
             self.memory[SM + SM_STATUS] &= 0xFF ^ SM_FULL
@@ -192,18 +194,10 @@ class Application:
             self._lay_out(self._said)
             self._last_mail, self._said = self._said, b""
 
-    def tick(self, now_ns: int) -> None:
-        """Time passes: look after the watchdog, but not for a time in which this very process stood still."""
-        gap_ns, self._ticked_ns = now_ns - self._ticked_ns, now_ns
-        esc = self._esc
-        if gap_ns > 10_000_000:
-            esc["outputs_ns"] += gap_ns
-        unit_ns = (self._get(WATCHDOG_DIVIDER) + 2) * WATCHDOG_TICK_NS
-        patience_ns = self._get(WATCHDOG_SM) * unit_ns
-        watched = self.memory[SM + self.terminal.output_area.manager * SM_BYTES + 4] & SM_WATCHDOG and patience_ns > 0
-        late = watched and now_ns - int(esc["outputs_ns"]) > patience_ns
+    def _watch(self, late: bool) -> None:
+        """The watchdog of the outputs has run out, or no longer has."""
         self._put(WATCHDOG_STATUS, int(not late))
-        self.is_starved &= bool(late)
+        self.is_starved &= late
         if late and self.state == OP and self.terminal.output_bytes:
             self._starve()
 

@@ -46,7 +46,7 @@ from ..compiled import compiled
 
 MEMORY_BYTES = 0x3000
 FMMU_COUNT, SM_COUNT = 8, 8
-AL_ASKED, SII_ASKED, MAIL_CAME, MAIL_TAKEN, SM_CHANGED, LOOPS_SET = 1, 2, 4, 8, 16, 32
+AL_ASKED, SII_ASKED, MAIL_CAME, MAIL_TAKEN, SM_CHANGED, LOOPS_SET, WATCHDOG_TURNED = 1, 2, 4, 8, 16, 32, 64
 """Events for the application."""
 _DRIFT_SHIFT = 4
 """A slave's clock makes up for a 16th of the difference to the reference clock each time that it is told."""
@@ -59,6 +59,7 @@ ESC = record(
     ("begun", "i8"),
     ("outputs_ns", "i8"),
     ("outputs_count", "i8"),
+    ("output_manager", "i8"),
     ("clock_began_ns", "i8"),
     ("clock_ppb", "i8"),
     ("clock_adjusted_ns", "i8"),
@@ -70,7 +71,17 @@ ESC = record(
 """One controller. Where `writable` is 1 a master may write. Its clock began at `clock_began_ns`, gains `clock_ppb` and
 was adjusted by so much. ``begun`` has a bit for each sync manager of whose mailbox the first byte has passed, and the
 last not yet. A frame reaches it `to_ns` after the first one and, where `returns` is 1, comes by again
-`back_ns` after that. `outputs_count` frames have brought outputs, the last one at `outputs_ns`."""
+`back_ns` after that. `outputs_count` frames have brought outputs, to the sync manager `output_manager`, the last one
+at `outputs_ns`."""
+
+
+@compiled
+def has_events(slaves: Any) -> bool:
+    """Whether any application that has power has something to do."""
+    events = 0
+    for k in range(len(slaves)):
+        events |= slaves[k]["events"] if slaves[k]["powered"] != 0 else 0
+    return events != 0
 
 
 @compiled

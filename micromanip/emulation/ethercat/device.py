@@ -37,6 +37,7 @@ from .process_data import terminal_of
 from .serving import (
     HAS_EVENTS,
     IDLE,
+    NOBODY,
     SERVED,
     lay_out_readings,
     outputs_taken,
@@ -55,6 +56,9 @@ _PHASE_NS = 30_000
 _TURN_NS = 30_000
 """From the first terminal to the last and back, of a ring to the last: cables so long that this process has answered by
 then, and the line's clocks can tell what it takes. A real line takes some 2 us for each terminal."""
+_TURN_EACH_NS = 500_000_000
+"""Two or three frames come back late by a turn in Python. Meanwhile compiled code looks after plant and watchdogs, and
+who asks for figures gets those up to now."""
 _OF_FRAMES = (Drop, Delay, Duplicate, Reorder, Hang, Unplug)
 
 
@@ -80,7 +84,7 @@ class EthercatDevice:
         self.signals = [name for each in self._terminals for name, counts in each.inputs if not counts]
         self._silent_until_ns = 0.0
         self._began_ns, self._heard_ns = loop.now_ns(), 0
-        self._upkeep = Upkeep(loop, (self._gather, self._look_after))
+        self._upkeep = Upkeep(loop, self._look_after, _TURN_EACH_NS)
         self._polled = PollTable()
         loop.serve_by(self._serve_on)
         prepare(serve, serve_on, lay_out_readings, outputs_taken)
@@ -172,6 +176,7 @@ class EthercatDevice:
             line.close()
 
     def _left_op(self) -> None:
+        self._gather()
         if self._amplifier is not None:
             self._amplifier.trip(self._cell.plant.time_ns)
 
@@ -182,10 +187,10 @@ class EthercatDevice:
             self._gather()
             self._ports[end].read()
             return
-        self._serve_end(end, now_ns)
+        self._serve_end(end)
         self._upkeep.behind_a_frame()
 
-    def _serve_end(self, end: int, now_ns: int) -> None:
+    def _serve_end(self, end: int) -> None:
         """Serve all that has come in at an end."""
         plant, d = self._cell.plant, self._served[0]
         self._lend()
@@ -194,24 +199,28 @@ class EthercatDevice:
             more = serve(self._served, end, self.slaves.controllers, self.slaves.drives, *plant.arrays)
             plant.time_ns = int(d["time_ns"])
             if more:
-                self._serve_applications(now_ns)
+                self._serve_applications()
 
     def _lend(self) -> None:
         """Tell compiled code when it is in the plant, and whether the amplifier follows."""
         self._served["time_ns"] = self._cell.plant.time_ns
         self._served["follows"] = self._amplifier is None or self._amplifier.follows
 
-    def _serve_applications(self, now_ns: int) -> None:
+    def _serve_applications(self) -> None:
         self._gather()
-        self.slaves.serve(now_ns)
+        self.slaves.serve(self._loop.now_ns())
         self._lend()
 
     def _serve_on(self, descriptors: Sequence[int], until_ns: int | None) -> int:
         """Wait in the event loop's stead, see ``EventLoop.serve_by``, while a conversation is under way."""
         now_ns, plant, d = self._loop.now_ns(), self._cell.plant, self._served[0]
-        if not self._is_plain(now_ns) or any(port["next"] < port["waiting"] for port in d["port"]):
+        if not self._is_plain(now_ns):
+            self._upkeep.serves_no_more()
+            return 0
+        if any(port["next"] < port["waiting"] for port in d["port"]):
             return 0
         self._lend()
+        d["awake_ns"] = self.slaves.awake_ns
         code = serve_on(
             self._served,
             self.slaves.controllers,
@@ -222,19 +231,21 @@ class EthercatDevice:
             now_ns + _PAUSE_NS if until_ns is None else until_ns,
             self._upkeep.due_ns,
         )
-        plant.time_ns = int(d["time_ns"])
+        plant.time_ns, self.slaves.awake_ns = int(d["time_ns"]), int(d["awake_ns"])
         if code == HAS_EVENTS:
-            self._serve_applications(now_ns)
+            self._serve_applications()
             for end in range(len(self._ports)):
-                self._serve_end(end, now_ns)
-        if code != IDLE:
+                self._serve_end(end)
+        if code == NOBODY:
+            self._upkeep.serves_no_more()
+        elif code != IDLE:
             self._upkeep.behind_a_frame()
         return int(d["rested_ns"])
 
     def _is_plain(self, now_ns: int) -> bool:
         """Whether a conversation is under way, and nothing is amiss."""
         return (
-            now_ns - self._heard_ns < _PAUSE_NS
+            now_ns - max(self._heard_ns, int(self._served[0]["heard_ns"])) < _PAUSE_NS
             and now_ns >= self._silent_until_ns
             and self._cell.undisturbed
             and all(line.active(LineFault) is None for line in self._lines)
@@ -316,8 +327,9 @@ class EthercatDevice:
 
     def _look_after(self) -> None:
         """Watchdogs, amplifier and plant go on also while nobody asks."""
+        self._gather()
         now_ns = self._loop.now_ns()
-        self._cell.advance_to(now_ns)
+        self._cell.keep_up(now_ns)
         self.slaves.tick(now_ns)
         for end, port in enumerate(self._ports):
             served = self._served[0]["port"][end]

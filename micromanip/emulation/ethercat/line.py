@@ -13,6 +13,7 @@ from .application import Application
 from .controller import ESC
 from .drive import DRIVE, fill_drive, step_drives, take_codes
 from .frame import NOT_ETHERCAT, passed
+from .sm_watchdog import pass_time
 from .terminal import Terminal
 
 _HOP_NS = 750
@@ -63,7 +64,9 @@ class Line:
         self.relinked: Callable[[], None] = lambda: None
         """Called when the ways may have changed."""
         self.relink()
-        prepare(passed, step_drives)
+        self.awake_ns = 0
+        """When this process went on last, 0 before the first tick."""
+        prepare(passed, step_drives, pass_time)
 
     def swap(self, k: int, now_ns: int) -> None:
         """Slave `k` and the one behind it change places, which takes both from the power."""
@@ -119,8 +122,7 @@ class Line:
                 take_codes(drive, application.objects.settings)
 
     def tick(self, now_ns: int) -> None:
-        """Watchdogs, and the drives."""
-        step_drives(self.drives, self.controllers, now_ns)
-        for controller, application in zip(self.controllers, self.applications, strict=True):
-            if controller["powered"]:
-                application.tick(now_ns)
+        """Let time pass for watchdogs and drives."""
+        if pass_time(self.controllers, self.drives, self.awake_ns or now_ns, now_ns):
+            self.serve(now_ns)
+        self.awake_ns = now_ns

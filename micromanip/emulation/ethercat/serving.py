@@ -26,18 +26,21 @@ from ..arrivals import ARRIVED, note
 from ..compiled import compiled
 from ..compiled_plant import PLANT, advance
 from ..path_error import PATH_ERRORS, note_errors
-from .controller import ESC
+from .controller import ESC, has_events
 from .drive import DRIVE, step_drives
 from .frame import NOT_ETHERCAT, pass_frame
+from .sm_watchdog import watch
 
 MOST_TERMINALS = 8
 NOBODYS, OF_DRIVE, COUNTS = -1, -2, 1000
 """Of a number in the inputs: no signal of the plant, it reads 1; its drive fills it; COUNTS + the signal whose samples
 it counts."""
 
-IDLE, SERVED_SOME, HAS_EVENTS = 0, 1, 2
-"""What ``serve_on`` returns: whether it has served frames, and whether one of them is for an application."""
+IDLE, SERVED_SOME, HAS_EVENTS, NOBODY = 0, 1, 2, 3
+"""What ``serve_on`` returns: whether it has served frames, whether an application has something to do, or that no frame
+has come for `_GONE_NS`."""
 _RESTED_NS = 20_000
+_GONE_NS = 5_000_000
 
 PORT = record(
     ("socket", SOCKET),
@@ -70,11 +73,12 @@ SERVED = record(
     ("outputs", FRAME, (MOST_TERMINALS,)),
     ("port", PORT, (2,)),
     ("rested_ns", "i8"),
+    ("awake_ns", "i8"),
     ("timespec", "i8", (2,)),
 )
 """Plant and line: which of the plant's signals and outputs each number is, and what came. `taken` are the outputs of a
 terminal that were seen. A frame leaves `turn_ns` after it came, by the kernel's time: the way through the line.
-``serve_on`` had nothing to do last at `rested_ns`."""
+``serve_on`` had nothing to do last at `rested_ns`, and went on last at `awake_ns`."""
 
 
 _LINE = (array_of(ESC), array_of(DRIVE), types.float64[::1], array_of(SIGNAL))
@@ -105,7 +109,7 @@ def serve_on(
     turn_due_ns: int,
 ) -> int:
     """Wait for frames and serve them until then, until somebody else's descriptor has something, or until Python has to
-    have its turn: at `turn_due_ns`, behind a frame, or for an application.
+    have its turn: at `turn_due_ns`, behind a frame, for an application, or when nobody sends frames any more.
 
     `errors` are the plant's path errors; `poll` (n, 2) has a ``struct pollfd`` for each descriptor.
     """
@@ -114,7 +118,7 @@ def serve_on(
         before_ns = now_ns(d["timespec"])
         if before_ns >= until_ns:
             return code
-        ready = wait_for_any(poll, len(poll), until_ns - before_ns, d["timespec"])
+        ready = wait_for_any(poll, len(poll), min(until_ns - before_ns, _GONE_NS), d["timespec"])
         after_ns = now_ns(d["timespec"])
         if after_ns - before_ns > _RESTED_NS:
             d["rested_ns"] = after_ns
@@ -129,6 +133,12 @@ def serve_on(
             code = SERVED_SOME
             if serve_end(d, end, slaves, drives, outputs, signals):
                 return HAS_EVENTS
+        watch(slaves, d["awake_ns"], after_ns)
+        d["awake_ns"] = after_ns
+        if has_events(slaves):
+            return HAS_EVENTS
+        if ready == 0 and after_ns - before_ns >= _GONE_NS:
+            return NOBODY
         if others != 0:
             return code
         note_errors(errors[0], signals, d["time_ns"])
@@ -173,15 +183,6 @@ def serve_end(d: Any, end: int, slaves: Any, drives: Any, outputs: Any, signals:
         if has_events(slaves):
             return True
     return False
-
-
-@compiled
-def has_events(slaves: Any) -> bool:
-    """Whether any application has something to do."""
-    events = 0
-    for k in range(len(slaves)):
-        events |= slaves[k]["events"]
-    return events != 0
 
 
 @compiled

@@ -36,6 +36,7 @@ from .serving import BAD, SERVED, compose, serve, understand
 
 ANSWER = "receive"
 """What the device sends, by the name that commands use."""
+_TURN_EACH_NS = 4_000_000
 _PAUSE_NS = 50_000_000
 """Who has said nothing for so long begins anew."""
 _PHASE_NS = 30_000
@@ -60,7 +61,7 @@ class UdpDevice:
         self._data = np.zeros(MAX_BYTES, np.uint8)
         self._off_until_ns = self._silent_until_ns = self._counts_from_ns = 0.0
         self._began_ns, self._heard_ns = loop.now_ns(), 0
-        self._upkeep = Upkeep(loop, (self._look_after,))
+        self._upkeep = Upkeep(loop, self._look_after, _TURN_EACH_NS)
         prepare(serve, understand, compose)
         self._line = DeviceLine(loop, self._make_port)
         self._line.attach(self._hear)
@@ -228,7 +229,7 @@ class UdpDevice:
         """Amplifier and plant go on also while nobody asks."""
         self._gather()
         now_ns = self._loop.now_ns()
-        self._cell.advance_to(now_ns)
+        self._cell.keep_up(now_ns)
         self._port.lend(self._served[0]["socket"], self._readable)
 
 

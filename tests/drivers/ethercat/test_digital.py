@@ -70,13 +70,13 @@ def test_without_frames_the_lines_are_safe_and_stay_so_until_the_loop_asks_for_r
     sent = bench.came
     with bench.lock:
         application, began_ns = bench.line.applications[1], bench.now_ns
-        application.tick(began_ns)
+        bench.line.tick(began_ns)
         bench.line.controllers[1]["outputs_ns"] = began_ns
         for ms in range(1000):
-            application.tick(began_ns + ms * 1_000_000)
+            bench.line.tick(began_ns + ms * 1_000_000)
         assert pins(bench) == "1011", "the watchdog waits for as long as it was set to"
         for ms in range(1000, 1010):
-            application.tick(began_ns + ms * 1_000_000)
+            bench.line.tick(began_ns + ms * 1_000_000)
         assert application.memory[WATCHDOG_COUNT] == 1
     assert pins(bench) == "0000"
     assert application.state == OP, "a terminal without a processor stays there"

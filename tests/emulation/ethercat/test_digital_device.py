@@ -1,9 +1,16 @@
 """What `simulate-device` plays of a cell whose lines are pins of digital terminals."""
 
+import numpy as np
 import pytest
 
 from micromanip.bus.cyclic import call_context
-from micromanip.bus.ethercat.al_states import OP
+from micromanip.bus.ethercat.al_states import OP, SAFEOP, WATCHDOG
+from micromanip.bus.ethercat.registers import (
+    AL_CODE,
+    WATCHDOG_SM,
+    WATCHDOG_STATUS,
+)
+from micromanip.emulation.ethercat.controller import number, put_number
 from micromanip.emulation.ethercat.terminal import DIGITAL_OUTPUTS
 from tools.bus_faults.ethercat_cells import CELL
 
@@ -28,22 +35,47 @@ PINS = """\
 """
 
 
-def test_the_pins_carry_the_lines_of_the_cell_and_are_off_without_frames(tmp_path):
+@pytest.fixture
+def cell(tmp_path):
     text = CELL.replace("    WAY\n", "").replace(ENABLE, "").replace(STATE, "").replace("      gauge:\n", PINS)
     with veth("ecy") as (here, _):
         file = tmp_path / "cell.yaml"
         file.write_text(text.replace("INTERFACE", here).replace("silence_ms: 50", "silence_ms: 140"))
-        cell = Cell(file)
+        made = Cell(file)
         try:
-            cell.driver.begin(cell.context)
-            assert call_context(cell.functions.open, cell.context.ctypes.data) == 0
-            terminals = cell.devices.emulated["cell"].slaves
-            pins = terminals.controllers[1]["memory"]
-            assert until(cell.cycle)
-            assert until(lambda: cell.cycle(amplifier_enable=1.0) and pins[DIGITAL_OUTPUTS] == 0b10)
-            assert until(lambda: cell.cycle() and cell.says("amplifier_ok_x") == 1.0)
-            assert until(lambda: cell.cycle(voltage_x=5.0) and cell.says("strain_x") > 2.0)
-            assert until(lambda: pins[DIGITAL_OUTPUTS] == 0), "no frames come"
-            assert terminals.applications[1].state == OP, "it has no processor that could leave OP"
+            made.driver.begin(made.context)
+            assert call_context(made.functions.open, made.context.ctypes.data) == 0
+            assert until(made.cycle)
+            yield made
         finally:
-            cell.close()
+            made.close()
+
+
+def test_the_pins_carry_the_lines_of_the_cell_and_are_off_without_frames(cell):
+    terminals = cell.devices.emulated["cell"].slaves
+    pins = terminals.controllers[1]["memory"]
+    assert until(lambda: cell.cycle(amplifier_enable=1.0) and pins[DIGITAL_OUTPUTS] == 0b10)
+    assert until(lambda: cell.cycle() and cell.says("amplifier_ok_x") == 1.0)
+    assert until(lambda: cell.cycle(voltage_x=5.0) and cell.says("strain_x") > 2.0)
+    assert until(lambda: pins[DIGITAL_OUTPUTS] == 0), "no frames come"
+    assert terminals.applications[1].state == OP, "it has no processor that could leave OP"
+
+
+def test_a_terminal_that_outputs_pass_by_leaves_op_while_others_are_served(cell):
+    """Compiled code serves the line all the time, and Python looks twice a second."""
+    device = cell.devices.emulated["cell"]
+    amplifier, memory = device.slaves.applications[0], device.slaves.controllers[0]["memory"]
+    assert until(lambda: cell.cycle(amplifier_enable=1.0) and memory[WATCHDOG_STATUS] == 1)
+    cell.order(inject="absent", terminal="amplifier")
+    assert until(lambda: (cell.cycle(), device._upkeep._serves)[1])
+    put_number(memory, WATCHDOG_SM, 2, 600)  # of .1 ms: it runs out before the driver says that the link is lost
+    served = []
+
+    def left_op():
+        cell.cycle()
+        served.append(device._upkeep._serves)
+        return amplifier.state == SAFEOP
+
+    assert until(left_op)
+    assert number(memory, AL_CODE, 2) == WATCHDOG
+    assert np.mean(served) > 0.8

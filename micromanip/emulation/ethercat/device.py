@@ -78,6 +78,7 @@ class EthercatDevice:
         self.slaves = Line(terminals, self._left_op, is_ring, hop_ns)
         self._served = np.zeros(1, SERVED)
         self._served[0]["turn_ns"] = _TURN_NS
+        self._served[0]["port"]["socket"]["descriptor"] = -1  # 0 is standard input, by which commands come
         self.slaves.relinked = self._relinked
         self._faults = TerminalFaults(loop, self._names, self.slaves, self._left_op)
         self._terminals = wire(self._served[0], self.slaves, keys.terminals, cell, wires)

@@ -11,7 +11,7 @@ from micromanip.bus.driver import Answer, BusDriver
 
 from .hooks import Hooks, described
 from .peer import Peer
-from .session import Session
+from .session import TRIES, Session
 
 _RUN_S = 1.0
 _LOAD_MARGIN = 0.1
@@ -22,20 +22,23 @@ class RunningChecks(Hooks):
     """What it costs, and what it counts."""
 
     def test_load_is_at_most_what_is_declared(self) -> None:
-        with self.running() as (peer, session):
-            session.run(0.1)
-            peer.busy_s()
-            begin = time.monotonic()
-            session.run(_RUN_S)
-            busy_s, took_s = peer.busy_s(), time.monotonic() - begin
-            assert took_s > 0.9 * _RUN_S, f"the link was lost after {took_s:.2f} s: {described(session.errors)}"
-            for load in session.driver.loads():
-                assert busy_s.get(load.name, 0.0) > 0, f"the peer saw no use of {load.name}, which loads() declares"
-                measured = busy_s[load.name] / took_s
-                assert measured <= load.share * (1 + _LOAD_MARGIN), (
-                    f"{load.name} was used {100 * measured:.3g} % at worst-case lengths; "
-                    f"{100 * load.share:.3g} % is declared ({load.detail})"
-                )
+        for _ in range(TRIES):
+            with self.running() as (peer, session):
+                session.run(0.1)
+                peer.busy_s()
+                begin = time.monotonic()
+                session.run(_RUN_S)
+                busy_s, took_s = peer.busy_s(), time.monotonic() - begin
+            if took_s > 0.9 * _RUN_S:
+                break
+        assert took_s > 0.9 * _RUN_S, f"the link was lost after {took_s:.2f} s: {described(session.errors)}"
+        for load in session.driver.loads():
+            assert busy_s.get(load.name, 0.0) > 0, f"the peer saw no use of {load.name}, which loads() declares"
+            measured = busy_s[load.name] / took_s
+            assert measured <= load.share * (1 + _LOAD_MARGIN), (
+                f"{load.name} was used {100 * measured:.3g} % at worst-case lengths; "
+                f"{100 * load.share:.3g} % is declared ({load.detail})"
+            )
 
     def test_statistics_only_rise(self) -> None:
         with self.device() as peer:

@@ -16,6 +16,8 @@ _SLICE_NS = 5_000_000
 _STREAM_S = 0.25
 """Several times what a driver that is quiet needs to show it: what was under way has come by then, too."""
 
+TRIES = 3
+"""A busy machine holds a device up now and then; a driver that is wrong fails each time."""
 TURNS_AFTER_SILENCE = 2
 """A silence may end just before the link is lost by it: then that is seen in the first turn, and all is well in the
 next."""

@@ -13,11 +13,10 @@ from micromanip.bus.errors import LinkError, OutputRefused
 
 from .hooks import Hooks, described, settle
 from .peer import Golden, Peer
-from .session import TURNS_AFTER_SILENCE, Session
+from .session import TRIES, TURNS_AFTER_SILENCE, Session
 
 _STORM, _STORM_S = 1000, 2.0
 _ON_THE_WAY_S = 0.02
-_TRIES = 3
 
 
 class WritingChecks(Hooks):
@@ -129,7 +128,7 @@ class WritingChecks(Hooks):
 
         Where the driver tells that it waited for the device in vain, as it may on a busy machine, it is tried again.
         """
-        for _ in range(_TRIES):
+        for _ in range(TRIES):
             session.drain()
             session.confirmed.clear()
             peer.writes()
@@ -144,7 +143,7 @@ class WritingChecks(Hooks):
                 return
             assert session.errors, f"{dict(values)} was sent by task {task}, and never confirmed"
         assert session.outcome is not Outcome.SENT, (
-            f"{dict(values)} was sent by task {task}, and not confirmed in {_TRIES} tries: {described(session.errors)}"
+            f"{dict(values)} was sent by task {task}, and not confirmed in {TRIES} tries: {described(session.errors)}"
         )
         if session.outcome is Outcome.HELD:
             time.sleep(_ON_THE_WAY_S)

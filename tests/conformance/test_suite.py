@@ -69,6 +69,18 @@ class LosesLinkLate(UdpStage):
             raise LinkError("nothing came for 500 ms")
 
 
+class LosesLinkOnce(UdpStage):
+    """Its device stands still for too long, once."""
+
+    calls = 0
+
+    def receive(self, inbox, until_ns):
+        super().receive(inbox, until_ns)
+        LosesLinkOnce.calls += 1
+        if LosesLinkOnce.calls == 50:
+            raise LinkError("no answer, three times")
+
+
 class SilentPeer(UdpPeer):
     def silence(self, silent):
         super().silence(silent)
@@ -77,7 +89,11 @@ class SilentPeer(UdpPeer):
 
 @pytest.mark.parametrize(
     ("driver", "check"),
-    [(AnsweredLate, "test_what_is_said_of_a_write_is_true"), (LosesLinkLate, "test_silent_device_is_no_bug")],
+    [
+        (AnsweredLate, "test_what_is_said_of_a_write_is_true"),
+        (LosesLinkLate, "test_silent_device_is_no_bug"),
+        (LosesLinkOnce, "test_load_is_at_most_what_is_declared"),
+    ],
 )
 def test_a_device_that_a_busy_machine_holds_up_is_not_held_against_its_driver(driver, check):
     suite = type("Suite", (UdpStageContract,), {"driver": driver, "peer": lambda _: SilentPeer()})()

@@ -26,6 +26,8 @@ from .beside import Beside, free_port
 from .certificates import certificate
 from .rings import status
 
+pytestmark = pytest.mark.live  # a server, and clients with time-outs
+
 DENIED = (ua.UaError, ConnectionError, TimeoutError, asyncio.IncompleteReadError)
 
 

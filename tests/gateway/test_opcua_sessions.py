@@ -15,6 +15,8 @@ from asyncua.ua.ua_binary import struct_from_binary
 from .rings import status
 from .test_opcua import Served, client, eventually, node, value
 
+pytestmark = pytest.mark.live  # a server, and clients with time-outs
+
 
 @pytest.fixture(scope="module")
 def served(tmp_path_factory):

@@ -12,6 +12,8 @@ from micromanip.testbus.client import HubBus
 
 from .cell import AMPLIFIER, EDS, SENSOR, cell, run, wait_for
 
+pytestmark = pytest.mark.live  # the library's thread beside ours, and the node's watchdog
+
 
 @pytest.fixture
 def at():

@@ -17,6 +17,8 @@ from .again import raised
 from .gcs_controller import IDN
 from .scripted_port import ScriptedPort
 
+pytestmark = pytest.mark.live  # replies around a time-out of some milliseconds
+
 GCS = {
     "preset": "gcs",
     "reply_ms": 4.0,

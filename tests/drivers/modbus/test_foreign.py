@@ -19,6 +19,8 @@ from ..line.wires import free_port, socket
 from .played import keys_of, played, until
 from .scripted import options
 
+pytestmark = pytest.mark.live  # servers and clients that answer in time
+
 MBPOLL = shutil.which("mbpoll")
 needs_mbpoll = pytest.mark.skipif(MBPOLL is None, reason="mbpoll is not installed (apt-get install mbpoll)")
 

@@ -130,6 +130,26 @@ def _prune(root: Path) -> None:
         shutil.rmtree(old, ignore_errors=True)
 
 
+class _Made:
+    """Made when it is asked for first, under numba's lock: whoever compiles holds that, and asks for others' meanwhile.
+
+    A ``functools.cached_property`` of Python 3.11 has one lock for all instances, within which a thread would wait for
+    another that compiles, and that one for this lock.
+    """
+
+    def __init__(self, make: Callable[[Any], Any]) -> None:
+        self._make = make
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name = name
+
+    def __get__(self, instance: Any, owner: type | None = None) -> Any:
+        with _numba().core.compiler_lock.global_compiler_lock:
+            if self._name not in vars(instance):
+                vars(instance)[self._name] = self._make(instance)
+            return vars(instance)[self._name]
+
+
 class Compiled:
     """A function of the hot path, compiled when it is needed.
 
@@ -157,12 +177,12 @@ class Compiled:
             raise AttributeError(name)
         return getattr(self.dispatcher, name)
 
-    @functools.cached_property
+    @_Made
     def dispatcher(self) -> Any:
         """Numba's function for calls from Python; that of an entry point is compiled, or loaded from the cache."""
         return self._compiler.build(self.py_func, self._signature)
 
-    @functools.cached_property
+    @_Made
     def _inner(self) -> Any:
         """Numba's function for calls from compiled code, without what Python's calls need."""
         if self._signature is not None:
@@ -186,7 +206,7 @@ class CFunction:
     def __init__(self, function: Any, compiler: Compiler, signature: Any) -> None:
         self.py_func, self._compiler, self._signature = function, compiler, signature
 
-    @functools.cached_property
+    @_Made
     def _compiled(self) -> Any:
         return self._compiler.build_c(self.py_func, self._signature)
 

@@ -114,9 +114,14 @@ class Session:
                 return False
         return False
 
+    @property
+    def is_lost(self) -> bool:
+        """Whether the driver has said that the link is lost, among the errors that are not forgotten."""
+        return any(isinstance(error, LinkError) for error in self.errors)
+
     def open_again_if_lost(self) -> None:
-        """Close and open the driver where it has said since the last time that the link is lost."""
-        if any(isinstance(error, LinkError) for error in self.errors):
+        """Close and open the driver where the link is lost; its errors are forgotten then."""
+        if self.is_lost:
             self.driver.close()
             self.open()
             self.errors.clear()

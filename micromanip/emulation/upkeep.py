@@ -25,8 +25,10 @@ class Upkeep:
         return self._looked_ns + self._served_ns
 
     def start(self) -> None:
-        """Begin, with a turn at once."""
-        self._look()
+        """Begin, also anew when nobody sends frames any more: with a turn at once, and then each millisecond."""
+        self._serves, self._looked_ns = False, self._loop.now_ns()
+        self._turn()
+        self._wait()
 
     def behind_a_frame(self) -> None:
         """A frame has been served: the next one is not there yet."""
@@ -39,12 +41,7 @@ class Upkeep:
     def serves_no_more(self) -> None:
         """Compiled code serves no frames, or none come: have a turn now, where that is new, and each millisecond."""
         if self._serves:
-            self._look()
-
-    def _look(self) -> None:
-        self._serves, self._looked_ns = False, self._loop.now_ns()
-        self._turn()
-        self._wait()
+            self.start()
 
     def _wait(self) -> None:
         if self._timer is not None:
@@ -57,6 +54,6 @@ class Upkeep:
 
     def _is_gone(self) -> None:
         if self._loop.now_ns() >= self._gone_ns:
-            self._look()
+            self.start()
         else:
             self._wait()

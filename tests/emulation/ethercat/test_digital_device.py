@@ -4,10 +4,7 @@ import pytest
 
 from micromanip.bus.cyclic import call_context
 from micromanip.bus.ethercat.al_states import OP, SAFEOP, WATCHDOG
-from micromanip.bus.ethercat.registers import (
-    AL_CODE,
-    WATCHDOG_SM,
-)
+from micromanip.bus.ethercat.registers import AL_CODE, WATCHDOG_SM
 from micromanip.emulation.ethercat.controller import number, put_number
 from micromanip.emulation.ethercat.terminal import DIGITAL_OUTPUTS
 from tools.bus_faults.ethercat_cells import CELL
@@ -88,7 +85,7 @@ def test_a_terminal_that_outputs_pass_by_leaves_op_while_others_are_served(cell,
     monkeypatch.setattr(amplifier, "drop", lambda code, real=amplifier.drop: (left.append(turns.is_on), real(code)))
     cell.order(inject="absent", terminal="amplifier")
     assert until(lambda: (cell.cycle(), cell.devices.emulated["cell"]._upkeep._serves)[1])
-    put_number(memory, WATCHDOG_SM, 2, 600)  # of .1 ms: it runs out before the driver says that the link is lost
+    put_number(memory, WATCHDOG_SM, 2, 100)  # of .1 ms: it runs out before the driver says that the link is lost
     assert until(lambda: (cell.cycle(), amplifier.state == SAFEOP)[1])
     assert number(memory, AL_CODE, 2) == WATCHDOG
     assert left == [False], "compiled code saw it"

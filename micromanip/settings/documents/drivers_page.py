@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import sys
 
+from micromanip.bus.driver import BusOptions
 from micromanip.bus.inspection import inspected
 from micromanip.bus.registry import driver_class
 from micromanip.settings.text.shape import Shape
 
-from .configuration_page import section, sections
+from .configuration_page import sections, table
 
 _PACKAGE = "micromanip"
 _INTRODUCTION = """\
@@ -19,19 +20,20 @@ _INTRODUCTION = """\
 
 Generated from the drivers' models by `make docs`; edit the descriptions there.
 
-A driver's options stand in its own section of the configuration, beside `driver:`. Which driver for what is said in
-[Field buses](fieldbus.md) and [Drivers](drivers.md); how names, units and `null` are to be read, in the
-[configuration reference](configuration.md).
+The options of a driver stand in its section of the configuration, beside `driver:`. [Buses](buses.md) says which driver
+serves which device. The [configuration reference](configuration.md) explains the notation of names, units and `null`.
 """
 
 
 def render() -> str:
     """The whole page."""
     names = sorted(driver.name for driver in inspected() if driver.package == _PACKAGE)
-    parts = [_INTRODUCTION]
+    common, written = Shape.of(BusOptions), dict[tuple[str, ...], str]()
+    parts = [_INTRODUCTION, f"## Every driver\n\n{table(common)}"]
     for name in names:
         shape = Shape.of(driver_class(name).Options)
-        parts += [section(f"drivers: driver {name}", shape), *sections(shape, f"driver {name}.")]
+        parts.append(f"## `driver: {name}`\n\n{shape.description}\n\n{table(shape, known=common.fields)}")
+        parts += sections(shape, f"{name}.", written)
     return "\n".join(parts)
 
 

@@ -18,12 +18,14 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numba import types
 from numpy.typing import NDArray
 
 from micromanip.control.predictor import reference_transition, sample_transition, shown, tracker_gain
 from micromanip.rt.jit import Compiler
 from micromanip.rt.laws.reference import REFERENCE_PARAMETERS, REFERENCE_STATE, signal_reference, signal_sample
 from micromanip.rt.laws.steady import ANEW_NATS, NEVER_DOUBTED_UM2, give_both, narrow_anew
+from micromanip.rt.signatures import array_of
 from micromanip.settings.compile.reference import fill_predictor
 from micromanip.settings.schema.reference import AxisTracker
 
@@ -92,16 +94,19 @@ class Tracking:
 
         It can be given: noise tells it, so that samples without any take that of those with it.
         """
-        p, s = np.zeros(1, REFERENCE_PARAMETERS)[0], np.zeros(1, REFERENCE_STATE)[0]
+        parameters, state = np.zeros(1, REFERENCE_PARAMETERS), np.zeros(1, REFERENCE_STATE)
+        p = parameters[0]
         fill_predictor(p, self.tracker)
         p["low_um"], p["high_um"], p["jump_um"], p["horizon_s"] = -np.inf, np.inf, np.inf, np.inf
+        if trust is not None:
+            p["steady_um2"] = NEVER_DOUBTED_UM2
         # a sample that arrives with a cycle is there, whatever the rounding
         times_s = (taken_s, arrived_s - 1e-3 * self.period_s, now_s)
         taken_ns, arrived_ns, now_ns = (_ns(each - taken_s[0]) + 1 for each in times_s)
         out = np.empty(len(now_s))
         trusted = np.zeros(len(taken_ns)) if trust is None else trust
-        values = np.asarray(samples, dtype=float)
-        _given(p, s, taken_ns, arrived_ns, values, now_ns, row, trusted, trust is not None, out)
+        values, taken = np.ascontiguousarray(samples, dtype=float), np.ascontiguousarray(row)
+        _given(parameters, state, taken_ns, arrived_ns, values, now_ns, taken, trusted, trust is not None, out)
         return out, trusted
 
 
@@ -109,14 +114,18 @@ def _ns(time_s: Array) -> NDArray[np.int64]:
     return np.rint(1e9 * time_s).astype(np.int64)
 
 
-@compiled
+_TIMES, _VALUES = types.int64[::1], types.float64[::1]
+_PREDICTOR = array_of(REFERENCE_PARAMETERS), array_of(REFERENCE_STATE)
+_SAMPLES = _TIMES, _TIMES, _VALUES
+
+
+@compiled.entry(types.void(*_PREDICTOR, *_SAMPLES, _TIMES, _VALUES, _VALUES, types.boolean, _VALUES))
 def _given(
-    p: Any, s: Any, taken_ns: Any, arrived_ns: Any, samples: Any, now_ns: Any, row: Any, trust: Any, told: bool,
-    out: Any,
+    parameters: Any, state: Any, taken_ns: Any, arrived_ns: Any, samples: Any, now_ns: Any, row: Any, trust: Any,
+    told: bool, out: Any,
 ) -> None:  # fmt: skip
+    p, s = parameters[0], state[0]
     seen = 0
-    if told:
-        p["steady_um2"] = NEVER_DOUBTED_UM2
     for i in range(len(now_ns)):
         while seen < len(samples) and (seen == 0 or arrived_ns[seen] <= now_ns[i]):
             signal_sample(p, s, samples[seen], taken_ns[seen])

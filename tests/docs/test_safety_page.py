@@ -21,7 +21,7 @@ LIMITS = {
     "swings from end to end": (f"{SWINGS} times in {SWING_S:g} s",),
     "a bus takes its outputs": (),
     "path error above its limit": (f"{AXIS.following_error.time_ms:g} ms",),
-    "voltage at its end": (f"{AXIS.saturation.warn_ms:g} ms told", f"{AXIS.saturation.time_ms:g} ms |"),
+    "voltage at its end": (f"{AXIS.saturation.warn_ms:g} ms warning", f"{AXIS.saturation.time_ms:g} ms |"),
     "inner loop oscillates": (f"{AXIS.oscillation.time_ms:g} ms",),
     "reference late": (f"{AXIS.reference.stale_periods:g} periods",),
     "reference lost": (f"{AXIS.reference.time_ms:g} ms", f"in {AXIS.reference.decay_ms:g} ms"),

@@ -12,7 +12,7 @@ from micromanip.host.control.authority import Peer, Right
 from micromanip.host.control.request import Request
 from micromanip.host.control.verbs import Verbs
 
-PAGE = (Path(__file__).resolve().parents[2] / "docs/tuning-live.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).resolve().parents[2] / "docs/tune.md").read_text(encoding="utf-8")
 TABLE = PAGE.split("| verb | keys | who |")[1].split("\n\n")[0]
 ROWS = [line.strip("| ").split(" | ") for line in TABLE.splitlines()[2:]]
 NAME = re.compile(r"`(\w+)`")

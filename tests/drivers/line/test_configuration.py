@@ -48,7 +48,7 @@ def test_the_examples_in_the_keys_own_words_work(module):
 
 
 def test_the_examples_of_the_documentation_work():
-    page = Path(__file__).parents[3] / "docs" / "lines.md"
+    page = Path(__file__).parents[3] / "docs" / "line.md"
     drivers = {}
     for block in re.findall(r"```yaml\n(.*?)```", page.read_text(), re.S):
         for name, keys in yaml.safe_load(block)["drivers"].items():

@@ -1,4 +1,4 @@
-"""The drivers of docs/drivers.md and docs/bus-drivers.md: installed, run in virtual time, found from their pages."""
+"""The drivers of docs/write-a-driver.md: installed, run in virtual time, found from their pages."""
 
 import re
 import shutil
@@ -116,22 +116,13 @@ def test_bus_example_is_found_and_built_from_its_configuration(installed):
 
 @pytest.mark.parametrize("file", SHOWN, ids=lambda file: str(file.relative_to(EXAMPLES)))
 def test_page_shows_or_links_each_file(file):
-    page = (ROOT / "docs" / ("bus-drivers.md" if "udp_stage" in file.parts else "drivers.md")).read_text(
-        encoding="utf-8"
-    )
+    page = (ROOT / "docs" / "write-a-driver.md").read_text(encoding="utf-8")
     linked = f"]({file.relative_to(ROOT / 'docs')})" in page
     assert linked or file.read_text(encoding="utf-8") in page, f"the page must link or show {file.relative_to(ROOT)}"
 
 
-def test_what_pages_show_of_python_is_in_the_examples():
-    page = (ROOT / "docs" / "bus-drivers.md").read_text(encoding="utf-8")
-    held = "\n".join(file.read_text(encoding="utf-8") for file in SHOWN)
-    for block in re.findall(r"```python\n(.*?)```", page, re.DOTALL):
-        assert {line for line in block.splitlines() if not line.endswith("...)")} <= set(held.splitlines())
-
-
 def test_virtual_cell_of_the_page_prints_what_it_says(installed, monkeypatch, capsys):
-    page = (ROOT / "docs" / "drivers.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "write-a-driver.md").read_text(encoding="utf-8")
     program, printed = re.search(r"```python\n([^`]*virtual_cell[^`]*)```\n\nIt prints ([\d.]+\d):", page).groups()
     installed("lag_stage")
     monkeypatch.chdir(ROOT)

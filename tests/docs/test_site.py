@@ -38,5 +38,5 @@ def test_the_search_finds_a_word_of_a_page(site):
         entry["location"].split("#")[0] for entry in index["docs"] if "describing function" in entry["text"].lower()
     } >= {
         "theory.html",
-        "analysis.html",
+        "analyse.html",
     }

@@ -10,7 +10,7 @@ from micromanip.design import paper
 from .cells import FIRST_PLANT, ROOT, SEED
 from .figures import COHERENCE_S, LIMITED, NOW, PLAYED_S, PLAYED_SEED, Reached, Values
 
-PAGE = ROOT / "docs" / "accuracy.md"
+PAGE = ROOT / "docs" / "reports" / "accuracy.md"
 ASKED = {"D 1": 0.020, "D 5": 0.030, "D 10": 0.035}
 """Of the true position, um: what was aimed at."""
 ASKED_LEARNED = {

@@ -19,7 +19,7 @@ from .campaign import BUSES, TITLES, campaign
 from .cases import Case
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGE = ROOT / "docs" / "fault-campaign.md"
+PAGE = ROOT / "docs" / "reports" / "fault-campaign.md"
 HEAD = """# Fault campaign
 
 What faults of a bus do to the whole controller: daemon, workers and loop as in operation, the devices of an example

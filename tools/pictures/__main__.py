@@ -18,7 +18,7 @@ from scipy.signal import find_peaks
 from micromanip.control.outer_gains import outer_gains
 from micromanip.design.evaluation import evaluate
 from micromanip.design.experiment import with_axes, with_reference
-from micromanip.design.figures import control_errors, hysteresis_loops, input_output, model_and_data
+from micromanip.design.figures import control_errors, hysteresis_loops, model_and_data
 from micromanip.rt.laws.hysteresis import play
 from micromanip.settings.check import Prepared, prepare
 from micromanip.settings.schema.reference import Hold, Step
@@ -28,7 +28,6 @@ from .analysis import analysis_drawings
 from .commissioning import commissioning_drawings
 from .diagrams import DIAGRAMS
 from .house import house
-from .linear import linear_fit
 
 ROOT = Path(__file__).resolve().parents[2]
 PICTURES = ROOT / "docs" / "pictures"
@@ -175,12 +174,10 @@ def drawings() -> Iterator[tuple[str, Figure]]:
     yield "model", model
     runs = evaluate(configuration, experiment)
     yield "control_error", control_errors(runs, 0, configuration.loop.rate_hz)
-    yield "input_output", input_output(runs, 0)
     yield "creep", creep(prepared)
     yield "force_step", force_step(prepared)
     yield "path_error", path_error(prepared)
     yield from analysis_drawings(prepared)
-    yield from linear_fit(prepared)
     yield from commissioning_drawings(prepare(ROOT / "config" / "factory.yaml"))
 
 

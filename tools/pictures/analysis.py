@@ -1,4 +1,4 @@
-"""Pictures of docs/analysis.md: what `analyse` finds for axis x of the tuned simulation."""
+"""Pictures of docs/analyse.md: what `analyse` finds for axis x of the tuned simulation."""
 
 from __future__ import annotations
 

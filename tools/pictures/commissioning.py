@@ -1,4 +1,4 @@
-"""Pictures of docs/commissioning.md: plots of the report of axis x of the factory cell."""
+"""Pictures of docs/your-cell.md: plots of the report of axis x of the factory cell."""
 
 from __future__ import annotations
 

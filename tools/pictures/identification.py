@@ -1,4 +1,4 @@
-"""Draw the pictures of docs/identification.md into docs/pictures: the walk of that page, in virtual time."""
+"""Draw the pictures of the fit in docs/record-and-replay.md into docs/pictures: its walk, in virtual time."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from pathlib import Path
 
 import matplotlib as mpl
 
-from micromanip.design.canvas import panels
 from micromanip.design.fit_figures import draw_fit
 from micromanip.design.fitting import Request, fit_record
 from micromanip.design.identification import DEFAULT_SECONDS, Kind, design, recording, samples_for, variant, write_csv
@@ -21,6 +20,7 @@ ROOT = Path(__file__).resolve().parents[2]
 PICTURES = ROOT / "docs" / "pictures"
 CONFIG = ROOT / "config" / "factory.yaml"
 AXIS = "x"
+_SHOWN = ("figure5_model.svg", "residuals.svg")
 
 
 def record(folder: Path, kind: Kind, seed: int = 1) -> Record:
@@ -35,26 +35,16 @@ def record(folder: Path, kind: Kind, seed: int = 1) -> Record:
     return load_record(file, Wanted(("voltage_V", "strain_um")))
 
 
-def draw_triangle(triangle: Record, file: Path) -> None:
-    """Figure 2: the loops of the shrinking triangle."""
-    figure, (panel,) = panels(1, "Hysteresis of the actuator under the shrinking triangle")
-    panel.plot(triangle.u, triangle.y, lw=0.8, rasterized=True)
-    panel.set(xlabel="voltage_V", ylabel="strain_um")
-    panel.grid(alpha=0.3)
-    figure.savefig(file, dpi=90, metadata={"Date": None, "Creator": None})
-
-
 def main() -> None:
     """Draw everything; the same sources give the same files."""
     mpl.rcParams["svg.hashsalt"] = "micromanip"
     PICTURES.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        draw_triangle(record(folder, "triangle"), PICTURES / "identification_triangle.svg")
         fitted_to, held_out = record(folder, "multisine"), record(folder, "multisine", seed=2)
         result = fit_record(fitted_to, held_out, Request("pi-tanh", burn_in_s=1.0))
         for file in draw_fit(result, fitted_to, held_out, folder, dpi=90):
-            if file.suffix == ".svg" and file.stem != "held_out_residuals":
+            if file.name in _SHOWN:
                 (PICTURES / f"identification_{file.name}").write_bytes(file.read_bytes())
     for file in sorted(PICTURES.glob("identification_*.svg")):
         sys.stderr.write(f"{file.relative_to(ROOT)}  {file.stat().st_size / 1000:.0f} kB\n")

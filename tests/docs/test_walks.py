@@ -18,7 +18,7 @@ from tests.further import further
 
 ROOT = Path(__file__).resolve().parents[2]
 BLOCK = re.compile(r"^```(?P<kind>\w*)\n(?P<text>.*?)^```$", re.DOTALL | re.MULTILINE)
-SAVED = re.compile(r"[Ss]ave (?:this|it) as `(?P<file>out/\w+\.py)`")
+SAVED = re.compile(r"[Ss]ave\s+(?:this|it)\s+as\s+`(?P<file>out/\w+\.py)`")
 NOT_TYPED = re.compile(r"sudo |git clone|micromanip (run|status|arm)\b")
 NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 MEASURED = "on this machine"

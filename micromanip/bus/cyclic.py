@@ -19,7 +19,7 @@ A device that may be out of reach says so by what ``exchange`` returns: -1 (DOWN
 (TAKEN) while its outputs do not follow the loop. These are faults in use only, and end by themselves. What can't be
 given yet, it may replace in ``outputs`` by what is given: then the axis goes no further in that direction.
 
-``docs/drivers.md`` has a complete example.
+``docs/write-a-driver.md`` has a complete example.
 """
 
 from __future__ import annotations

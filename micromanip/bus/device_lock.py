@@ -83,7 +83,7 @@ class DeviceLocks:
             raise PermissionDenied(
                 f"device {device} can't be locked: {self._folder} {why}: another controller could be given the same "
                 f"device; let root have it (sudo chown root {self._folder} && sudo chmod 1777 {self._folder}), or "
-                "install the service, see docs/service.md"
+                "install the service, see docs/your-cell.md"
             )
         return descriptor
 
@@ -123,7 +123,7 @@ class DeviceLocks:
     def _denied(self, device: str, why: str) -> PermissionDenied:
         return PermissionDenied(
             f"device {device} can't be locked ({why}); your user must be in the group of {self._folder}, and that "
-            "folder must be there: see docs/service.md"
+            "folder must be there: see docs/your-cell.md"
         )
 
     def _lock(self, descriptor: int, device: str, end: float) -> None:

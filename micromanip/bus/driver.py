@@ -9,7 +9,7 @@ thread, may block for a few milliseconds, and says what happened by raising one 
     receive   between the tasks: take what comes by itself
     close     after every open, also one that failed
 
-``docs/bus-drivers.md`` has a complete example, and the suite that a driver must pass.
+``docs/write-a-driver.md`` has a complete example, and the suite that a driver must pass.
 """
 
 from __future__ import annotations

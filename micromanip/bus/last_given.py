@@ -200,4 +200,6 @@ def _make(path: Path, device: str, names: Sequence[str], known: Mapping[str, flo
 
 def _denied(path: Path, device: str, problem: Exception) -> PermissionDenied:
     why = problem.strerror if isinstance(problem, OSError) and problem.strerror else str(problem)
-    return PermissionDenied(f"what device {device} is given can't be remembered in {path}: {why}; see docs/service.md")
+    return PermissionDenied(
+        f"what device {device} is given can't be remembered in {path}: {why}; see docs/your-cell.md"
+    )

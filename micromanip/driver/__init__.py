@@ -1,12 +1,12 @@
 """The door for drivers: all that a driver's package needs of Micromanip, and the only place it imports from.
 
-    CyclicDriver, Functions, SIGNAL                    a driver that the loop calls (docs/drivers.md)
+    CyclicDriver, Functions, SIGNAL                    a driver that the loop calls (docs/write-a-driver.md)
     SafeOutput, Wire, Enabling                         limits of one of its outputs; where its wire stands; a device
                                                        that takes its time to come on
     SimulatedAxis, LinearPlant                         what a simulation knows of its plant (`micromanip budget`)
     Compiler, entries, *_SIGNATURE, now_ns,            what it needs if numba compiles it
     sleep_until, minimum_jerk
-    BusDriver, BusOptions, Channel, Task, Load,        a driver in a worker process (docs/bus-drivers.md)
+    BusDriver, BusOptions, Channel, Task, Load,        a driver in a worker process (docs/write-a-driver.md)
     Inbox, Sample, Outcome, Answer, Steady
     Section, Typed, Scaled, Commanded,                 keys of an option's section, of a number in a device: its type,
     SIZES, PACKED, BITS, number_range                  scale and range; bytes or bits of each type, what it holds

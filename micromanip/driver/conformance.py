@@ -1,4 +1,4 @@
-"""The suite that every bus driver must pass, for its author's tests: docs/bus-drivers.md goes through it."""
+"""The suite that every bus driver must pass, for its author's tests: docs/write-a-driver.md goes through it."""
 
 from importlib.util import find_spec
 

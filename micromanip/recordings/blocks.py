@@ -3,7 +3,7 @@
 A float's last bits are noise, and no compressor shortens noise. What can be saved is what is known beforehand: a smooth
 signal goes on as it went (differences of integers, up to the fourth), and some columns are what the loop has computed
 from others (`DERIVED`). What is left is written byte plane by byte plane, because the high bytes are alike. The format:
-docs/recording-format.md.
+docs/record-and-replay.md.
 """
 
 from __future__ import annotations

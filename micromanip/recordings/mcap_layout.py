@@ -1,4 +1,4 @@
-"""Topics, metadata and attachments of a recording that is an MCAP file. Described: docs/recording-format.md."""
+"""Topics, metadata and attachments of a recording that is an MCAP file. Described: docs/record-and-replay.md."""
 
 from __future__ import annotations
 

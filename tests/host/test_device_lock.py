@@ -99,7 +99,7 @@ def test_a_folder_of_the_group_has_files_for_the_group_only(tmp_path):
 
 def test_no_folder_no_lock_and_no_start(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(PermissionDenied, match=r"device can0 can't be locked .*docs/service.md"):
+    with pytest.raises(PermissionDenied, match=r"device can0 can't be locked .*docs/your-cell.md"):
         DeviceLocks(["can0"], tmp_path / "file" / "locks")
 
 

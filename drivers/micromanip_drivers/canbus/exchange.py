@@ -1,4 +1,4 @@
-"""What the worker's compiled loop calls: take the frames that came, send the next one (``docs/bus-drivers.md``).
+"""What the worker's compiled loop calls: take the frames that came, send the next one (``docs/write-a-driver.md``).
 
 The packets are the kernel's ``struct can_frame`` and ``struct canfd_frame``, on the test bus after a time stamp. Only
 plain frames are dealt with: anything else waits for Python (``receive`` and ``perform`` of the driver).

@@ -1,4 +1,4 @@
-"""What the worker's compiled loop calls: take the frames that came, send the next one (``docs/bus-drivers.md``).
+"""What the worker's compiled loop calls: take the frames that came, send the next one (``docs/write-a-driver.md``).
 
 Only whole frames of the messages in the configuration that follow each other without a gap are dealt with, as
 ``FrameSearch`` would have found them. Anything else stays in the buffer for Python, with what came behind it: garbage,

@@ -26,7 +26,7 @@ def composition(budget: AxisBudget) -> Section:
         tables.append(Table(f"Axis {budget.axis}: what it would be", named, others))
     text = " ".join(
         [
-            "Variances of causes that know nothing of each other add up (docs/budget.md).",
+            "Variances of causes that know nothing of each other add up (docs/analyse.md).",
             *(f"{note[0].upper()}{note[1:]}." for note in budget.notes),
             *(f"Not known: {each}." for each in budget.unknown),
         ]

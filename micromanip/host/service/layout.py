@@ -63,17 +63,17 @@ def this_machine(tell: Callable[[MicromanipError], None]) -> Machine:
     """
     program = Path(sys.executable).with_name("micromanip")
     if not program.is_file():
-        tell(CheckFailed(f"{program} is not there: install the program, e.g. into {_ELSEWHERE} (docs/service.md)"))
+        tell(CheckFailed(f"{program} is not there: install the program, e.g. into {_ELSEWHERE} (docs/your-cell.md)"))
     package = Path(micromanip.__file__ or "").resolve().parent
     if found := _UNNAMEABLE.intersection(str(program)):
         told = f"{program}: systemd starts nothing whose path has {' or '.join(sorted(found))} in it"
-        tell(CheckFailed(f"{told}; install the program elsewhere, e.g. into {_ELSEWHERE} (docs/service.md)"))
+        tell(CheckFailed(f"{told}; install the program elsewhere, e.g. into {_ELSEWHERE} (docs/your-cell.md)"))
     for path in (program, Path(sys.executable).resolve(), package):
         if any(path.is_relative_to(hidden) for hidden in _HIDDEN):
             tell(
                 CheckFailed(
                     f"{path} lies in a folder that a service does not see; install the program elsewhere, e.g. into "
-                    f"{_ELSEWHERE} (docs/service.md)"
+                    f"{_ELSEWHERE} (docs/your-cell.md)"
                 )
             )
             program = Path(_ELSEWHERE) / "bin" / "micromanip"

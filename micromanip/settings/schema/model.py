@@ -141,7 +141,7 @@ class Driver(Settings):
 
     model_config = ConfigDict(extra="allow", frozen=True)
 
-    driver: str = Field(description="Name of the driver's entry point, see docs/drivers.md.")
+    driver: str = Field(description="Name of the driver's entry point, see docs/write-a-driver.md.")
     without_watchdog: Flag = Field(
         default=False, description="Accept hardware that no watchdog brings to a safe state when the loop is dead."
     )

@@ -33,7 +33,7 @@ TUNED = {
         " ERR:          0\n"
     ),
 }
-"""An industrial computer of four cores, set up as docs/realtime.md says."""
+"""An industrial computer of four cores, set up as docs/your-cell.md says."""
 
 DESKTOP = TUNED | {
     "sys/kernel/realtime": "",

@@ -326,7 +326,7 @@ def test_not_everybody_installs(service):
 
 
 def test_page_can_be_followed_as_written(service, tmp_path):
-    """Every command of docs/operate.md in its order, on a cell that is installed; but for pip, which was done before."""
+    """Every command of docs/operate.md in its order, on an installed cell; but for pip, which was done before."""
     text = (Path(__file__).parents[2] / "docs" / "operate.md").read_text()
     blocks = re.findall(r"^```sh\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)
     lines = [line for block in blocks for line in block.splitlines() if "pip install" not in line]
@@ -334,6 +334,7 @@ def test_page_can_be_followed_as_written(service, tmp_path):
     (tmp_path / "mine.yaml").write_text(CONFIG.read_text())
     (tmp_path / "sudo").write_text('#!/bin/sh\nexec "$@"\n')  # the test is root already
     (tmp_path / "sudo").chmod(0o755)
+    (tmp_path / "micromanip").symlink_to(PROGRAM)
     environment = os.environ | {"PATH": f"{tmp_path}:/usr/local/bin:{os.environ['PATH']}", "USER": "passer-by"}
     for line in lines:
         outcome = subprocess.run(

@@ -59,8 +59,9 @@ def test_every_page_and_picture_is_reached_from_the_index():
     while ahead:
         page = ahead.pop()
         reached.add(page)
-        ahead += [path for _, path, _ in links(page) if path not in reached and path.suffix == ".md"]
-        reached |= {path for _, path, _ in links(page)}
+        led = {path for _, target, _ in links(page) for path in (target.glob("*.md") if target.is_dir() else [target])}
+        ahead += [path for path in led - reached if path.suffix == ".md" and path.exists()]
+        reached |= led
     wanted = {*PAGES, *(ROOT / "docs" / "pictures").glob("*.svg")}
     assert {str(path.relative_to(ROOT)) for path in wanted - reached} == set()
 

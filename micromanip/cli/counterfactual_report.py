@@ -11,7 +11,7 @@ from .options import prepare_and_warn, print_answer
 from .prose import say
 
 
-def try_tuning(file: Path, config: Path, cut: tuple[float, float] | None, as_json: bool) -> NoReturn:
+def predict_tuning(file: Path, config: Path, cut: tuple[float, float] | None, as_json: bool) -> NoReturn:
     """Predict, print, and exit with 1 where the cell would have stopped."""
     from micromanip.recordings import open_telemetry
     from micromanip.replay.comparable import recorded_configuration, require_comparable

@@ -17,8 +17,7 @@ def predict_tuning(file: Path, config: Path, cut: tuple[float, float] | None, as
     from micromanip.replay.comparable import recorded_configuration, require_comparable
     from micromanip.replay.counterfactual import DRAWS, FIGURES, SETTLE_S, Rerun, predict
     from micromanip.replay.fitting import fit_models
-    from micromanip.replay.told import untold_of_tooth
-    from micromanip.replay.window import take_window
+    from micromanip.replay.window import take_window, tooth_caveats
     from micromanip.rt.jit import Compiler
     from micromanip.settings.commissioned import changes_since
 
@@ -57,7 +56,7 @@ def predict_tuning(file: Path, config: Path, cut: tuple[float, float] | None, as
         "outrun": found.outrun,
         "notes": [
             *(f"{file}: {change}" for _, change in changes_since(recorded.axes)),
-            *untold_of_tooth(window, tuned.parameters),
+            *tooth_caveats(window, tuned.parameters),
         ],
     }
     print_answer(document, _show, as_json)

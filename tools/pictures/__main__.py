@@ -24,11 +24,9 @@ from micromanip.settings.check import Prepared, prepare
 from micromanip.settings.schema.reference import Hold, Step
 from micromanip.virtual.experiment import VirtualExperiment, with_options
 
-from .analysis import analysis_drawings
-from .commissioning import commissioning_drawings
+from .design_figures import analysis_drawings, commissioning_drawings, linear_fit
 from .diagrams import DIAGRAMS
 from .house import house
-from .linear import linear_fit
 
 ROOT = Path(__file__).resolve().parents[2]
 PICTURES = ROOT / "docs" / "pictures"

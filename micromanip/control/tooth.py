@@ -12,7 +12,7 @@ from typing import Protocol
 
 import numpy as np
 
-from .intermittent_gains import intermittent_gains
+from .gain_schedule import intermittent_gains
 from .outer_gains import Matrix, OuterGains, OuterSettings, stationary_filter
 
 _DAMPED, _LEAST_DAMPED, _PULLS_IN_PER_S = 0.5, 4.0, 2.0

@@ -64,13 +64,13 @@ def replay(telemetry: Telemetry) -> ReplayResult:
     recorded = Recorded(telemetry)
     run = Run(recorded)
     for rows in recorded.rows():
-        run.result.rows += len(rows)
+        run.outcome.rows += len(rows)
         run.go_on(rows)
-    run.result.lacks = recorded.lacks
-    if run.result.cycles == 0 and run.result.difference is None:
-        why = run.result.gaps or ["no row follows a state of the loop"]
+    run.outcome.lacks = recorded.lacks
+    if run.outcome.cycles == 0 and run.outcome.difference is None:
+        why = run.outcome.gaps or ["no row follows a state of the loop"]
         raise CheckFailed(f"{telemetry.file}: nothing can be replayed: {why[0]}")
-    return run.result
+    return run.outcome
 
 
 class Run:
@@ -82,15 +82,15 @@ class Run:
         self.state: NDArray[Any] | None = None
         self.signals, self.outputs = np.zeros(MAX_SIGNALS, SIGNAL), np.zeros(MAX_OUTPUTS)
         self.sets = np.zeros(2, CELL_PARAMETERS)
-        self.result = ReplayResult(telemetry.axes, sources=telemetry.sources)
-        self.result.is_other_version = telemetry.sources not in ("", sources_of_cycle()) or bool(recorded.unlike)
+        self.outcome = ReplayResult(telemetry.axes, sources=telemetry.sources)
+        self.outcome.is_other_version = telemetry.sources not in ("", sources_of_cycle()) or bool(recorded.unlike)
         self._first_cycle: int | None = None
 
     def go_on(self, rows: NDArray[Any]) -> None:
         """Replay `rows`, up to the first that differs, from the first on that follows a state of the loop."""
         if self._first_cycle is None and len(rows):
             self._first_cycle = int(rows["cycle"][0])
-        while len(rows) and self.result.difference is None:
+        while len(rows) and self.outcome.difference is None:
             if self.state is None:
                 rows = self._begin(rows)
                 continue
@@ -99,12 +99,12 @@ class Run:
             whole = int(broken[0]) if len(broken) else len(rows)
             for part in np.split(rows[:whole], np.flatnonzero(np.diff(rows["version"][:whole])) + 1):
                 if self.state is None:
-                    self.result.left_out += len(part)
-                elif len(part) and self.result.difference is None:
+                    self.outcome.left_out += len(part)
+                elif len(part) and self.outcome.difference is None:
                     self._one_version(self.state, np.ascontiguousarray(part))
-            if len(broken) and self.state is not None and self.result.difference is None:
+            if len(broken) and self.state is not None and self.outcome.difference is None:
                 missing = int(rows["cycle"][whole] - behind[whole] - rows["periods"][whole])
-                self.result.gaps.append(
+                self.outcome.gaps.append(
                     f"{missing} cycles are missing behind cycle {behind[whole]}"
                     if missing > 0
                     else f"cycle {rows['cycle'][whole]} comes behind cycle {behind[whole]}"
@@ -116,7 +116,7 @@ class Run:
         """Take the state that one of `rows` follows; those from this row on."""
         follows = np.isin(rows["cycle"] - rows["periods"], list(self.recorded.states))
         at = int(np.argmax(follows)) if follows.any() else len(rows)
-        self.result.left_out += at
+        self.outcome.left_out += at
         if at < len(rows):
             self.state = self.recorded.states[int(rows["cycle"][at] - rows["periods"][at])].copy()
             self.signals[:] = np.zeros(1, SIGNAL)
@@ -127,20 +127,20 @@ class Run:
         for needed in (present, version):
             if needed not in self.recorded.parameters:
                 cycle = rows["cycle"][0]
-                self.result.gaps.append(f"the parameters of version {needed}, needed in cycle {cycle}, are not in it")
-                self.result.left_out += len(rows)
+                self.outcome.gaps.append(f"the parameters of version {needed}, needed in cycle {cycle}, are not in it")
+                self.outcome.left_out += len(rows)
                 self.state = None
                 return
         self.sets[0], self.sets[1] = self.recorded.parameters[present][0], self.recorded.parameters[version][0]
         if version != present:
             self._swap(state, rows[:1])
             self.sets[0], rows = self.sets[1].copy(), rows[1:]
-        if len(rows) and self.result.difference is None:
+        if len(rows) and self.outcome.difference is None:
             self._count(rows, *self._replayed(state, rows, NO_SWAP))
 
     def _swap(self, state: NDArray[Any], row: NDArray[Any]) -> None:
         """The row in which other parameters came: at the boundary before it, or as a promotion behind it."""
-        self.result.swaps += 1
+        self.outcome.swaps += 1
         was = state.copy(), self.signals.copy()
         found = self._replayed(state, row, SWAP_BEFORE)
         if found[0] is not None:
@@ -159,29 +159,29 @@ class Run:
         replay_rows(
             self.sets, state, self.signals, self.outputs, samples, rows, commands, replayed, *whole, *NOTHING_DIFFERS
         )
-        return first_mismatch(rows, replayed, self.result.axes), commands
+        return first_mismatch(rows, replayed, self.outcome.axes), commands
 
     def _count(self, rows: NDArray[Any], mismatch: Mismatch | None, commands: NDArray[np.int64]) -> None:
         good = len(rows) if mismatch is None else mismatch.at
-        self.result.cycles += good
-        self.result.skipped += int((rows["periods"][:good] - 1).sum())
-        self.result.commands.update(COMMAND_NAMES[k] for k in commands[:good] if k != NO_COMMAND)
+        self.outcome.cycles += good
+        self.outcome.skipped += int((rows["periods"][:good] - 1).sum())
+        self.outcome.commands.update(COMMAND_NAMES[k] for k in commands[:good] if k != NO_COMMAND)
         if mismatch is not None:
             cycle = int(rows["cycle"][mismatch.at])
             t_s = (cycle - (self._first_cycle or 0)) * self.recorded.telemetry.period_ns * 1e-9
-            self.result.difference = Difference(cycle, t_s, mismatch.values, self._cause(mismatch))
+            self.outcome.difference = Difference(cycle, t_s, mismatch.values, self._cause(mismatch))
 
     def _cause(self, mismatch: Mismatch) -> str:
         """What most likely made them differ."""
         if self.recorded.unlike:
             fields = ", ".join(self.recorded.unlike[:4])
             return f"another version of the program recorded it: its records are not those of this one ({fields})"
-        if self.result.is_other_version:
+        if self.outcome.is_other_version:
             return "another version of the program recorded it: the sources of its cycle are not those of this one"
         first = mismatch.values[0].name
         if not self.recorded.is_complete and first not in ("reference_um", "estimate_um", "setpoint_um"):
             return f"an older version recorded it, and its rows do not say: {', '.join(self.recorded.lacks)}"
-        if not self.result.sources:
+        if not self.outcome.sources:
             return "the file does not say which version of the program recorded it; it may have been another one"
         if first in ("state", "phase", "fault"):
             return "something led to another state that the rows do not say"

@@ -50,11 +50,12 @@ class TrackerSettings(Protocol):
 
 
 class Predictor(NamedTuple):
-    """A stationary filter: gain (r,), and variances (oscillations,), um^2, of each one's o and o' over its frequency,
-    both, after a sample.
+    """A stationary filter: gain (r,), variance of the innovations, and variances (oscillations,) of each one's o and
+    o' over its frequency, both, after a sample; um^2.
     """
 
     gain: Matrix
+    innovation_um2: float
     swings_um2: Matrix
 
 
@@ -117,7 +118,7 @@ def _stationary(reference: TrackerSettings) -> Predictor:
     P = solve_riccati(Fs.T, H[:, None], Qs, np.array([[reference.noise_um**2]]))
     variance = float(H @ P @ H + reference.noise_um**2)
     left = np.diag(P) - (P @ H) ** 2 / variance
-    return Predictor(np.asarray(units * (P @ H) / variance, dtype=np.float64), left[3::2] + left[4::2])
+    return Predictor(np.asarray(units * (P @ H) / variance, dtype=np.float64), variance, left[3::2] + left[4::2])
 
 
 def _walked(decay_per_s: float, time_s: float) -> float:

@@ -48,7 +48,6 @@ class SimulatedAxis:
     deviation: tuple[Line, ...]
     neighbours: tuple[Line, ...]
     tracker_noise_um: float
-    force_static_N: float
     force_noise: tuple[float, float]
     tooth: Line
     strain_noise_um: float

@@ -48,7 +48,10 @@ if TYPE_CHECKING:
     show_default="one a CPU",
     help="Processes that share the plants; 1: this one alone.",
 )
-@click.option("--cluster", "address", help="Dask scheduler that takes the plants instead, e.g. tcp://host:8786.")
+@click.option(
+    "--scheduler", "address", metavar="ADDRESS",
+    help="Dask scheduler that takes the plants instead, e.g. tcp://host:8786.",
+)  # fmt: skip
 @click.option("--figures/--no-figures", default=True, show_default=True, help="Draw the figures.")
 @json_option
 def command(
@@ -61,8 +64,8 @@ def command(
     not judged. Exit code 1 where a criterion fails. docs/analysis.md explains the figures.
     """
     from micromanip.design.analysis import analyse_axis
-    from micromanip.design.cluster import cluster
     from micromanip.design.criteria import criteria, notes, report
+    from micromanip.design.parallel import scheduler
     from micromanip.virtual.experiment import VirtualExperiment
     from micromanip.virtual.variation import VariedCell
 
@@ -84,7 +87,7 @@ def command(
             def progress(what: str, axis: str = name) -> None:
                 bar.say(f"axis {axis}: {what}")
 
-            with cluster(address) if address else nullcontext():
+            with scheduler(address) if address else nullcontext():
                 analysis = analyse_axis(
                     prepared.configuration,
                     name,

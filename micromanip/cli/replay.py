@@ -1,4 +1,4 @@
-"""``micromanip replay RECORDING``: a recorded run again, bit for bit, or under another tuning."""
+"""``micromanip replay RECORDING``: a recorded run again, bit for bit, or under other tunings."""
 
 from __future__ import annotations
 
@@ -10,15 +10,17 @@ import click
 
 from micromanip.errors import UsageError
 
-from .options import StrictCommand, json_option, print_answer
+from .options import Quantity, StrictCommand, json_option, print_answer
 from .prose import say
 from .recording_options import Cut, warn_of_damage
+
+_OF_VARY = ("trials", "best", "objective", "seed", "jobs", "address", "out")
 
 
 @click.command(
     "replay",
     cls=StrictCommand,
-    epilog="Example: micromanip replay out/run.mcap --with tuned.yaml",
+    epilog="Example: micromanip replay out/run.mcap --vary axes.*.outer.control_weight=1..100:log --out best.yaml",
 )
 @click.argument("file", type=click.Path(path_type=Path), metavar="RECORDING")
 @click.option(
@@ -28,9 +30,36 @@ from .recording_options import Cut, warn_of_damage
     metavar="CONFIG",
     help="Another tuning of the same cell: predict its path error, and the limits it would meet.",
 )
-@click.option("--cut", type=Cut(), help="With --with: this part only, in seconds from the first row.")
+@click.option(
+    "--vary", multiple=True, metavar="KEY=A..B",
+    help="A number of the recorded tuning, or of CONFIG, to vary: A..B, A..B:log, or a list A,B,C. axes.*. is every "
+    "axis alike. Again for more keys.",
+)  # fmt: skip
+@click.option("--cut", type=Cut(), help="With --with or --vary: this part only, in seconds from the first row.")
+@click.option(
+    "--trials", type=click.IntRange(1, 1_000_000), default=200, show_default=True, help="With --vary: tunings to try."
+)
+@click.option("--best", type=click.IntRange(1, 1000), default=5, show_default=True, help="With --vary: tunings shown.")
+@click.option(
+    "--objective", type=click.Choice(["rms", "p99", "peak"]), default="rms", show_default=True,
+    help="With --vary: the figure of the path error, over all axes, by which tunings are ranked.",
+)  # fmt: skip
+@click.option("--seed", type=Quantity("Seed"), default=1, show_default=True, help="With --vary: seed of the trials.")
+@click.option(
+    "--jobs", type=click.IntRange(-1, 1024), default=-1, show_default="one a CPU", help="With --vary: processes."
+)
+@click.option(
+    "--scheduler", "address", metavar="ADDRESS", help="With --vary: a Dask scheduler instead, e.g. tcp://host:8786."
+)
+@click.option(
+    "--out", type=click.Path(path_type=Path, dir_okay=False), help="With --vary: new file for the best configuration."
+)
 @json_option
-def command(file: Path, config: Path | None, cut: tuple[float, float] | None, as_json: bool) -> None:
+@click.pass_context
+def command(
+    context: click.Context, /, file: Path, config: Path | None, vary: tuple[str, ...], cut: tuple[float, float] | None,
+    as_json: bool, **search: Any,
+) -> None:  # fmt: skip
     """Run the cycles of a recording once more on what came in, and compare each number bit for bit.
 
     Voltages, set-points, estimates, feedforward, feedback, states and faults. Exit code 0 where all are equal, 1 where
@@ -38,13 +67,25 @@ def command(file: Path, config: Path | None, cut: tuple[float, float] | None, as
 
     With --with the same forces, noise and path meet another tuning: from the arming on where that is recorded, else
     from the beginning, or that of --cut. Exit code 1 where the cell would have stopped.
-    """
-    if config is not None:
-        from .tried import try_tuning
 
-        try_tuning(file, config, cut, as_json)
+    With --vary many tunings are tried like that, from the beginning of tracking on, and the best are listed. --out
+    takes the best that passes `check`; exit code 1 where none is better.
+    """
+    if not vary and (name := next((name for name in _OF_VARY if _is_given(context, name)), None)):
+        raise UsageError(f"--{'scheduler' if name == 'address' else name} goes with --vary")
+    if search["jobs"] == 0:
+        raise UsageError("--jobs 0 leaves nobody to work: 1 or more, or -1 for one a CPU")
+    if vary:
+        from .variation_report import vary_tuning
+
+        vary_tuning(file, config, cut, as_json, vary=vary, **search)
+        return
+    if config is not None:
+        from .counterfactual_report import predict_tuning
+
+        predict_tuning(file, config, cut, as_json)
     if cut is not None:
-        raise UsageError("--cut goes with --with; without it the whole recording is compared")
+        raise UsageError("--cut goes with --with or --vary; without them the whole recording is compared")
     from micromanip.recordings import open_telemetry
     from micromanip.replay import replay
     from micromanip.rt.jit import Compiler
@@ -78,6 +119,10 @@ def command(file: Path, config: Path | None, cut: tuple[float, float] | None, as
     }
     print_answer(document, _show, as_json)
     sys.exit(0 if difference is None else 1)
+
+
+def _is_given(context: click.Context, name: str) -> bool:
+    return context.get_parameter_source(name) not in (None, click.core.ParameterSource.DEFAULT)
 
 
 def _show(document: dict[str, Any]) -> None:

@@ -225,7 +225,7 @@ def _new_folder(folder: Path, at: datetime.datetime, label: str) -> Path:
     raise AssertionError
 
 
-def keep(write: Callable[[Path], None], file: Path) -> None:
+def keep(write: Callable[[Path], object], file: Path) -> None:
     """`write(file)`; where the disk refuses it, among the temporary files, and an error that says where."""
     try:
         write(file)
@@ -234,7 +234,7 @@ def keep(write: Callable[[Path], None], file: Path) -> None:
         raise type(cause)(f"{cause}; {_elsewhere(write, file.name)}") from problem
 
 
-def _elsewhere(write: Callable[[Path], None], name: str) -> str:
+def _elsewhere(write: Callable[[Path], object], name: str) -> str:
     try:
         refuge = Path(tempfile.mkdtemp(prefix="micromanip-")) / name
         write(refuge)

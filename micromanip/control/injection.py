@@ -108,9 +108,9 @@ class Injection:
         return np.asarray(np.moveaxis(np.fft.rfft(pieces, axis=1)[:, 2 * self.harmonic], -1, 0))
 
 
-def highest_Hz(rate_hz: float, told_Hz: float = np.inf) -> float:
-    """Highest line of a loop at `rate_hz`, whose samples tell the truth up to `told_Hz`."""
-    return min(WIDE_SHARE * rate_hz, WIDEST_HZ, told_Hz)
+def highest_Hz(rate_hz: float, trusted_Hz: float = np.inf) -> float:
+    """Highest line of a loop at `rate_hz`, whose samples are right up to `trusted_Hz`."""
+    return min(WIDE_SHARE * rate_hz, WIDEST_HZ, trusted_Hz)
 
 
 def injection(

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .predictor import Matrix, TrackerSettings, diagonal, sample_transition, shown, stationary, tracker_gain
+from .predictor import Matrix, TrackerSettings, block_diagonal, output_row, sample_transition, stationary, tracker_gain
 
 _PULL, _ACROSS_S, _FLOOR_SIGMA = 1.0, 0.1, 4.0
 """Share of the lead that is taken up, over the share of the error that a sample removes, of a lone oscillation: a
@@ -67,7 +67,7 @@ def joints_radius(reference: TrackerSettings) -> float:
             _turn(2.0 * math.pi * each.frequency_Hz, detuning, step_s)
             for each, detuning in zip(reference.oscillations, found, strict=True)
         ]
-        largest = max(largest, float(np.abs(_poles(reference, diagonal(np.eye(3), *turns) @ step)).max()))
+        largest = max(largest, float(np.abs(_poles(reference, block_diagonal(np.eye(3), *turns) @ step)).max()))
     return largest
 
 
@@ -79,4 +79,4 @@ def _turn(omega: float, detuning: float, period_s: float) -> Matrix:
 
 def _poles(reference: TrackerSettings, step: Matrix) -> Matrix:
     gain = tracker_gain(reference)
-    return np.asarray(np.linalg.eigvals((np.eye(len(gain)) - np.outer(gain, shown(len(gain)))) @ step))
+    return np.asarray(np.linalg.eigvals((np.eye(len(gain)) - np.outer(gain, output_row(len(gain)))) @ step))

@@ -21,8 +21,8 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from .predictor import TrackerSettings, diagonal, reference_transition, rotation, shown
-from .remembered import remembered
+from .cached_arrays import cached_arrays
+from .predictor import TrackerSettings, block_diagonal, output_row, reference_transition, rotation
 from .riccati import solve_riccati
 
 Matrix = NDArray[np.float64]
@@ -163,10 +163,10 @@ def regulate(
     P = solve_riccati(Ac, Bc, np.outer(Cc, Cc), np.array([[weight]]))
     K = np.linalg.solve(Bc.T @ P @ Bc + weight, Bc.T @ P @ Ac)[0]
     E, D = A[:controllable, controllable:], A[controllable:, controllable:]
-    exo = diagonal(D, S)
+    exo = block_diagonal(D, S)
     forcing = np.hstack([E, np.zeros((controllable, len(S)))])
     target = np.zeros(len(exo))
-    target[len(D) :] = shown(len(S))
+    target[len(D) :] = output_row(len(S))
     m = len(exo)
     # unknowns: Pi column by column, then Gamma
     each, states = np.arange(m), m * controllable
@@ -232,7 +232,7 @@ def process_innovation(
     return _largest_innovation(*filtered, outer.sample_cycles, angle, step_um, rise_cycles, time_cycles)
 
 
-@remembered(16)
+@cached_arrays(16)
 def _largest_innovation(
     A: Matrix, b: Matrix, C: Matrix, observer: Matrix, m: int, angle: float, step_um: float, rise: int, time: int
 ) -> float:

@@ -70,7 +70,7 @@ def reference_transition(oscillations: Sequence[OscillationSettings], period_s: 
     h = period_s
     moving = np.array([[1.0, h, h * h / 2], [0.0, 1.0, h], [0.0, 0.0, 1.0]])
     turns = (np.exp(-o.decay_per_s * h) * rotation(2 * np.pi * o.frequency_Hz, h) for o in oscillations)
-    return diagonal(moving, *turns)
+    return block_diagonal(moving, *turns)
 
 
 def sample_transition(reference: TrackerSettings, period_s: float) -> Matrix:
@@ -80,7 +80,7 @@ def sample_transition(reference: TrackerSettings, period_s: float) -> Matrix:
     return step
 
 
-def shown(states: int) -> Matrix:
+def output_row(states: int) -> Matrix:
     """What a sample shows of the state (r,): position and every oscillation."""
     row = np.zeros(states)
     row[0] = 1.0
@@ -113,8 +113,8 @@ def _stationary(reference: TrackerSettings) -> Predictor:
         blocks.append(each.um_per_s**2 * np.diag([1.0, omega**2]) * time_s)
         scale += [1.0, omega]
     # in units in which all states are of like size: the plain equation is too badly scaled
-    units, H = np.array(scale), shown(len(F))
-    Fs, Qs = F * units[None, :] / units[:, None], diagonal(*blocks) / np.outer(units, units)
+    units, H = np.array(scale), output_row(len(F))
+    Fs, Qs = F * units[None, :] / units[:, None], block_diagonal(*blocks) / np.outer(units, units)
     P = solve_riccati(Fs.T, H[:, None], Qs, np.array([[reference.noise_um**2]]))
     variance = float(H @ P @ H + reference.noise_um**2)
     left = np.diag(P) - (P @ H) ** 2 / variance
@@ -126,7 +126,7 @@ def _walked(decay_per_s: float, time_s: float) -> float:
     return float(-np.expm1(-2.0 * decay_per_s * time_s) / (2.0 * decay_per_s)) if decay_per_s > 0.0 else time_s
 
 
-def diagonal(*blocks: Matrix) -> Matrix:
+def block_diagonal(*blocks: Matrix) -> Matrix:
     """Square blocks along the diagonal."""
     total, at = np.zeros((sum(map(len, blocks)),) * 2), 0
     for block in blocks:

@@ -15,7 +15,7 @@ import contextlib
 import numpy as np
 from numpy.typing import NDArray
 
-from .remembered import remembered
+from .cached_arrays import cached_arrays
 
 Matrix = NDArray[np.float64]
 
@@ -24,7 +24,7 @@ _SETTLED, _RESIDUAL, _ROUGH = 1e-14, 1e-7, 1e-3
 """Of the last step and of what is left, in terms of P; of a badly scaled equation three digits do, if it stabilises."""
 
 
-@remembered(16)
+@cached_arrays(16)
 def solve_riccati(A: Matrix, B: Matrix, Q: Matrix, R: Matrix) -> Matrix:
     """P (n, n) for A (n, n), B (n, m), symmetric Q (n, n) and positive definite R (m, m).
 

@@ -12,7 +12,7 @@ from typing import Protocol
 
 import numpy as np
 
-from .gap_gains import gap_gains
+from .gain_schedule import intermittent_gains
 from .outer_gains import Matrix, OuterGains, OuterSettings, stationary_filter
 
 _DAMPED, _LEAST_DAMPED, _PULLS_IN_PER_S = 0.5, 4.0, 2.0
@@ -61,7 +61,7 @@ def followed_tooth(outer: FollowedSettings, gains: OuterGains, gaps: int, period
     P, sample_s = gains.covariance, m * period_s
     bare = _without_tooth(outer.without_tooth(), gains)
     plain = np.zeros((gaps, n))
-    plain[:, : n - 2] = gap_gains(bare, gaps)
+    plain[:, : n - 2] = intermittent_gains(bare, gaps)
     error = removed(gains)
     window = max(1, round(_WINDOW_S / sample_s))
     return FollowedTooth(

@@ -19,7 +19,8 @@ from micromanip.settings.schema.reference import Tracker
 from .actuation import Actuator, identify_actuator
 from .experiment import Experiment
 from .judged import Inverse, Stage, Strain, analyse_inverse, analyse_stage, analyse_strain
-from .loops import Sample, draw, each
+from .loops import Sample, draw
+from .parallel import each
 
 Play = Callable[[Mapping[str, float], int], dict[str, Any]]
 """Runs a whole cell with another plant (factors of a perturbation) and a seed of its noise."""

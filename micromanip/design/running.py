@@ -22,7 +22,7 @@ from micromanip.errors import CheckFailed
 from micromanip.replies import Injected, Response
 from micromanip.rt.states import HOLD
 from micromanip.settings.check import Prepared
-from micromanip.settings.injected import COLUMNS, planned
+from micromanip.settings.injected import COLUMNS, plan_excitation
 from micromanip.settings.load import validate_document
 from micromanip.settings.schema.accept import Accept
 from micromanip.settings.schema.axis import Axis
@@ -239,7 +239,7 @@ def measure_virtually(
     cell.run(_SETTLE_S, command=HOLD)
     found = []
     for draw in range(draws):
-        wave = planned(configuration, path, axis, loop, amplitude_um, seed + draw)
+        wave = plan_excitation(configuration, path, axis, loop, amplitude_um, seed + draw)
         found.append(_one_draw(prepared, cell, wave, loop, index, draw + 1))
     faults = cell.faults()
     if faults:

@@ -1,5 +1,5 @@
 """A recorded run again: the very same compiled cycle on what its rows say came in."""
 
-from .self_replay import Difference, Outcome, replay
+from .self_replay import Difference, ReplayResult, replay
 
-__all__ = ["Difference", "Outcome", "replay"]
+__all__ = ["Difference", "ReplayResult", "replay"]

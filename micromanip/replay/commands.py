@@ -48,7 +48,7 @@ _WITHOUT_A_NEW_FAULT = {
 }
 
 
-def commands_of(rows: NDArray[Any], before: Any, wired: bool) -> NDArray[np.int64]:
+def infer_commands(rows: NDArray[Any], before: Any, wired: bool) -> NDArray[np.int64]:
     """The command (n,) of each of the `rows` (n,); `before` is the cell's state before them.
 
     `wired`: a signal says which part is made, not a command.

@@ -31,14 +31,14 @@ class Value(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Unequal:
+class Mismatch:
     """Row `at` of a part is the first that differs, in `values`: what the cycle computes first comes first."""
 
     at: int
     values: list[Value]
 
 
-def first_unequal(recorded: NDArray[Any], replayed: NDArray[Any], axes: list[str]) -> Unequal | None:
+def first_mismatch(recorded: NDArray[Any], replayed: NDArray[Any], axes: list[str]) -> Mismatch | None:
     """The first of the rows (n,) that are not the same; None where all are."""
     differs = np.zeros(len(recorded), bool)
     columns = [(name, "", *_pair(recorded, replayed, name)) for name in _CELL[:1]]
@@ -58,7 +58,7 @@ def first_unequal(recorded: NDArray[Any], replayed: NDArray[Any], axes: list[str
         for name, axis, one, two in columns
         if _unequal(one[at : at + 1], two[at : at + 1])[0]
     ]
-    return Unequal(at, found)
+    return Mismatch(at, found)
 
 
 def _pair(one: NDArray[Any], two: NDArray[Any], name: str) -> tuple[NDArray[Any], NDArray[Any]]:

@@ -16,10 +16,8 @@ from micromanip.rt.telemetry import ROW
 
 from .fitting import Models
 from .kernel import NO_SWAP, SWAP_BEFORE, replay_rows
-from .limits import Met, limits_met
-from .outcomes import Outcome, Undecided, ranges, undecided
-from .told import told_rows
-from .window import Window
+from .outcomes import LimitMet, Outcome, Undecided, limits_met, ranges, undecided
+from .window import Window, counted_rows
 
 SETTLE_S = 0.3
 """After the other tuning has come in, or many cycles were missed, before its error counts."""
@@ -51,9 +49,9 @@ class Prediction:
     """
 
     recorded: Array
-    recorded_limits: list[Met]
+    recorded_limits: list[LimitMet]
     expected: Expected
-    limits: list[Met]
+    limits: list[LimitMet]
     stopped_s: float | None
     stops: float
     undecided: list[Undecided]
@@ -72,7 +70,7 @@ class Rerun:
                 f"{window.file}: only {window.seconds:.2f} s of it track, less than the {settle_s:g} s that the other "
                 "tuning is given to settle"
             )
-        self.counts = told_rows(window, self.first - window.first)
+        self.counts = counted_rows(window, self.first - window.first)
         least = min(LEAST_S * 1e9 / window.period_ns, len(window.rows) - self.first)
         if self.counts.sum() < least * (1.0 - 1e-9):
             raise CheckFailed(

@@ -1,4 +1,4 @@
-"""What the models that may be true agree on, and the range of an error where they don't.
+"""What a run comes to: the limits that it meets, and the range of its error over the models that may be true.
 
 Some laws decide: the observer of the tooth is given up or not (W-216), the PID falls back (W-215), the cell stops.
 Near such a decision two models that differ by a hair leave two errors that have nothing to do with each other, and the
@@ -8,13 +8,15 @@ spread of those on one side says nothing of the other. So models are sorted by w
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.faults import KINDS, FaultKind
-from micromanip.rt.states import FALLBACK, OUTRUN, TOOTH_LOST
+from micromanip.rt.states import FALLBACK, NO_FAULT, OUTRUN, TOOTH_LOST
+
+from .window import Window
 
 Array = NDArray[np.float64]
 Bits = NDArray[np.int64]
@@ -29,8 +31,20 @@ _GAPS = 2.5
 _OTHERWISE = 0.1
 """Share by which the range goes beyond the few models with which something else happens."""
 _FEW = 5
+_NEARLY = 1.0 - 1e-9
+"""A step of so much of the slew limit is at the limit."""
 DECIDED = (1 << TOOTH_LOST) | (1 << FALLBACK)
 """Conditions that change what acts for good."""
+
+
+class LimitMet(NamedTuple):
+    """A limit that was met: its name and value, for how many cycles, and when first from the recording's beginning."""
+
+    axis: str
+    limit: str
+    value: str
+    cycles: int
+    first_s: float
 
 
 class Undecided(NamedTuple):
@@ -104,6 +118,38 @@ def undecided(axes: list[str], every: list[Outcome]) -> list[Undecided]:
             if any(with_it) and not all(with_it):
                 found.append(Undecided(axis, _name(kind), kind.code, sum(with_it), len(every), with_it[0]))
     return found
+
+
+def limits_met(window: Window, parameters: NDArray[Any], rows: NDArray[Any], begin: int) -> list[LimitMet]:
+    """The limits of `parameters` (1,) that `rows` (n,), of the window from row `begin` on, meet; by the time."""
+    found: list[LimitMet] = []
+    per_ms = 1e6 / window.period_ns
+
+    def add(axis: str, limit: str, value: str, met: NDArray[np.bool_]) -> None:
+        if met.any():
+            found.append(LimitMet(axis, limit, value, int(met.sum()), window.at_s(begin + int(np.argmax(met)))))
+
+    def steps(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.abs(np.diff(values, prepend=values[:1]))
+
+    for i, axis in enumerate(window.axes):
+        p, row = parameters[0]["axis"][i], rows["axis"][:, i]
+        limiter, voltage, setpoint = p["limiter"], row["voltage_V"], row["setpoint_um"]
+        low, high = float(limiter["low_V"]), float(limiter["high_V"])
+        add(axis, "voltage", f"{low:g}..{high:g} V", (voltage <= low) | (voltage >= high))
+        slew = float(limiter["slew_V"])
+        add(axis, "voltage slew", f"{slew * per_ms:g} V/ms", steps(voltage) >= slew * _NEARLY)
+        low, high = float(p["setpoint_low_um"]), float(p["setpoint_high_um"])
+        add(axis, "stroke", f"{low:g}..{high:g} um", (setpoint <= low) | (setpoint >= high))
+        slew = float(p["setpoint_slew_um"])
+        add(axis, "set-point slew", f"{slew * per_ms:g} um/ms", steps(setpoint) >= slew * _NEARLY)
+        for number, kind in KINDS.items():
+            add(axis, _name(kind), kind.code, row["conditions"] & (1 << number) != 0)
+    latched = rows["fault"][rows["fault"] != NO_FAULT]
+    for number in np.unique(latched):
+        kind = KINDS[int(number)]
+        add("", _name(kind), kind.code, rows["fault"] == number)
+    return sorted(found, key=lambda met: met.first_s)
 
 
 def _name(kind: FaultKind) -> str:

@@ -16,8 +16,8 @@ from micromanip.rt.records import CELL_PARAMETERS, MAX_OUTPUTS, MAX_SIGNALS, SIG
 from micromanip.rt.states import COMMAND_NAMES, NO_COMMAND
 from micromanip.rt.telemetry import ROW
 
-from .commands import commands_of
-from .comparison import Unequal, Value, first_unequal
+from .commands import infer_commands
+from .comparison import Mismatch, Value, first_mismatch
 from .kernel import NO_SWAP, NOTHING_DIFFERS, SWAP_AFTER, SWAP_BEFORE, replay_rows
 from .recorded import Recorded
 
@@ -34,7 +34,7 @@ class Difference:
 
 
 @dataclass
-class Outcome:
+class ReplayResult:
     """What was replayed, and what came of it."""
 
     axes: list[str]
@@ -56,7 +56,7 @@ class Outcome:
     difference: Difference | None = None
 
 
-def replay(telemetry: Telemetry) -> Outcome:
+def replay(telemetry: Telemetry) -> ReplayResult:
     """Run the cycles of a recording again, as far as it says what came in.
 
     Raises CheckFailed where it lacks what the first of them needs, or is damaged.
@@ -82,7 +82,7 @@ class Run:
         self.state: NDArray[Any] | None = None
         self.signals, self.outputs = np.zeros(MAX_SIGNALS, SIGNAL), np.zeros(MAX_OUTPUTS)
         self.sets = np.zeros(2, CELL_PARAMETERS)
-        self.outcome = Outcome(telemetry.axes, sources=telemetry.sources)
+        self.outcome = ReplayResult(telemetry.axes, sources=telemetry.sources)
         self.outcome.is_other_version = telemetry.sources not in ("", sources_of_cycle()) or bool(recorded.unlike)
         self._first_cycle: int | None = None
 
@@ -136,47 +136,49 @@ class Run:
             self._swap(state, rows[:1])
             self.sets[0], rows = self.sets[1].copy(), rows[1:]
         if len(rows) and self.outcome.difference is None:
-            self._count(rows, *self._tried(state, rows, NO_SWAP))
+            self._count(rows, *self._replayed(state, rows, NO_SWAP))
 
     def _swap(self, state: NDArray[Any], row: NDArray[Any]) -> None:
         """The row in which other parameters came: at the boundary before it, or as a promotion behind it."""
         self.outcome.swaps += 1
         was = state.copy(), self.signals.copy()
-        found = self._tried(state, row, SWAP_BEFORE)
+        found = self._replayed(state, row, SWAP_BEFORE)
         if found[0] is not None:
             state[:], self.signals[:] = was
-            again = self._tried(state, row, SWAP_AFTER)
+            again = self._replayed(state, row, SWAP_AFTER)
             found = again if again[0] is None else found
         self._count(row, *found)
 
-    def _tried(self, state: NDArray[Any], rows: NDArray[Any], swap: int) -> tuple[Unequal | None, NDArray[np.int64]]:
-        commands = commands_of(rows, state[0], bool(self.sets[0]["part"]["signal"] >= 0))
+    def _replayed(
+        self, state: NDArray[Any], rows: NDArray[Any], swap: int
+    ) -> tuple[Mismatch | None, NDArray[np.int64]]:
+        commands = infer_commands(rows, state[0], bool(self.sets[0]["part"]["signal"] >= 0))
         replayed = np.zeros(len(rows), ROW)
         samples = self.recorded.samples
         whole = swap, len(rows)
         replay_rows(
             self.sets, state, self.signals, self.outputs, samples, rows, commands, replayed, *whole, *NOTHING_DIFFERS
         )
-        return first_unequal(rows, replayed, self.outcome.axes), commands
+        return first_mismatch(rows, replayed, self.outcome.axes), commands
 
-    def _count(self, rows: NDArray[Any], unequal: Unequal | None, commands: NDArray[np.int64]) -> None:
-        good = len(rows) if unequal is None else unequal.at
+    def _count(self, rows: NDArray[Any], mismatch: Mismatch | None, commands: NDArray[np.int64]) -> None:
+        good = len(rows) if mismatch is None else mismatch.at
         self.outcome.cycles += good
         self.outcome.skipped += int((rows["periods"][:good] - 1).sum())
         self.outcome.commands.update(COMMAND_NAMES[k] for k in commands[:good] if k != NO_COMMAND)
-        if unequal is not None:
-            cycle = int(rows["cycle"][unequal.at])
+        if mismatch is not None:
+            cycle = int(rows["cycle"][mismatch.at])
             t_s = (cycle - (self._first_cycle or 0)) * self.recorded.telemetry.period_ns * 1e-9
-            self.outcome.difference = Difference(cycle, t_s, unequal.values, self._cause(unequal))
+            self.outcome.difference = Difference(cycle, t_s, mismatch.values, self._cause(mismatch))
 
-    def _cause(self, unequal: Unequal) -> str:
+    def _cause(self, mismatch: Mismatch) -> str:
         """What most likely made them differ."""
         if self.recorded.unlike:
             fields = ", ".join(self.recorded.unlike[:4])
             return f"another version of the program recorded it: its records are not those of this one ({fields})"
         if self.outcome.is_other_version:
             return "another version of the program recorded it: the sources of its cycle are not those of this one"
-        first = unequal.values[0].name
+        first = mismatch.values[0].name
         if not self.recorded.is_complete and first not in ("reference_um", "estimate_um", "setpoint_um"):
             return f"an older version recorded it, and its rows do not say: {', '.join(self.recorded.lacks)}"
         if not self.outcome.sources:

@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 
 from micromanip.errors import CheckFailed
 from micromanip.recordings import Telemetry
+from micromanip.rt.laws.tooth import FOLLOWS
+from micromanip.rt.outrun import AT_ONCE, REMEMBERED, UNSEEN
 from micromanip.rt.states import READY, STAGE, TRACKING
 
-from .commands import commands_of
+from .commands import infer_commands
 from .recorded import Recorded
 from .self_replay import Run
 
@@ -98,7 +100,7 @@ def take_window(telemetry: Telemetry, cut: tuple[float, float] | None = None, *,
     _require_stage(telemetry, parameters)
     rows = np.ascontiguousarray(np.concatenate(taken))
     start_s = (int(rows["cycle"][0]) - origin) * period_s
-    commands = commands_of(rows, state[0], bool(parameters[0]["part"]["signal"] >= 0))
+    commands = infer_commands(rows, state[0], bool(parameters[0]["part"]["signal"] >= 0))
     return Window(
         str(file), telemetry.axes, telemetry.period_ns, telemetry.configuration, start_s,
         int(np.argmax(rows["cycle"] >= tracked)), rows, commands, state, run.signals, parameters, recorded.samples,
@@ -145,3 +147,54 @@ def _require_stage(telemetry: Telemetry, parameters: NDArray[Any]) -> None:
                 f"{telemetry.file}: axis {name} was not in mode: stage; another tuning is tried on a stage that is "
                 "held on its path"
             )
+
+
+def counted_rows(window: Window, settle: int) -> NDArray[np.bool_]:
+    """Which rows (n,) count in figures: tracking for `settle` rows, and as many after the last gap that matters.
+
+    A gap matters with more than `AT_ONCE` cycles, or where the calm gains act for it (``rt/outrun.py``), from its first
+    cycle on. While cycles are missed the voltage stays, and the stage goes where forces and open loop take it: what
+    another voltage would have done follows from low frequencies of the actuator, which a closed loop hardly shows. The
+    way back then leads over many micrometres, at the limits. So these rows and those within the settling time are left
+    out.
+    """
+    missed = np.maximum(window.rows["periods"].astype(np.int64) - 1, 0)
+    many = np.cumsum(np.minimum(missed, AT_ONCE))
+    lately = many - np.concatenate([np.zeros(min(REMEMBERED, len(many)), many.dtype), many[:-REMEMBERED]])
+    disturbed = (missed > AT_ONCE) | (lately > UNSEEN)
+    disturbed[: window.first] = False
+    rows = np.arange(len(missed))
+    last = np.maximum.accumulate(np.where(disturbed, rows, window.first))
+    following = np.minimum.accumulate(np.where(disturbed, rows, len(rows) + REMEMBERED)[::-1])[::-1]
+    return (rows > window.first) & (rows >= last + settle) & (rows <= following - REMEMBERED)
+
+
+def tooth_caveats(window: Window, parameters: NDArray[Any]) -> list[str]:
+    """Sentences on what a piece that does not begin with the arming leaves open about the observers of the tooth.
+
+    They are those of `parameters` (1,). Seconds of samples before the piece decide whether one is given up (W-216).
+    """
+    found: list[str] = []
+    if window.first > 0:
+        return found
+    given_up, anew = [], []
+    for i, name in enumerate(window.axes):
+        old, new = (each[0]["axis"][i]["outer"] for each in (window.parameters, parameters))
+        if new["tooth"] == 0:
+            continue
+        goes_on = old["tooth"] == new["tooth"] and old["tooth_range"] == new["tooth_range"]
+        if goes_on and window.state[0]["axis"][i]["estimator"]["given_up"] != FOLLOWS:
+            given_up.append(name)
+        elif old.tobytes() != new.tobytes():
+            anew.append(name)
+    if given_up:
+        found.append(
+            f"{', '.join(given_up)}: the tooth is not cancelled, as its observer had been given up before this piece "
+            "(W-216); armed anew, the other tuning would follow it again"
+        )
+    if anew:
+        found.append(
+            f"{', '.join(anew)}: whether the tooth's observer lasts where nothing cuts (W-216) this piece does not "
+            "tell; one that begins with the arming does"
+        )
+    return found

@@ -2,9 +2,9 @@
 
 A set-point that runs at its slew limit comes later than it is demanded, the more so the larger the error: after a
 stall, a burst of missed cycles or a push of the tool, fast gains then swing the stage from end to end, whatever their
-linear margins. So once their demand outruns the set-point, the calm ones (``control/far_gains.py``) act at once, until
-the set-point has followed these for a while; then the fast ones are faded in from where it is. Gains that run away
-again and again as soon as they are back are wrong: X-216.
+linear margins. So once their demand outruns the set-point, the calm ones (``control/gain_schedule.py``) act at once,
+until the set-point has followed these for a while; then the fast ones are faded in from where it is. Gains that run
+away again and again as soon as they are back are wrong: X-216.
 
 Where many cycles or samples are missing one after the other, a loop acts on what is no more, in steps that it was not
 made for: the fast gains of the strain loop then swing by themselves, those of the outer loop with them. So the calm

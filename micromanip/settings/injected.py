@@ -32,7 +32,7 @@ def require_axis(configuration: Configuration, axis: str) -> None:
         raise UsageError(f"there is no axis {axis!r:.40}; {did_you_mean(axis, configuration.axes, 'there are')}")
 
 
-def planned(
+def plan_excitation(
     configuration: Configuration, path: FeedbackPath, axis: str, loop: str, amplitude_um: float, seed: int
 ) -> Injection:
     """The injection for `loop` of `axis`, `amplitude_um` rms on the actuator's set-point.

@@ -1,10 +1,16 @@
-"""Writing fitted models back into a configuration file, its comments and order kept."""
+"""Writing fitted models back into a configuration file, its comments and order kept.
+
+A three-way merge of lines brings the program's changes into the text as somebody else wrote it (Khanna, Kunal and
+Pierce, "A Formal Investigation of Diff3", FSTTCS 2007): what lies between lines that all three have is somebody's own
+where the program changed nothing there, else the program's.
+"""
 
 from __future__ import annotations
 
 import copy
 import io
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from difflib import SequenceMatcher
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +24,43 @@ from micromanip.settings.schema.axis import Axis
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.schema.reference import Tracker
 from micromanip.settings.text.digits import rounded
-from micromanip.settings.text.kept_lines import with_lines_kept
+
+
+def with_lines_kept(own: str, before: str, after: str) -> str:
+    """`own` with what `after` has changed of `before`, which says the same as `own` in other lines."""
+    texts = tuple(text.splitlines(keepends=True) for text in (own, before, after))
+    result: list[str] = []
+    ends = (0, 0, 0)
+    for starts, count in _in_all(*texts):
+        mine, old, new = (text[end:start] for text, end, start in zip(texts, ends, starts, strict=True))
+        result += mine if new == old else new
+        result += texts[0][starts[0] : starts[0] + count]
+        ends = (starts[0] + count, starts[1] + count, starts[2] + count)
+    return "".join(result)
+
+
+def _in_all(
+    own: Sequence[str], before: Sequence[str], after: Sequence[str]
+) -> Iterator[tuple[tuple[int, int, int], int]]:
+    """Where runs of lines that are in all three begin in each, and how long they are; an empty one at their ends."""
+    to_own = _blocks(before, own)
+    to_after = _blocks(before, after)
+    i = k = 0
+    while i < len(to_own) and k < len(to_after):
+        (in_before, in_own, size), (there, in_after, there_size) = to_own[i], to_after[k]
+        first, last = max(in_before, there), min(in_before + size, there + there_size)
+        if first < last:
+            yield (in_own + first - in_before, first, in_after + first - there), last - first
+        if in_before + size < there + there_size:
+            i += 1
+        else:
+            k += 1
+    yield (len(own), len(before), len(after)), 0
+
+
+def _blocks(a: Sequence[str], b: Sequence[str]) -> Sequence[tuple[int, int, int]]:
+    return SequenceMatcher(None, a, b, autojunk=False).get_matching_blocks()
+
 
 _WIDTH = 110
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from micromanip.replay.commands import commands_of
+from micromanip.replay.commands import infer_commands
 from micromanip.rt.records import CELL_STATE
 from micromanip.rt.states import BEGIN_PART, END_PART, NO_COMMAND, TRACKING
 from micromanip.rt.telemetry import PART_RUNS, PART_TURN, ROW
@@ -17,4 +17,4 @@ def test_parts_that_begin_end_and_follow_one_another(wired):
     rows["lines"], rows["state"], before["state"] = lines, TRACKING, TRACKING
     before["part"], before["parts"] = 2, 2
     expected = [NO_COMMAND, NO_COMMAND, END_PART, NO_COMMAND, BEGIN_PART, BEGIN_PART, END_PART]
-    assert commands_of(rows, before, wired).tolist() == ([NO_COMMAND] * len(lines) if wired else expected)
+    assert infer_commands(rows, before, wired).tolist() == ([NO_COMMAND] * len(lines) if wired else expected)

@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 
 from micromanip.errors import CheckFailed, UsageError
 from micromanip.replay.comparable import recorded_configuration, require_comparable
-from micromanip.replay.comparison import first_unequal
+from micromanip.replay.comparison import first_mismatch
 from micromanip.replay.counterfactual import Rerun, predict
 from micromanip.replay.fitting import fit_models
 from micromanip.replay.window import take_window
@@ -44,7 +44,7 @@ def test_the_recorded_tuning_is_what_was_recorded(recorded, cut):
     window = take_window(telemetry, cut)
     assert (window.first > 0) == (cut is None)
     rerun = Rerun(window, fit_models(window, cell.configuration))
-    assert first_unequal(window.rows, rerun.rows(cell.parameters), window.axes) is None
+    assert first_mismatch(window.rows, rerun.rows(cell.parameters), window.axes) is None
     if cut is not None:
         found = predict(rerun, cell.parameters, draws=3)
         for um in (found.expected.um, found.expected.low_um, found.expected.high_um):

@@ -6,8 +6,7 @@ import pytest
 from micromanip.replay.counterfactual import Rerun, predict
 from micromanip.replay.fitting import fit_models
 from micromanip.replay.outcomes import Outcome, ranges, undecided
-from micromanip.replay.told import untold_of_tooth
-from micromanip.replay.window import take_window
+from micromanip.replay.window import take_window, tooth_caveats
 from micromanip.rt.laws.tooth import NO_GAIN
 from micromanip.rt.states import OUTRUN, TOOTH_LOST
 from tools.counterfactual import run
@@ -102,13 +101,13 @@ def test_what_a_cut_does_not_tell_of_the_observer(recorded):
     cell, telemetry = recorded
     follows = observing(cell, 0.05)
     window = take_window(telemetry, (5.5, 6.5))
-    (told,) = untold_of_tooth(window, follows)
+    (told,) = tooth_caveats(window, follows)
     assert told.startswith("x: whether the tooth's observer lasts")
-    assert untold_of_tooth(take_window(telemetry), follows) == []
-    assert untold_of_tooth(window, tuned(cell, {"axes.x.outer.oscillation_Hz": None})) == []
+    assert tooth_caveats(take_window(telemetry), follows) == []
+    assert tooth_caveats(window, tuned(cell, {"axes.x.outer.oscillation_Hz": None})) == []
     window.parameters[0]["axis"]["outer"][0] = follows[0]["axis"]["outer"][0]
     window.state[0]["axis"]["estimator"]["given_up"][0] = NO_GAIN
-    (told,) = untold_of_tooth(window, follows)
+    (told,) = tooth_caveats(window, follows)
     assert told.startswith("x: the tooth is not cancelled")
 
 

@@ -6,7 +6,7 @@ from filterpy.kalman import KalmanFilter
 from hypothesis import given
 from hypothesis import strategies as st
 
-from micromanip.control.gap_gains import gap_gains
+from micromanip.control.gain_schedule import intermittent_gains
 from micromanip.rt.laws.estimator import (
     ESTIMATOR_STATE,
     GAPS,
@@ -101,7 +101,7 @@ def test_a_sample_out_of_time_has_the_gain_of_its_gap(every, gap):
     for _ in range(min(gap, GAPS)):
         kf.predict()
     kf.update(np.zeros(1))
-    table = gap_gains(gains, GAPS)
+    table = intermittent_gains(gains, GAPS)
     assert (table[every - 1] == gains.observer).all()
     assert table[min(gap, GAPS) - 1] == pytest.approx(kf.K[:, 0], rel=1e-3, abs=1e-5)
     p = parameters(gains, gains=table)
@@ -127,7 +127,7 @@ def test_an_estimate_with_many_gaps_does_not_run_away(longest):
     """As it does with the stationary gain for all of them; of one cycle in thirty, on average, this one does, too."""
     _, gains, _ = designed(oscillation_Hz=200.0)
     gaps = np.random.default_rng(longest).integers(1, longest + 1, 3000)
-    assert grown(gains, gap_gains(gains, GAPS), gaps) < 0.0
+    assert grown(gains, intermittent_gains(gains, GAPS), gaps) < 0.0
     if longest > 10:
         assert grown(gains, np.tile(gains.observer, (GAPS, 1)), gaps) > 0.05
 

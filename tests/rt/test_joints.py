@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from micromanip.control.joints import followed_joints, joints_radius, removed
-from micromanip.control.predictor import reference_transition, shown, tracker_gain
+from micromanip.control.predictor import output_row, reference_transition, tracker_gain
 from micromanip.rt.laws.joints import JOINTS, as_rates, follow_joints
 from micromanip.rt.laws.reference import (
     REFERENCE_PARAMETERS,
@@ -251,7 +251,7 @@ def test_a_sample_removes_what_stepping_the_filter_says():
     error[3], sizes = 1.0, []
     for _ in range(1200):
         error = F @ error
-        error -= gain * (shown(5) @ error)
+        error -= gain * (output_row(5) @ error)
         sizes.append(math.hypot(error[3], error[4] / (2 * np.pi * 8.0)))
     left = (sizes[-1] / sizes[-601]) ** (1 / 600)
     assert removed(own)[0] == pytest.approx(1 - left, rel=0.05)

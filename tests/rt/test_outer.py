@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from filterpy.kalman import KalmanFilter
 
-from micromanip.control.far_gains import far_gains
+from micromanip.control.gain_schedule import calm_gains
 from micromanip.control.predictor import reference_transition
 from micromanip.rt.laws.estimator import ESTIMATOR_STATE, output
 from micromanip.rt.laws.lqg import OUTER_PARAMETERS, outer_setpoint
@@ -218,7 +218,7 @@ def test_the_calm_gains_are_of_the_same_cost_with_more_weight_and_leave_no_error
     """Oracle: python-control's discrete Riccati equation; the closed loop's gain from a position that is held is 1."""
     for delay, oscillation_Hz in VARIANTS:
         settings, gains, _ = designed(delay, oscillation_Hz=oscillation_Hz)
-        feedback, following = far_gains(settings, gains, None, PERIOD_S)
+        feedback, following = calm_gains(settings, gains, None, PERIOD_S)
         n = gains.controllable
         A, B, C = gains.A[:n, :n], gains.B[:n, None], gains.C[:n]
         K, _, poles = control.dlqr(A, B, np.outer(C, C), 30.0 * settings.control_weight)

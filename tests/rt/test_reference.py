@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad, solve_ivp
 from scipy.linalg import block_diag
 
-from micromanip.control.predictor import reference_transition, shown, tracker_gain
+from micromanip.control.predictor import output_row, reference_transition, tracker_gain
 from micromanip.rt.laws.reference import (
     HOLD,
     MAX_MODES,
@@ -250,7 +250,7 @@ THREE = AxisTracker(
 def test_three_oscillations_are_filterpys_too():
     kf, h = KalmanFilter(dim_x=9, dim_z=1), 2e-3
     kf.F = reference_transition(THREE.oscillations, h)
-    kf.H = shown(9)[None, :]
+    kf.H = output_row(9)[None, :]
     walked = [
         o.um_per_s**2 * quad(lambda t, d=o.decay_per_s: math.exp(-2 * d * t), 0.0, h)[0] for o in THREE.oscillations
     ]

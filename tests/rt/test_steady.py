@@ -8,7 +8,7 @@ from filterpy.kalman import KalmanFilter
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from micromanip.control.predictor import sample_transition, shown, tracker_gain
+from micromanip.control.predictor import output_row, sample_transition, tracker_gain
 from micromanip.rt.laws.motion import extrapolate, position
 from micromanip.rt.laws.reference import (
     REFERENCE_PARAMETERS,
@@ -212,7 +212,7 @@ def test_trust_is_the_logarithm_of_how_much_likelier_the_narrow_one_is(samples):
 def test_the_narrow_one_is_the_kalman_filter_of_what_is_surely_known():
     sure, h = MODEL.sure, 1e-3
     kf = KalmanFilter(dim_x=5, dim_z=1)
-    kf.F, kf.H, kf.R = sample_transition(sure, h), shown(5)[None, :], [[NOISE_UM**2]]
+    kf.F, kf.H, kf.R = sample_transition(sure, h), output_row(5)[None, :], [[NOISE_UM**2]]
     jerk = np.array([[h**5 / 20, h**4 / 8, h**3 / 6], [h**4 / 8, h**3 / 3, h**2 / 2], [h**3 / 6, h**2 / 2, h]])
     omega, walk = 2 * np.pi * 8.0, sure.oscillations[0].um_per_s
     kf.Q = np.zeros((5, 5))

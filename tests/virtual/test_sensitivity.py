@@ -18,7 +18,7 @@ from micromanip.design.running import judge_running, measure_virtually
 from micromanip.errors import CheckFailed
 from micromanip.rt.states import HOLDING, NO_COMMAND
 from micromanip.settings.check import prepare
-from micromanip.settings.injected import planned
+from micromanip.settings.injected import plan_excitation
 from micromanip.virtual.cell import VirtualCell
 from micromanip.virtual.experiment import VirtualExperiment
 from tools.robustness.truth import small_slope, true_plant
@@ -127,8 +127,8 @@ def test_a_loop_that_is_open_is_refused(prepared):
 def test_most_is_played_where_the_outer_loop_takes_most_away(prepared, strain):
     """What arrives is what was asked for; four times the plain lines are needed at the stage's mode."""
     configuration, path = prepared.configuration, VirtualExperiment(prepared).path(prepared.configuration, "x")
-    wave = planned(configuration, path, "x", "strain", 0.3, 1)
-    plain = planned(with_axes(configuration, mode="strain"), path, "x", "strain", 0.3, 1)
+    wave = plan_excitation(configuration, path, "x", "strain", 0.3, 1)
+    plain = plan_excitation(with_axes(configuration, mode="strain"), path, "x", "strain", 0.3, 1)
     assert (wave.frequency_Hz == plain.frequency_Hz).all()
     assert np.sqrt(0.5 * np.sum(plain.amplitude**2)) == pytest.approx(0.3)
     more = wave.amplitude / plain.amplitude

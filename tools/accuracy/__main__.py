@@ -13,7 +13,7 @@ from pathlib import Path
 
 import yaml
 
-from micromanip.design.loops import each
+from micromanip.design.parallel import each
 from micromanip.design.repeated import REPETITIONS
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.write import write_atomically

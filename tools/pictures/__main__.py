@@ -24,8 +24,7 @@ from micromanip.settings.check import Prepared, prepare
 from micromanip.settings.schema.reference import Hold, Step
 from micromanip.virtual.experiment import VirtualExperiment, with_options
 
-from .analysis import analysis_drawings
-from .commissioning import commissioning_drawings
+from .design_figures import analysis_drawings, commissioning_drawings
 from .diagrams import DIAGRAMS
 from .house import house
 

@@ -9,8 +9,7 @@ from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 
-import joblib
-
+from micromanip.design.parallel import each
 from micromanip.settings.check import prepare
 
 from .campaign import CONFIG, HELD, Outcome, commission_drawn
@@ -33,8 +32,7 @@ def main() -> int:
     given = parser.parse_args()
     write: Callable[[str], object] = sys.stdout.write
     results: list[Outcome] = []
-    run = joblib.Parallel(n_jobs=given.jobs, return_as="generator")
-    for outcome in run(joblib.delayed(one)(seed) for seed in range(given.first, given.first + given.plants)):
+    for outcome in each(one, range(given.first, given.first + given.plants), given.jobs):
         results.append(outcome)
         write(outcome.line + "\n")
         sys.stdout.flush()

@@ -2,6 +2,10 @@
 
 The receive loop is our own: python-can's Notifier needs a thread, and hides errors. Frames carry the time of their
 reception in CLOCK_MONOTONIC: the kernel's on SocketCAN, the bus's own on the test bus, that of being read elsewhere.
+
+The error frames of a CAN controller are counted, and bus-off is the end of the link. Only SocketCAN, and the test bus
+that follows it, tell the kinds of error apart (linux/can/error.h). How well a bus does is judged by its frames: most
+interfaces of python-can do not keep up their `state`.
 """
 
 from __future__ import annotations
@@ -10,6 +14,7 @@ import contextlib
 import errno
 import logging
 import re
+import select
 import time
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -20,9 +25,20 @@ from can.interfaces.socketcan import SocketcanBus
 from micromanip.driver import BusError, LinkError, TransientError
 
 from . import socketcan
-from .bus_reader import BusReader
-from .error_frames import ErrorFrames
 from .link_options import LinkOptions
+
+TRANSMIT_TIMEOUT = 0x001
+CONTROLLER = 0x004
+NO_ACKNOWLEDGE = 0x020
+BUS_OFF = 0x040
+
+# second byte of a frame about the controller
+RECEIVE_OVERFLOW = 0x01
+WARNING = 0x04 | 0x08
+PASSIVE = 0x10 | 0x20
+
+_TELL_APART = ("socketcan", "micromanip")
+
 
 __all__ = ["CanLink", "LinkOptions"]
 
@@ -179,3 +195,80 @@ def _text(error: Exception) -> str:
     if isinstance(error, OSError) and error.strerror:
         return error.strerror
     return " ".join(str(error).split()) or type(error).__name__
+
+
+class ErrorFrames:
+    """Counters of what error frames reported."""
+
+    def __init__(self, device: str, interface: str) -> None:
+        self._device = device
+        self._tells_apart = interface in _TELL_APART
+        self.counters = dict.fromkeys(
+            ("error_frames", "error_warning", "error_passive", "unacknowledged", "bus_off", "overflows"), 0
+        )
+
+    def take(self, message: can.Message) -> None:
+        """Count an error frame. Raises LinkError if it says that the controller left the bus."""
+        count = self.counters
+        count["error_frames"] += 1
+        if not self._tells_apart:
+            return
+        kind = message.arbitration_id
+        if kind & BUS_OFF:
+            count["bus_off"] += 1
+            raise LinkError(f"bus-off on {self._device}: too many errors, check bit rates, wiring and terminators")
+        if kind & (NO_ACKNOWLEDGE | TRANSMIT_TIMEOUT):
+            count["unacknowledged"] += 1
+        if kind & CONTROLLER and len(message.data) > 1:
+            state = message.data[1]
+            count["error_warning"] += bool(state & WARNING)
+            count["error_passive"] += bool(state & PASSIVE)
+            count["overflows"] += bool(state & RECEIVE_OVERFLOW)
+
+
+class BusReader:
+    """Frames of a python-can bus, each with the time of its reception in CLOCK_MONOTONIC.
+
+    The time is that of being read: clocks of vendors' drivers start anywhere, drift, and some jump. The test bus alone
+    stamps in CLOCK_MONOTONIC, and says so.
+    """
+
+    overflows = 0
+
+    def __init__(self, bus: can.BusABC) -> None:
+        self._bus = bus
+        self._fileno = _fileno(bus)
+        self._first: list[tuple[can.Message, int]] = []  # what waiting for it has taken already
+        self._stamped = getattr(bus, "timestamp_clock", None) == "CLOCK_MONOTONIC"
+
+    def drain(self, limit: int) -> list[tuple[can.Message, int]]:
+        """What is there, `limit` frames at most. Raises CanError, OSError."""
+        receive, stamped = self._bus.recv, self._stamped
+        frames, self._first = self._first, []
+        while len(frames) < limit:
+            message = receive(0)
+            if message is None:
+                break
+            frames.append((message, _stamp_ns(message) if stamped else time.monotonic_ns()))
+        if stamped and frames and frames[-1][1] > (now_ns := time.monotonic_ns()):
+            return [(message, min(time_ns, now_ns)) for message, time_ns in frames]
+        return frames
+
+    def wait(self, seconds: float) -> None:
+        """Until a frame is there, or so long."""
+        if self._fileno is not None:
+            select.select([self._fileno], [], [], seconds)
+        elif (message := self._bus.recv(seconds)) is not None:
+            self._first = [(message, _stamp_ns(message) if self._stamped else time.monotonic_ns())]
+
+
+def _stamp_ns(message: can.Message) -> int:
+    return round(message.timestamp * 1e9)
+
+
+def _fileno(bus: can.BusABC) -> int | None:
+    try:
+        fileno = bus.fileno()
+    except NotImplementedError:
+        return None
+    return fileno if fileno >= 0 else None

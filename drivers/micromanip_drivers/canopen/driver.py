@@ -7,6 +7,8 @@ time at which Python came to them. SDO is spoken only while the bus is opened, b
 
 When it is closed the nodes are left as they are: a node that moves its outputs when it is stopped must not be stopped
 here, and one with a watchdog makes them safe by itself.
+
+The PDOs of a configuration fill the tables of the compiled functions.
 """
 
 from __future__ import annotations
@@ -18,13 +20,15 @@ from pathlib import Path
 from micromanip.driver import Answer, BusDriver, BusError, Channel, Inbox, LinkError, Load, Steady, Task, TransientError
 
 from ..canbus.link import CanLink
+from ..canbus.tables import Tables
 from .boot import boot
 from .options import CanOpenOptions
-from .pdos import SentFrame
+from .pdos import ReceivedPdo, SentFrame
 from .plan import SYNC, PdoPlan, plan_nodes
 from .probe import probe
 from .receiving import Receiver
-from .tables import PdoTables
+from .records import CONTEXT
+from .sampling import SyncTimes
 from .timing import Timing
 from .watch import OPERATIONAL
 
@@ -177,3 +181,29 @@ class CanOpen(BusDriver):
             self._outputs.append(Channel(wire.name, pdo.options.rate_hz, latency_s, safe))
         self._tasks.append(Task(pdo.title, pdo.options.rate_hz, sent.indices))
         self._sent.append(sent)
+
+
+class PdoTables(Tables):
+    """Those of a CANopen bus."""
+
+    def __init__(
+        self,
+        received: Sequence[ReceivedPdo],
+        sent: Sequence[SentFrame],
+        watched: Sequence[int],
+        syncs: SyncTimes,
+        sync: tuple[int, int],
+    ) -> None:
+        """From now on all that is known of SYNCs and answers is kept in it.
+
+        `watched` identifiers are Python's; `sync` is the task that sends it, -1 for none, and its time on the bus (ns).
+        """
+        super().__init__(CONTEXT, received, sent, False, [(identifier, False) for identifier in watched])
+        self._c["sync_task"], self._c["sync_frame_ns"] = sync
+        syncs.move_to(self._c["syncs"])
+        for row, pdo in zip(self._c["sampling"], received, strict=False):
+            pdo.sampling.move_to(row)
+
+    def expect_heartbeats(self, overdue_ns: int) -> None:
+        """From then on one is missing."""
+        self._c["overdue_ns"] = overdue_ns

@@ -1,21 +1,55 @@
-"""What the configuration and the EDS files say together: nodes, their PDOs, the channels in them."""
+"""What the configuration and the EDS files say together: nodes, their PDOs, the channels in them.
+
+Mapping, EDS and configuration say where a signal lies in a PDO, and how its code becomes a number.
+"""
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Iterator, Sequence
 from collections.abc import Mapping as Names
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from canopen.objectdictionary import datatypes
+
 from micromanip.driver import ConfigError, OutputRefused, did_you_mean
 
-from ..canbus.bit_field import BitField
+from ..canbus.bit_field import GREATEST, BitField
 from ..canbus.plan import PackPlan
 from .dictionary import Dictionary, number
 from .mapping import Direction, Mapped, Mapping, mapping
 from .options import CanOpenOptions, InputSignal, NodeOptions, OutputSignal, Rpdo, Tpdo
-from .wire import wire
+
+_FLOATS = {datatypes.REAL32: struct.Struct("<f"), datatypes.REAL64: struct.Struct("<d")}
+
+
+def wire(name: str, mapped: Mapped, options: InputSignal) -> BitField:
+    """How the signal `name` (for messages) travels as the object `mapped`."""
+    variable, bits = mapped.variable, mapped.bits
+    signed, floating = variable.data_type in datatypes.SIGNED_TYPES, _FLOATS.get(variable.data_type or 0)
+    low: float
+    high: float
+    if floating is not None:
+        low, high = -GREATEST[bits], GREATEST[bits]
+    else:
+        low, high = (-(1 << bits - 1), (1 << bits - 1) - 1) if signed else (0, (1 << bits) - 1)
+        low = low if variable.min is None else max(low, variable.min)
+        high = high if variable.max is None else min(high, variable.max)
+    return BitField(
+        name=name,
+        big_endian=False,
+        shift=mapped.first_bit,
+        bits=bits,
+        sign=1 << bits - 1 if signed else 0,
+        floating=floating,
+        scale=options.scale,
+        offset=options.offset,
+        low=low,
+        high=high,
+    )
+
 
 SYNC = 0x80
 _MOST_BYTES = 8

@@ -3,6 +3,8 @@
 A task sends its request and returns; the answer is taken by ``receive``, or by the next request, which waits for it. Of
 each value it is known that it was taken between the end of the request and the beginning of the answer: it is dated in
 the middle of the two.
+
+When the line is opened, the registers that are written are read back: they say where the outputs stand.
 """
 
 from __future__ import annotations
@@ -13,16 +15,20 @@ from pathlib import Path
 from typing import ClassVar
 
 from micromanip.driver import Answer as Found
-from micromanip.driver import BusDriver, BusError, Channel, Inbox, Load, Outcome, Task, TransientError
+from micromanip.driver import BusDriver, BusError, Channel, DeviceFault, Inbox, Load, Outcome, Task, TransientError
 
 from .answers import Answers
 from .client import Answer, Client
+from .exchange import Exchange
 from .hello import greet
 from .options import ModbusOptions
 from .plan import TaskPlan, plan_tasks
 from .probe import probe
-from .read_back import read_back
 from .timing import Timing
+
+_READ_COILS, _READ_HOLDING_REGISTERS = 1, 3
+_WRITES_COILS = (5, 15)
+
 
 _OPEN_NS, _READ_BACK_NS = 900_000_000, 400_000_000
 
@@ -146,3 +152,27 @@ class Modbus(BusDriver):
         latency_s = self._timing.output_latency_s(plan)
         for name, keys in zip(plan.outputs, plan.options.write.values(), strict=True):
             yield Channel(name, plan.options.rate_hz, latency_s + keys.latency_us * 1e-6, keys.safe)
+
+
+def read_back(client: Client, plans: Sequence[TaskPlan], until_ns: int) -> dict[str, float]:
+    """Values by the outputs' names, without those that a unit does not tell: it may let them be written only.
+
+    Each transaction is tried once: nothing says that a unit which refuses in silence is worth waiting for. Raises
+    LinkError.
+    """
+    found: dict[str, float] = {}
+    for exchange in (exchange for plan in plans for exchange in plan.exchanges):
+        if exchange.written is None:
+            continue
+        function = _READ_COILS if exchange.function in _WRITES_COILS else _READ_HOLDING_REGISTERS
+        asking = Exchange(exchange.unit_id, f"{exchange.title}, read back", function, exchange.written, None)
+        client.drain(until_ns)
+        try:
+            client.ask(asking, asking.request({}))
+            answer = client.answer(until_ns)
+        except (TransientError, DeviceFault):
+            continue
+        if answer is not None:
+            found.update(zip(asking.inputs, asking.values(answer.pdu), strict=True))
+    client.drain(until_ns)
+    return found

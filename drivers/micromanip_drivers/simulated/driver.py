@@ -142,7 +142,6 @@ class SimulatedCell(CyclicDriver):
             deviation=lines[i],
             neighbours=moved,
             tracker_noise_um=self.options.tracker.noise_um,
-            force_static_N=force.static_N,
             force_noise=(force.noise_N, force.noise_Hz),
             tooth=(force.tooth_Hz, force.tooth_N),
             strain_noise_um=plant.strain_noise_nm * 1e-3,

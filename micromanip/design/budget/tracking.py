@@ -21,7 +21,7 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
-from micromanip.control.predictor import reference_transition, sample_transition, shown, tracker_gain
+from micromanip.control.predictor import output_row, reference_transition, sample_transition, tracker_gain
 from micromanip.rt.jit import Compiler
 from micromanip.rt.laws.reference import REFERENCE_PARAMETERS, REFERENCE_STATE, signal_reference, signal_sample
 from micromanip.rt.laws.steady import ANEW_NATS, NEVER_DOUBTED_UM2, give_both, narrow_anew
@@ -66,7 +66,7 @@ class Tracking:
         given = (turn[:, None] ** np.arange(self.every)) @ rows
         step = sample_transition(self._acting, self.every * self.period_s)
         gain = self._gain
-        kept = (np.eye(len(gain)) - np.outer(gain, shown(len(gain)))) @ step
+        kept = (np.eye(len(gain)) - np.outer(gain, output_row(len(gain)))) @ step
         poles, vectors = np.linalg.eig(kept)
         entering = np.linalg.solve(vectors, gain.astype(complex))
         state = vectors @ (entering[:, None] / (1.0 - poles[:, None] * turn[None, :] ** self.every))

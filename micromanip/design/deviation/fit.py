@@ -29,7 +29,7 @@ from scipy.optimize import least_squares
 from scipy.signal import periodogram
 
 from micromanip.control.joints import joints_radius
-from micromanip.control.predictor import reference_transition, shown, tracker_gain
+from micromanip.control.predictor import output_row, reference_transition, tracker_gain
 from micromanip.errors import CheckFailed
 from micromanip.rt.laws.reference import MAX_MODES
 from micromanip.settings.schema.reference import AxisTracker, Oscillation, Steady
@@ -165,7 +165,7 @@ def amplitudes_of(model: AxisTracker, samples: Array) -> tuple[float, ...]:
     )
     model = replace(model, oscillations=quick)
     gain, F = tracker_gain(model), reference_transition(model.oscillations, 1.0 / model.sample_rate_Hz)
-    seen, state, swung = shown(len(gain)), np.zeros(len(gain)), np.zeros(len(model.oscillations))
+    seen, state, swung = output_row(len(gain)), np.zeros(len(gain)), np.zeros(len(model.oscillations))
     state[0] = samples[0]
     omegas = np.array([2.0 * np.pi * o.frequency_Hz for o in model.oscillations])
     settled = len(samples) // 4

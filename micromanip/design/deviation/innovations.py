@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import sosfilt
 
-from micromanip.control.predictor import sample_transition, shown, stationary
+from micromanip.control.predictor import output_row, sample_transition, stationary
 from micromanip.settings.schema.reference import AxisTracker
 
 Array = NDArray[np.float64]
@@ -39,7 +39,7 @@ class Whitening:
         gain, variance, _ = stationary(model)
         step_s = 1.0 / model.sample_rate_Hz
         step = sample_transition(model, step_s)
-        poles = np.linalg.eigvals((np.eye(len(gain)) - np.outer(gain, shown(len(gain)))) @ step).astype(complex)
+        poles = np.linalg.eigvals((np.eye(len(gain)) - np.outer(gain, output_row(len(gain)))) @ step).astype(complex)
         turns = [np.exp((-o.decay_per_s + 2j * np.pi * o.frequency_Hz) * step_s) for o in model.oscillations]
         # the path's own: at rest, or of what the acceleration goes against the rate by in a step
         half = np.pi * model.returns_Hz * step_s

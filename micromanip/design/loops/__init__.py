@@ -5,7 +5,7 @@ from micromanip.control.pid import pid_system
 from micromanip.control.stage_loop import model_system, stage_loop
 from micromanip.control.system import System, delay, from_state_space
 
-from .monte_carlo import Sample, StageSide, StrainSide, each, monte_carlo, worst
+from .monte_carlo import Sample, StageSide, StrainSide, monte_carlo, worst
 from .perturbation import SPREAD, Perturbation, draw
 from .strain_loop import closed_ratio, over_path, strain_loop
 
@@ -21,7 +21,6 @@ __all__ = [
     "curve_margins",
     "delay",
     "draw",
-    "each",
     "from_state_space",
     "grid",
     "margins",

@@ -1,17 +1,15 @@
 """Margins of both loops for plants drawn around the nominal one, in parallel through joblib.
 
 A sample is known by its seed: the same seed gives the same plant whatever else is drawn, on any worker. Run inside
-``joblib.parallel_config(backend="dask")`` (or ``design.cluster.cluster``), the samples go to a Dask cluster.
+``design.parallel.scheduler``, the samples go to a Dask cluster.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
-from typing import TypeVar
 
-import joblib
 import numpy as np
 
 from micromanip.control.margins import Margins, margins
@@ -23,10 +21,10 @@ from micromanip.settings.schema.hysteresis import PrandtlIshlinskii, Range
 from micromanip.settings.wiring.timing import AT_ONCE, FeedbackPath
 
 from ..describing import harmonics, inverse_operator
+from ..parallel import each
 from .perturbation import Perturbation, draw, model_dynamics, perturbed, perturbed_delay, shift
 from .strain_loop import closed_ratio, over_path, strain_loop
 
-Result = TypeVar("Result")
 _SMALLEST_UM = 0.5
 _UNSTABLE = Margins(1.0, 1.0, 0.0, np.nan, 0.0, 0.0, np.nan, (), np.inf)
 
@@ -114,13 +112,6 @@ def sample(seed: int, strain: StrainSide | None, stage: StageSide | None, period
     if stage is not None and plant is not None:
         outer = margins(stage_loop(stage.gains, plant, stage.sample_cycles, stage.late_cycles))
     return Sample(seed, drawn, inner, outer)
-
-
-def each(function: Callable[[int], Result], seeds: range, jobs: int | None = None) -> Iterator[Result]:
-    """``function(seed)`` for every seed, in their order, on `jobs` processes or wherever joblib is told to go."""
-    run = joblib.Parallel(n_jobs=jobs, return_as="generator")
-    results: Iterator[Result] = run(joblib.delayed(function)(seed) for seed in seeds)
-    return results
 
 
 def monte_carlo(

@@ -18,7 +18,7 @@ from micromanip.control.injection import Injection
 from micromanip.errors import CheckFailed, MicromanipError, UsageError
 from micromanip.replies import Injected, Response
 from micromanip.rt.states import HOLDING, STATE_NAMES, TRACKING
-from micromanip.settings.injected import COLUMNS, planned, require_axis
+from micromanip.settings.injected import COLUMNS, plan_excitation, require_axis
 from micromanip.settings.wiring.timing import feedback_path
 from micromanip.virtual.own_time import at_own_time
 
@@ -53,7 +53,7 @@ class Injecting:
         configuration = prepared.configuration
         require_axis(configuration, axis)
         path = feedback_path(configuration, prepared.wiring, axis)
-        wave = await asyncio.to_thread(planned, configuration, path, axis, loop, amplitude_um, seed)
+        wave = await asyncio.to_thread(plan_excitation, configuration, path, axis, loop, amplitude_um, seed)
         if state not in _ALLOWED:
             raise CheckFailed(
                 f"sensitivity refused: the state is {state}; a loop is measured while TRACKING or HOLDING"

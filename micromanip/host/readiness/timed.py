@@ -1,10 +1,14 @@
-"""The timed run: the loop at rest and under load, cyclictest beside it, and what made the loop late."""
+"""The timed run: the loop at rest and under load, cyclictest beside it, and what made the loop late.
+
+The load is ordinary work on every CPU, as a cell's computer may have it: hashing, copying, files, short processes.
+"""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
 import json
+import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -24,8 +28,39 @@ from micromanip.settings.schema.model import Loop
 from . import cyclictest, tracing
 from .counters import Counters
 from .finding import Machine
-from .load import loaded
 from .loop_run import LoopRun, run_in_ready, simulated_cell
+
+_WORK = """
+import hashlib, os, subprocess, sys, tempfile, time
+parent, end = os.getppid(), time.monotonic() + float(sys.argv[1])
+block = bytearray(32 << 20)
+while time.monotonic() < end and os.getppid() == parent:
+    hashlib.sha256(block[: 4 << 20]).digest()
+    bytes(block)
+    with tempfile.TemporaryFile() as file:
+        file.write(block[: 1 << 20])
+        os.fsync(file.fileno())
+    subprocess.run(["true"])
+"""
+
+
+@contextlib.contextmanager
+def loaded(longest_s: float) -> Iterator[int]:
+    """Load while it is entered, by as many processes as there are CPUs; their number.
+
+    They end by themselves with this process, or after `longest_s`.
+    """
+    count = len(os.sched_getaffinity(0))
+    command = [sys.executable, "-I", "-S", "-c", _WORK, str(longest_s)]
+    workers = [subprocess.Popen(command, stdin=subprocess.DEVNULL) for _ in range(count)]
+    try:
+        yield count
+    finally:
+        for worker in workers:
+            worker.kill()
+        for worker in workers:
+            worker.wait()
+
 
 _PERCENTILES = {"p50": 0.5, "p99": 0.99, "p99_9": 0.999, "p99_99": 0.9999, "max": 1.0}
 _MOST_EXPLAINED = 8

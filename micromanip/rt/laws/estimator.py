@@ -7,7 +7,7 @@ input disturbance and tooth-passing oscillator; u is the actuator set-point that
 ``filtered`` is the estimate at the cycle of the last fresh sample, ``x`` its prediction to now.
 A sample taken `age` cycles ago is applied where it belongs: ``filtered`` is carried to the
 sample's cycle with the set-points remembered, corrected there, and predicted to now again. The
-gain belongs to the cycles m since the sample before (``control/gap_gains.py``): the stationary one where m is the
+gain belongs to the cycles m since the sample before (``control/gain_schedule.py``): the stationary one where m is the
 sensor's interval, whose error dynamics ``(I - L C) A^m`` are checked to be stable with the configuration. With that
 one for every m the estimate would run away where most of a busy machine's cycles are missed.
 

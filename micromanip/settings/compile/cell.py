@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from micromanip.bus.driver import Channel
-from micromanip.control.far_gains import far_gains
-from micromanip.control.gap_gains import gap_gains
+from micromanip.control.gain_schedule import calm_gains, intermittent_gains
 from micromanip.control.outer_gains import OuterGains, dc_gain, outer_gains, process_innovation, steady_lag
 from micromanip.control.pid import pid_gains
 from micromanip.control.tooth import followed_tooth
@@ -216,9 +215,9 @@ def _fill_outer(o: Any, outer: Outer, gains: OuterGains, tracker: AxisTracker | 
     o["states"], o["slow"] = n, len(outer.model.A) + outer.model.delay_cycles
     o["gap_cycles"] = _GAP_SAMPLES * outer.sample_cycles
     o["a_columns"][:n, :n], o["b"][:n], o["c"][:n] = gains.A.T, gains.B, gains.C
-    o["gains"][:, :n], o["feedback"][:n] = gap_gains(gains, GAPS), gains.feedback
+    o["gains"][:, :n], o["feedback"][:n] = intermittent_gains(gains, GAPS), gains.feedback
     o["reference_states"], o["reference"][: len(gains.reference)] = len(gains.reference), gains.reference
-    far, following = far_gains(outer, gains, tracker, period_s)
+    far, following = calm_gains(outer, gains, tracker, period_s)
     o["far_feedback"][:n], o["far_reference"][: len(following)] = far, following
     o["steady_u"][:n], o["steady_y"][:n] = gains.steady_u, gains.steady_y
 

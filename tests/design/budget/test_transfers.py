@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import solve_discrete_lyapunov
 
-from micromanip.control.predictor import reference_transition, shown, tracker_gain
+from micromanip.control.predictor import output_row, reference_transition, tracker_gain
 from micromanip.design.budget.bound import prediction_variance
 from micromanip.design.budget.causes import Grid, followed_line, shared_out, tracker_noise
 from micromanip.design.budget.followed import smoothed
@@ -76,7 +76,7 @@ def test_tracker_noise_is_what_the_lifted_lyapunov_equation_says(laws, every, la
     gain = tracker_gain(tracker) / scale
     taken = [laws.gains.reference @ reference_transition(own, latency_s + j * 1e-4) * scale for j in range(every)]
     arriving = np.eye(n + r_states)
-    arriving[n:, n:] = (np.eye(r_states) - np.outer(gain, shown(r_states))) @ step
+    arriving[n:, n:] = (np.eye(r_states) - np.outer(gain, output_row(r_states))) @ step
     entering = np.concatenate([np.zeros(n), gain])
     cycles = []
     for row in taken:
@@ -129,7 +129,7 @@ def test_what_it_is_given_follows_the_joints_as_the_loop_does(laws, hertz):
     taken = np.arange(4_000) * 1e-3 - 1e-3
     samples, left = 30.0 * np.sin(2 * np.pi * hertz * taken), []
     for tracker in (followed, followed.at_swings([0.83, hertz]), fixed, fixed.at_swings([hertz])):
-        given_um = Tracking(tracker, 10, 1e-3, 1e-4).given(taken, taken + 1e-3, samples, now, shown(5))
+        given_um = Tracking(tracker, 10, 1e-3, 1e-4).given(taken, taken + 1e-3, samples, now, output_row(5))
         left.append(np.std((30.0 * np.sin(2 * np.pi * hertz * now) - given_um)[30_000:]))
     assert left[0] == pytest.approx(left[1], abs=0.02)
     assert left[2] == left[3] > 10.0 * left[0]

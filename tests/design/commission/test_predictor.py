@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from micromanip.control.joints import joints_radius
-from micromanip.control.predictor import reference_transition, shown, tracker_gain
+from micromanip.control.predictor import output_row, reference_transition, tracker_gain
 from micromanip.design.commission.at_rest import AtRest
 from micromanip.design.commission.predictor import known_deviations
 from micromanip.design.commission.production import in_production
@@ -36,7 +36,7 @@ def seen(**samples):
 def predicted(tracker, samples):
     """Rms (um) of what the predictor of `tracker` expects a sample later, less the samples."""
     gain, step = tracker_gain(tracker), reference_transition(tracker.oscillations, 1.0 / RATE_HZ)
-    state, row, left = np.zeros(len(gain)), shown(len(gain)), []
+    state, row, left = np.zeros(len(gain)), output_row(len(gain)), []
     state[0] = samples[0]
     for sample in samples[1:]:
         state = step @ state

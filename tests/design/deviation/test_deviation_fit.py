@@ -8,7 +8,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from micromanip.control.joints import joints_radius
-from micromanip.control.predictor import reference_transition, sample_transition, shown, tracker_gain
+from micromanip.control.predictor import output_row, reference_transition, sample_transition, tracker_gain
 from micromanip.design.deviation.fit import fit_deviation, followed
 from micromanip.design.deviation.innovations import Whitening, log_likelihood, noise_of, with_noise
 from micromanip.design.deviation.steady import steady_of
@@ -61,7 +61,7 @@ def test_the_innovations_are_the_stepped_filters():
     model = AxisTracker(500.0, (SWINGING, Oscillation(frequency_Hz=0.9, um_per_s=300.0)), 3000.0, 0.4)
     samples = np.cumsum(np.random.default_rng(3).normal(size=6000))
     F, gain = reference_transition(model.oscillations, 2e-3), tracker_gain(model)
-    state, seen, stepped = np.zeros(7), shown(7), []
+    state, seen, stepped = np.zeros(7), output_row(7), []
     for sample in samples:
         state = F @ state
         stepped.append(sample - seen @ state)
@@ -154,7 +154,7 @@ def test_innovations_of_a_path_that_returns_are_those_of_stepping_the_filter():
     model = AxisTracker(500.0, (SWINGING,), 300.0, 0.4, returns_Hz=0.7)
     samples = np.random.default_rng(3).normal(0.0, 5.0, 3000)
     F, gain = sample_transition(model, 2e-3), tracker_gain(model)
-    state, row, stepped = np.zeros(5), shown(5), []
+    state, row, stepped = np.zeros(5), output_row(5), []
     for sample in samples:
         state = F @ state
         stepped.append(sample - row @ state)

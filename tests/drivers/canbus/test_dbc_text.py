@@ -3,8 +3,7 @@
 import can
 import cantools
 import pytest
-from micromanip_drivers.canbus.database import Database
-from micromanip_drivers.canbus.dbc_text import usable
+from micromanip_drivers.canbus.database import Database, usable
 from micromanip_drivers.canbus.listening import heard
 
 from micromanip.errors import ConfigError

@@ -16,12 +16,11 @@ from canopen.objectdictionary import datatypes
 from hypothesis import example, given
 from hypothesis import strategies as st
 from micromanip_drivers.canopen import exchange
+from micromanip_drivers.canopen.driver import PdoTables
 from micromanip_drivers.canopen.mapping import Mapped
 from micromanip_drivers.canopen.pdos import ReceivedPdo, SentFrame
-from micromanip_drivers.canopen.plan import SYNC
+from micromanip_drivers.canopen.plan import SYNC, wire
 from micromanip_drivers.canopen.sampling import Sampling, SyncTimes
-from micromanip_drivers.canopen.tables import PdoTables
-from micromanip_drivers.canopen.wire import wire
 
 from micromanip.bus.driver import Steady
 from micromanip.bus.errors import OutputRefused

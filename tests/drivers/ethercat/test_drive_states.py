@@ -12,10 +12,9 @@ from hypothesis import strategies as st
 from micromanip_drivers.ethercat.bring_up import prepare_drive
 from micromanip_drivers.ethercat.drive_options import Drive
 from micromanip_drivers.ethercat.drive_records import FAULT, UNKNOWN
-from micromanip_drivers.ethercat.drive_states import controlword, state_of
 from micromanip_drivers.ethercat.drive_words import STATE_NAMES, DriveWords, error_in_words, in_words
 from micromanip_drivers.ethercat.driver import Ethercat
-from micromanip_drivers.ethercat.drives import command_drives, hear_drives
+from micromanip_drivers.ethercat.drives import command_drives, controlword, hear_drives, state_of
 from micromanip_drivers.ethercat.image import Image
 from micromanip_drivers.ethercat.records import CONTEXT
 

@@ -17,8 +17,8 @@ from micromanip.host.readiness.answer import Answer
 from micromanip.host.readiness.clock_gaps import watch
 from micromanip.host.readiness.counters import Counters
 from micromanip.host.readiness.finding import Finding, Verdict
-from micromanip.host.readiness.load import loaded
 from micromanip.host.readiness.loop_run import LoopRun
+from micromanip.host.readiness.timed import loaded
 from micromanip.rt.histogram import BINS
 from micromanip.settings.schema.model import Loop
 

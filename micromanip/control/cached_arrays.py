@@ -25,7 +25,7 @@ class _Given:
     arguments: tuple[Any, ...] = field(compare=False)
 
 
-def remembered(size: int) -> Callable[[Callable[[*Given], Result]], Callable[[*Given], Result]]:
+def cached_arrays(size: int) -> Callable[[Callable[[*Given], Result]], Callable[[*Given], Result]]:
     """Keep the last `size` results of a function of arrays and numbers, which nobody may write into."""
 
     def decorate(function: Callable[[*Given], Result]) -> Callable[[*Given], Result]:

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from micromanip.control.remembered import remembered
+from micromanip.control.cached_arrays import cached_arrays
 
 
 def test_the_same_bits_are_computed_once_and_others_anew():
     asked = []
 
-    @remembered(2)
+    @cached_arrays(2)
     def total(matrix, factor):
         asked.append(factor)
         if factor < 0.0:

@@ -11,14 +11,13 @@ from .options import prepare_and_warn, print_answer
 from .prose import say
 
 
-def try_tuning(file: Path, config: Path, cut: tuple[float, float] | None, as_json: bool) -> NoReturn:
+def predict_tuning(file: Path, config: Path, cut: tuple[float, float] | None, as_json: bool) -> NoReturn:
     """Predict, print, and exit with 1 where the cell would have stopped."""
     from micromanip.recordings import open_telemetry
     from micromanip.replay.comparable import recorded_configuration, require_comparable
     from micromanip.replay.counterfactual import DRAWS, FIGURES, SETTLE_S, Rerun, predict
     from micromanip.replay.fitting import fit_models
-    from micromanip.replay.told import untold_of_tooth
-    from micromanip.replay.window import take_window
+    from micromanip.replay.window import take_window, tooth_caveats
     from micromanip.rt.jit import Compiler
     from micromanip.settings.commissioned import changes_since
 
@@ -57,7 +56,7 @@ def try_tuning(file: Path, config: Path, cut: tuple[float, float] | None, as_jso
         "outrun": found.outrun,
         "notes": [
             *(f"{file}: {change}" for _, change in changes_since(recorded.axes)),
-            *untold_of_tooth(window, tuned.parameters),
+            *tooth_caveats(window, tuned.parameters),
         ],
     }
     print_answer(document, _show, as_json)

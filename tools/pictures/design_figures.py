@@ -1,4 +1,7 @@
-"""Pictures of docs/your-cell.md: plots of the report of axis x of the factory cell."""
+"""Pictures of what design finds: commissioning of the factory cell, analysis of the tuned one.
+
+All of axis x, in virtual time, for the pages that explain `commission` and `analyse`.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,8 @@ from collections.abc import Iterator
 
 from matplotlib.figure import Figure
 
+from micromanip.design.analysis import analyse_axis
+from micromanip.design.analysis_figures import describing_function, drawn_plants, loops_of, nyquist
 from micromanip.design.commission.axis import commission_axis
 from micromanip.design.commission.evidence import Plot
 from micromanip.design.commission.knobs import Knobs
@@ -13,6 +18,17 @@ from micromanip.design.commission.plots import figure_5, loop_plots, measured_re
 from micromanip.design.loops import strain_loop
 from micromanip.settings.check import Prepared
 from micromanip.virtual.experiment import VirtualExperiment
+
+_PLANTS = range(1, 101)
+
+
+def analysis_drawings(prepared: Prepared) -> Iterator[tuple[str, Figure]]:
+    """Describing function, Nyquist curves and drawn plants, with the names of their files."""
+    analysis = analyse_axis(prepared.configuration, "x", VirtualExperiment(prepared), _PLANTS, jobs=-1)
+    assert analysis.inverse is not None
+    yield "describing_function", describing_function(analysis.inverse)
+    yield "nyquist", nyquist(loops_of(analysis), analysis.settings.accept)
+    yield "drawn_plants", drawn_plants(analysis.samples, analysis.settings.accept)
 
 
 def commissioning_drawings(factory: Prepared) -> Iterator[tuple[str, Figure]]:

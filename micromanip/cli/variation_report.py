@@ -1,0 +1,128 @@
+"""``replay --vary``: the best of many tunings on a recording, as a table and as a whole configuration."""
+
+from __future__ import annotations
+
+import datetime
+from contextlib import nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from micromanip.errors import CheckFailed
+
+from .options import print_answer
+from .prose import say
+from .results import keep, require_new, require_room
+
+if TYPE_CHECKING:
+    from micromanip.replay.variation import Trial, Trials
+
+
+def vary_tuning(
+    file: Path, config: Path | None, cut: tuple[float, float] | None, as_json: bool, *, vary: tuple[str, ...],
+    trials: int, best: int, objective: str, seed: int, jobs: int, address: str | None, out: Path | None,
+) -> None:  # fmt: skip
+    """Run the trials, print the best, write the first of them; CheckFailed where none beats trial 0."""
+    from micromanip.design.parallel import each, scheduler
+    from micromanip.replay.variation import Trials, Variation, drawn, require_numbers, run_trial
+
+    from .progress import steps
+
+    variations = [Variation.parse(text) for text in vary]
+    numbered = list(enumerate(drawn(variations, trials, seed), start=1))
+    if out is not None:
+        require_new(out, "--out")
+        require_room(out.parent, f"--out {out}")
+    base, window, models = _recorded(file, config, cut)
+    require_numbers(base, variations)
+    work = Trials(base, window, models, objective)
+    done = [work.run(0, {})]  # compiles what the workers then load
+    with steps() as bar, scheduler(address, work) if address else nullcontext():
+        bar.say(f"trial 1 of {len(numbered)}")
+        for trial in each(run_trial, numbered, None if address else jobs, (work,)):
+            done.append(trial)
+            bar.say(f"trial {len(done)} of {len(numbered)}")
+    ranked = sorted((trial for trial in done if trial.cost_um is not None), key=lambda trial: trial.cost_um or 0.0)
+    document = {
+        "file": str(file),
+        "trials": len(numbered),
+        "seed": seed,
+        "objective": objective,
+        "refused": sum(bool(trial.problem) for trial in done),
+        "stopped": sum(trial.stopped for trial in done),
+        "axes": window.axes,
+        "base": _document(done[0], window.axes),
+        "best": [_document(trial, window.axes) for trial in ranked[:best]],
+        "written": None,
+    }
+    if out is not None and ranked and ranked[0].number:
+        command = f"micromanip replay {file} {' '.join(f'--vary {text}' for text in vary)} --seed {seed}"
+        text = _configuration(work, ranked[0], out, command)
+        keep(lambda place: place.write_text(text, encoding="utf-8"), out)
+        document["written"] = str(out)
+    print_answer(document, _show, as_json)
+    if out is not None and document["written"] is None:
+        raise CheckFailed(f"{out} is not written: no trial is better than the tuning as it is")
+
+
+def _recorded(file: Path, config: Path | None, cut: tuple[float, float] | None) -> tuple[Any, Any, Any]:
+    """The tuning that is varied, and the piece of the recording with its models."""
+    from micromanip.recordings import open_telemetry
+    from micromanip.replay.comparable import recorded_configuration, require_comparable
+    from micromanip.replay.fitting import fit_models
+    from micromanip.replay.window import take_window
+    from micromanip.rt.jit import Compiler
+    from micromanip.settings.check import prepared
+    from micromanip.settings.text.source import Source
+
+    Compiler.tell = staticmethod(lambda name: say(f"compiling {name} (the first time only)", err=True))
+    telemetry = open_telemetry(file)
+    source, recorded = recorded_configuration(telemetry)
+    base = prepared(source if config is None else Source.read(config))
+    require_comparable(recorded, base.configuration, file, base.source.path)
+    window = take_window(telemetry, cut, arming=False)
+    return base, window, fit_models(window, recorded)
+
+
+def _configuration(work: Trials, trial: Trial, out: Path, command: str) -> str:
+    """The varied configuration with the values of a trial; ConfigError where `check` would refuse it as `out`."""
+    from micromanip.settings.check import prepared
+    from micromanip.settings.text.source import Source
+    from micromanip.settings.write_values import with_values
+
+    today = datetime.datetime.now(datetime.UTC).date().isoformat()
+    heading = (
+        f"# Trial {trial.number} of `{command}`, {today}.\n"
+        f"# Predicted path error of all axes: {trial.cost_um:.4f} um. Judge its margins by `micromanip analyse`.\n"
+    )
+    text = heading + with_values(work.base.source, work.source(trial.values).data)
+    prepared(Source.parse(out, text))
+    return text
+
+
+def _document(trial: Trial, axes: list[str]) -> dict[str, Any]:
+    from micromanip.replay.counterfactual import FIGURES
+
+    um = {f"{name}_um": dict(zip(axes, row, strict=True)) for name, row in zip(FIGURES, trial.um, strict=False)}
+    return {"number": trial.number, "values": trial.values, "cost_um": trial.cost_um, **um}
+
+
+def _show(document: dict[str, Any]) -> None:
+    from rich.text import Text
+
+    from .tables import Figures, out_console
+
+    console, name = out_console(), document["objective"]
+    keys = list(dict.fromkeys(key for each in document["best"] for key in each["values"]))
+    table = Figures(title=f"Path error, um, {name}")
+    for heading in ("trial", "all axes", *document["axes"], *keys):
+        table.add_column(heading, justify="right")
+    for each in [document["base"], *(best for best in document["best"] if best["number"])]:
+        um = [each["cost_um"], *each.get(f"{name}_um", {}).values()]
+        values = [f"{each['values'][key]:.4g}" if key in each["values"] else "as it is" for key in keys]
+        figures = ["stops"] + ["-"] * len(document["axes"]) if um == [None] else [f"{error:.4f}" for error in um]
+        table.add_row(str(each["number"]), *figures, *values)
+    console.print(table)
+    refused, stopped = document["refused"], document["stopped"]
+    console.print(Text(f"{document['trials']} trials: `check` refuses {refused}, {stopped} would stop the cell."))
+    if document["written"]:
+        console.print(Text(f"The best is {document['written']}."))

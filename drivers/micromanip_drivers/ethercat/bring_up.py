@@ -49,7 +49,7 @@ def open_mailboxes(link: Link, slave: Slave) -> None:
 def lay_out(link: Link, slave: Slave, placed: Placed) -> None:
     """The sync manager of each direction, and an FMMU for it, so that the process image finds its terminal.
 
-    Whole bytes, which every FMMU can do; digital terminals have no more FMMUs than they need (decision 0066).
+    Whole bytes, which every FMMU can do; digital terminals have no more FMMUs than they need (decision 0050).
     """
     areas = (
         (slave.outputs, placed.outputs_at, placed.output_bytes, _WRITE),

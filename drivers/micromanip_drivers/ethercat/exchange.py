@@ -1,6 +1,6 @@
 """The driver in the loop: judge the frame that came back, look after the line, send the next one.
 
-The frame of one cycle is taken in the next, or waited for (decisions 0034, 0077). It comes back through all slaves:
+The frame of one cycle is taken in the next, or waited for (decisions 0075, 0077). It comes back through all slaves:
 with the working counter of all, and all in OP, it is the acknowledgement that they have its outputs.
 """
 

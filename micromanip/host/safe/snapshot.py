@@ -3,7 +3,7 @@
 The daemon writes it once its drivers are up, and again where a change concerns the outputs. It lies in the state
 directory, named for the configuration's real path, and is believed only where nobody else can have written it. The
 files that the drivers have read besides, message databases, are not copied: their hashes are, and a snapshot whose
-files have changed is not used (``docs/decisions/0020-safe-outputs-from-a-snapshot.md``).
+files have changed is not used (``docs/decisions/0020-park-from-a-snapshot.md``).
 """
 
 from __future__ import annotations

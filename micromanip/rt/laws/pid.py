@@ -9,7 +9,7 @@ A step covers `periods` cycles, normally one: with a slow sensor the cycles sinc
 periods that an overrun skipped, or for which the sensor was given up, do not count: the error seen after them did not
 stand all the while, and integrated over them would kick the output. Where samples are missing the integral takes no
 more than `most_periods` for a step, twice the sensor's interval: a gain margin of 6 dB bears that, and ten times the
-gain would make it unstable (decision 0071). A held sample is never integrated or differentiated: the caller does not
+gain would make it unstable (decision 0072). A held sample is never integrated or differentiated: the caller does not
 step then.
 """
 

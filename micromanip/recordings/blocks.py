@@ -173,6 +173,8 @@ class BlockCodec:
         at = _HEAD.size + width + 8 * constants
         if width != self._width or constants != len(self._sources) or len(block) != at + count * width * _PLANES:
             raise ValueError("a block does not fit its schema")
+        if missing := [path for path in paths or () if path not in self._index]:
+            raise ValueError(f"its rows have no {missing[0]}")
         wanted = range(len(self.columns)) if paths is None else [self._index[path] for path in paths]
         needed = self._needed(wanted)
         orders = np.frombuffer(block, np.uint8, width, _HEAD.size)[needed]

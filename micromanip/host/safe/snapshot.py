@@ -21,7 +21,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from micromanip.files.held_folder import HeldFolder
+from micromanip.files import HeldFolder
 from micromanip.settings.check import Prepared
 from micromanip.settings.text.source import Source
 

@@ -10,8 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from micromanip.errors import ConfigError
-from micromanip.files.byte_order_mark import marked_encoding
-from micromanip.files.regular_file import open_regular
+from micromanip.files import marked_encoding, open_regular
 
 from . import yaml_nodes
 from .place import Finding, Path

@@ -35,7 +35,7 @@ def read_foreign(file: Path) -> Table:
                     continue
                 rows.setdefault(channel.topic, []).append(dict(_numbers("", json.loads(message.data))))
                 times_ns.setdefault(channel.topic, []).append(message.log_time)
-    except (McapError, ValueError, EOFError, OverflowError, RecursionError) as problem:
+    except (McapError, ValueError, OSError, EOFError, OverflowError, RecursionError) as problem:
         raise CheckFailed(f"{file}: it is cut off, damaged, or no MCAP with messages of JSON ({problem})") from problem
     columns: dict[str, Array] = {}
     clocks: dict[str, str] = {}

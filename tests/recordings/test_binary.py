@@ -216,7 +216,7 @@ def test_hdf5_whose_values_are_elsewhere_or_need_a_filter_is_told_as_that(tmp_pa
         parts[:] = h5py.VirtualSource("part1.h5", "y", shape=(SAMPLES,))
         contents.create_virtual_dataset("y", parts)
     found = read_table(tmp_path / "x.h5")
-    with pytest.raises(CheckFailed, match=r"x\.h5: it is cut off, damaged, or no HDF5 .*filter"):
+    with pytest.raises(CheckFailed, match="u is compressed by HDF5 filter 32001, which is not installed here"):
         found["u"]
     with pytest.raises(CheckFailed, match=r"y is kept in part1\.h5, which is not there"):
         found["y"]

@@ -202,13 +202,6 @@ def test_what_is_meant_by_a_column_without_a_unit_is_told_and_doubted(tmp_path):
         take(tmp_path / "x.csv", Wanted(("y", "u"), dimensions=("voltage", "length")))
 
 
-def test_a_leap_in_even_times_is_told(tmp_path):
-    kept = np.delete(np.arange(SAMPLES), np.arange(120, 160))
-    (note,) = take(written(tmp_path / "x.csv", T[: len(kept)], U[kept], Y[kept]), COLUMNS).notes
-    assert "u and y jump together at" in note
-    assert "x.csv:122" in note
-
-
 @settings(max_examples=40, deadline=None)
 @given(
     seed=st.integers(0, 10_000),

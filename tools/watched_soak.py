@@ -279,7 +279,7 @@ def judged(
     telemetry = open_telemetry(file)
     columns = {path: telemetry.column(path) for path in ("cycle", "periods", "time_ns", "lateness_ns", "compute_ns")}
     gaps = int((np.diff(columns["cycle"]) != columns["periods"][1:]).sum())
-    if gaps or telemetry.end.get("lost") or not telemetry.end.get("complete"):
+    if gaps or telemetry.end.get("lost") or not telemetry.end:
         problems.append(f"recording: {gaps} gaps, {telemetry.end}")
     if report["faults"] or report["state"] != "OFF":
         problems.append(f"the controller: {report['state']}, {report['faults']}")

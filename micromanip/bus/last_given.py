@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.errors import PermissionDenied
-from micromanip.files.held_folder import HeldFolder
+from micromanip.files import HeldFolder
 
 from . import device_lock
 from .device_identity import identity

@@ -57,7 +57,7 @@ class LoopWire(CyclicDriver):
                 f"silence_ms: {options.silence_ms:g} ms must be at most half of the watchdog's {options.watchdog.ms:g} "
                 "ms: the loop must know that the link is lost before the device moves by itself"
             )
-        self.wait_us: float = getattr(options, "wait_us", 0.0)  # drivers of API 1.8 and before don't have it
+        self.wait_us: float = options.wait_us
         if self.wait_us * 1e3 > _MOST_OF_A_CYCLE * period_ns:
             raise ConfigError(
                 f"wait_us: {self.wait_us:g} us is more than {100 * _MOST_OF_A_CYCLE:g} % of the cycle of "

@@ -19,7 +19,6 @@ from micromanip.errors import CheckFailed
 from micromanip.faults import KINDS
 from micromanip.host.trips.store import SUFFIX, Box
 from micromanip.recordings import Telemetry, open_telemetry
-from micromanip.recordings.hdf5 import ENDINGS as HDF5
 from micromanip.recordings.trend import MINUTE, day_file, read_trend
 from micromanip.rt.states import TRACKING
 
@@ -72,11 +71,9 @@ def _recording(path: Path) -> Entry | None:
     try:
         telemetry = open_telemetry(path)
     except CheckFailed as problem:
-        if path.suffix.lower() in HDF5:  # a file of somebody else, as far as anybody can tell
-            return None
         return Entry(path, "recording", _changed(path), "", problem=str(problem))
     began = _utc(str(telemetry.marks[0]["time"]), path) if telemetry.marks else _changed(path)
-    ended = "" if telemetry.end.get("complete") else str(telemetry.end.get("problem") or "not ended in order")
+    ended = "" if telemetry.end else "not ended in order"
     ended = "; ".join(filter(None, [ended, telemetry.damage()]))
     marks = [str(mark["text"]) for mark in telemetry.marks[1:]]
     try:
@@ -172,7 +169,6 @@ def _trend(path: Path) -> Entry | None:
 
 _BY_ENDING: dict[str, Callable[[Path], Entry | None]] = {
     ".mcap": _recording,
-    **dict.fromkeys(HDF5, _recording),
     SUFFIX: _trip,
     ".html": _report,
     ".yaml": _tuning,

@@ -12,7 +12,7 @@ import click
 from micromanip.errors import CheckFailed, UsageError
 
 from .axes import axis_option, chosen_axes
-from .options import Quantity, StrictCommand, config_argument, json_option, prepare_and_warn, print_json
+from .options import Quantity, StrictCommand, config_argument, json_option, print_json
 from .progress import steps
 from .prose import say
 from .results import Pictures, out_option, provenance
@@ -66,10 +66,11 @@ def command(
     from micromanip.design.analysis import analyse_axis
     from micromanip.design.criteria import criteria, notes, report
     from micromanip.design.parallel import scheduler
+    from micromanip.settings.check import prepare
     from micromanip.virtual.experiment import VirtualExperiment
     from micromanip.virtual.variation import VariedCell
 
-    prepared = prepare_and_warn(config)
+    prepared = prepare(config)
     shown = chosen_axes(prepared.configuration.axes, only, config)
     if jobs == 0:
         raise UsageError("--jobs 0 leaves nobody to work: 1 or more, or -1 for one a CPU")

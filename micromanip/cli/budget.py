@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from .axes import axis_option, chosen_axes
-from .options import Quantity, StrictCommand, json_option, prepare_and_warn, print_json
+from .options import Quantity, StrictCommand, json_option, print_json
 from .prose import say
 from .results import out_option
 
@@ -84,8 +84,9 @@ def _of_configuration(
     file: Path, only: str, seconds: float, seed: int, coherence_s: float, step: Callable[[str], None]
 ) -> tuple[list[AxisBudget], str]:
     from micromanip.design.budget.configured import budget_of
+    from micromanip.settings.check import prepare
 
-    prepared = prepare_and_warn(file, seed)
+    prepared = prepare(file, seed)
     axes = chosen_axes(prepared.configuration.axes, only, file)
     return budget_of(prepared, axes, seconds, seed, coherence_s, step), f"{file}, seed {seed}"
 

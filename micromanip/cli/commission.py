@@ -19,7 +19,7 @@ from micromanip.errors import CheckFailed, UsageError, sentence
 from .axes import chosen_axes
 from .axis_names import complete_axis_or_all
 from .commissioned import PREVIOUS, REJECTED, REPORT, TUNED, document, print_found, tuned_text, write_results
-from .options import Quantity, StrictCommand, config_argument, json_option, prepare_and_warn, print_json, socket_option
+from .options import Quantity, StrictCommand, config_argument, json_option, print_json, socket_option
 from .progress import steps
 from .prose import say
 from .results import out_option, results_folder, run_folder
@@ -79,8 +79,9 @@ def command(
     """
     from micromanip.design.commission.cell import commission_cell, planned
     from micromanip.design.commission.knobs import Knobs
+    from micromanip.settings.check import prepare
 
-    prepared = prepare_and_warn(config)
+    prepared = prepare(config)
     chosen = chosen_axes(prepared.configuration.axes, only, config)
     _require_stage_sensors(prepared, chosen)
     real = prepared.wiring.real

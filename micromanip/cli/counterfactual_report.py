@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any, NoReturn
 
-from .options import prepare_and_warn, print_answer
+from .options import print_answer
 from .prose import say
 
 
@@ -24,7 +24,9 @@ def predict_tuning(file: Path, config: Path, cut: tuple[float, float] | None, as
     Compiler.tell = staticmethod(lambda name: say(f"compiling {name} (the first time only)", err=True))
     telemetry = open_telemetry(file)
     _, recorded = recorded_configuration(telemetry)
-    tuned = prepare_and_warn(config)
+    from micromanip.settings.check import prepare
+
+    tuned = prepare(config)
     require_comparable(recorded, tuned.configuration, file, config)
     window = take_window(telemetry, cut)
     rerun = Rerun(window, fit_models(window, recorded))

@@ -14,7 +14,7 @@ from micromanip.client import Client
 from micromanip.errors import CheckFailed, UsageError, system_error
 
 from .axis_names import complete_axis_or_all
-from .options import Quantity, StrictCommand, json_option, prepare_and_warn, print_json, socket_option
+from .options import Quantity, StrictCommand, json_option, print_json, socket_option
 from .prose import say
 from .results import out_option, results_folder
 
@@ -115,7 +115,9 @@ def _measured(
     if config is None:
         with Client(socket_path) as client:
             return _live(client, axis, amplitude_um, seed)
-    prepared = prepare_and_warn(config, seed)
+    from micromanip.settings.check import prepare
+
+    prepared = prepare(config, seed)
     configuration = prepared.configuration
     if not prepared.wiring.virtual:
         raise UsageError(f"{config} is not a simulated cell: start it, and leave CONFIG out")

@@ -12,7 +12,7 @@ from micromanip.errors import UsageError
 
 from .axes import require_axis_of
 from .axis_names import complete_axis
-from .options import Quantity, StrictCommand, config_argument, json_option, prepare_and_warn, print_json
+from .options import Quantity, StrictCommand, config_argument, json_option, print_json
 from .prose import say
 from .results import Pictures, out_option, provenance
 
@@ -49,9 +49,10 @@ def command(
 
     from micromanip.design.evaluation import evaluate, evaluate_fast, fast_table, table, with_models
     from micromanip.design.repeated import repeated
+    from micromanip.settings.check import prepare
     from micromanip.virtual.experiment import VirtualExperiment
 
-    prepared = prepare_and_warn(config, seed)
+    prepared = prepare(config, seed)
     names = list(prepared.configuration.axes)
     if only is not None:
         require_axis_of(names, only, config)

@@ -11,7 +11,7 @@ from micromanip.errors import CheckFailed, UsageError, sentence
 
 from .axes import require_axis_of
 from .axis_names import complete_axis
-from .options import Quantity, StrictCommand, config_argument, json_option, prepare_and_warn, print_json, socket_option
+from .options import Quantity, StrictCommand, config_argument, json_option, print_json, socket_option
 from .prose import say
 from .results import keep, out_option, results_folder
 
@@ -75,8 +75,9 @@ def command(
         write_csv,
     )
     from micromanip.design.movement import moves_against
+    from micromanip.settings.check import prepare
 
-    prepared = prepare_and_warn(config)
+    prepared = prepare(config)
     configuration = prepared.configuration
     require_axis_of(configuration.axes, axis, config)
     file = folder / f"{axis}_{kind}.csv"

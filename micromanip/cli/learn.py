@@ -21,7 +21,6 @@ from .options import (
     StrictGroup,
     config_argument,
     json_option,
-    prepare_and_warn,
     print_answer,
     print_json,
     socket_option,
@@ -201,10 +200,11 @@ def export(folder: Path, axis: str, tool: int | None, file: Path, as_json: bool)
 def try_(config: Path, parts: int, seconds: float, seed: int, limit_um: float, as_json: bool) -> None:
     """Make identical parts on a simulated cell in virtual time, which learns from each, and say what is left."""
     from micromanip.design.learning.trial import trial
+    from micromanip.settings.check import prepare
 
     from .progress import steps
 
-    prepared = prepare_and_warn(config)
+    prepared = prepare(config)
     with steps() as bar:
         found = trial(prepared, parts, seconds, seed, limit_um, bar.say)
     if as_json:

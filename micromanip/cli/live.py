@@ -123,12 +123,12 @@ def faults(report: Status) -> list[Text]:
 
 def slow_signals(report: Status) -> list[Text]:
     """Sensors that come less often than their drivers state."""
-    return [Text(told, style="bold yellow") for told in report.get("slow_signals", [])]  # an older version has none
+    return [Text(told, style="bold yellow") for told in report["slow_signals"]]
 
 
 def arms_by_itself(report: Status) -> list[Text]:
     """That it moves without being asked again, and what it still waits for."""
-    awaits = report.get("arming_awaits")  # a controller of an older version has not heard of it
+    awaits = report["arming_awaits"]
     if awaits is None:
         return []
     told = "arms by itself (arm_on_start) as soon as this is over; `micromanip disarm` calls it off:"
@@ -157,7 +157,7 @@ def _figures(report: Status) -> list[RenderableType]:
     learning = report.get("learning")
     if learning is not None:
         parts.append(f"learning: {learned(learning)}; see `micromanip learn status`")
-    recording = report.get("recording")  # a controller of an older version has not heard of it
+    recording = report["recording"]
     if recording is not None:
         parts.append(recorded(recording))
     return parts
@@ -211,8 +211,8 @@ def watched(report: Status) -> Group:
     )
     for name, signal in report["signals"].items():
         ages = (str(signal[key]) if signal[key] is not None else "-" for key in _AGES)
-        stated = f"{signal['stated_hz']:.0f}" if "stated_hz" in signal else "-"  # an older version does not say
-        signals.add_row(name, f"{signal['rate_hz']:.0f}", stated, *ages, *(str(signal[key]) for key in _UNUSED))
+        rates = (f"{signal[key]:.0f}" for key in ("rate_hz", "stated_hz"))
+        signals.add_row(name, *rates, *ages, *(str(signal[key]) for key in _UNUSED))
     running = f"parameter version {report['parameter_version']}, {report['configuration']}"
     shown = (values(report), *_figures(report), signals)
     above = (state_line(report), *faults(report), *slow_signals(report), *arms_by_itself(report))

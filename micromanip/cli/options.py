@@ -17,7 +17,7 @@ from micromanip.errors import nearest
 from .prose import NarrowContext, say
 
 if TYPE_CHECKING:
-    from micromanip.settings.check import Prepared
+    pass
 
 _Answer = TypeVar("_Answer")
 _WHOLE = 1000
@@ -113,15 +113,6 @@ def warn(warnings: Iterable[str]) -> None:
     """A line each on standard error."""
     for warning in warnings:
         say(f"WARNING: {warning}", err=True)
-
-
-def prepare_and_warn(config: Path, seed: int | None = None) -> Prepared:
-    """What ``settings.check.prepare`` makes of a file; its keys with names of an older version are told."""
-    from micromanip.settings.check import prepare
-
-    found = prepare(config, seed)
-    warn(found.source.notes)
-    return found
 
 
 class Told:

@@ -38,9 +38,8 @@ def play(
     `process` keeps the machining force of a simulation.
     Raises CheckFailed where a fault ended it, or cycles are missing from the recording.
     """
-    import h5py
-
     from micromanip.host.daemon import Options, serve
+    from micromanip.recordings import open_telemetry
 
     armed = variant.model_copy(update={"arm_on_start": True})
     drivers = prepared.wiring.drivers
@@ -52,7 +51,7 @@ def play(
     at_rest = np.zeros(1, CELL_STATE)[0]
     arming_s = int(planned_cycles(experiment.parameters[0], at_rest)) * variant.loop.period_ns * 1e-9
     with tempfile.TemporaryDirectory(prefix="micromanip-") as folder:
-        file = Path(folder) / "experiment.h5"
+        file = Path(folder) / "experiment.mcap"
         line.planned_s = arming_s + duration_s + 0.5
         report = serve(experiment, Options(socket_path, line.planned_s, file), line.say, line.show)
         if report["faults"]:
@@ -60,8 +59,7 @@ def play(
         recorded = report["recording"]
         if recorded is not None and recorded["message"] is not None:
             raise CheckFailed(f"the experiment was not recorded: {recorded['message']}")
-        with h5py.File(file) as recording:
-            rows: NDArray[Any] = recording["rows"][:]
+        rows: NDArray[Any] = np.concatenate(list(open_telemetry(file).rows()))
     rows = rows[rows["state"] == TRACKING][: round(duration_s * variant.loop.rate_hz)]
     wanted = np.arange(rows["cycle"][0], rows["cycle"][-1] + 1) if len(rows) else np.arange(0)
     if len(wanted) < 0.99 * duration_s * variant.loop.rate_hz:

@@ -11,7 +11,7 @@ import click
 from micromanip.errors import CheckFailed, UsageError
 
 from .axes import axis_option, chosen_axes
-from .options import Quantity, StrictCommand, json_option, prepare_and_warn, print_json, warn
+from .options import Quantity, StrictCommand, json_option, print_json, warn
 from .prose import say
 from .results import out_option
 
@@ -55,10 +55,11 @@ def command(
     """
     from micromanip.design.preview.preview import preview_of
     from micromanip.design.preview.seen import seen_path
+    from micromanip.settings.check import prepare
 
     from .results import Pictures, require_room
 
-    prepared = prepare_and_warn(config)
+    prepared = prepare(config)
     chosen = chosen_axes(prepared.configuration.axes, only, config)
     if offset_file is not None:
         if offset_file.exists():

@@ -74,7 +74,7 @@ def start(
     minutes: float | None,
     quota_GB: float | None,
 ) -> Callable[[Client], Recorded]:
-    """Begin a recording: FILE.mcap or FILE.h5, a name without a folder; named for the time without one.
+    """Begin a recording: FILE.mcap, a name without a folder; named for the time without one.
 
     It goes to the folder that `run --recordings` names, and replaces nothing there.
     """

@@ -106,7 +106,6 @@ def command(
         "swaps": found.swaps,
         "commands": dict(found.commands),
         "gaps": found.gaps,
-        "lacks": found.lacks,
         "other_version": found.is_other_version,
         "difference": None
         if difference is None
@@ -143,5 +142,3 @@ def _show(document: dict[str, Any]) -> None:
         say(f"gap: {gap}")
     if document["left_out"]:
         say(f"{document['left_out']} rows could not be replayed: no state of the loop is at hand before them")
-    if document["lacks"]:
-        say(f"an older version recorded it; its rows do not say: {', '.join(document['lacks'])}")

@@ -71,9 +71,9 @@ def _loop(config: Path | None) -> tuple[Loop, list[str]]:
 
     if config is None:
         return Loop(cpu=max(os.sched_getaffinity(0)), limits="hardware"), []
-    from .options import prepare_and_warn
+    from micromanip.settings.check import prepare
 
-    prepared = prepare_and_warn(config)
+    prepared = prepare(config)
     named = (device.partition(" ") for device in sorted(prepared.wiring.devices))
     return prepared.configuration.loop, [interface for kind, _, interface in named if kind == "ethercat"]
 

@@ -24,7 +24,7 @@ from .options import Quantity, StrictCommand, config_argument, json_option, prin
     help="Stop cleanly so many seconds after READY; where arm_on_start arms, after that. What comes before does not "
     "count.",
 )
-@click.option("--record", type=click.Path(path_type=Path), help="Record every cycle to this new file: .mcap, or .h5.")
+@click.option("--record", type=click.Path(path_type=Path), help="Record every cycle to this new file, .mcap.")
 @click.option(
     "--recordings",
     type=click.Path(path_type=Path, file_okay=False),

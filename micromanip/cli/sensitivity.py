@@ -11,7 +11,7 @@ from micromanip.client import Client
 from micromanip.errors import CheckFailed
 
 from .axis_names import complete_axis
-from .options import Quantity, StrictCommand, json_option, prepare_and_warn, print_json, socket_option
+from .options import Quantity, StrictCommand, json_option, print_json, socket_option
 from .prose import say
 from .results import out_option, results_folder
 
@@ -54,7 +54,9 @@ def command(
     from micromanip.settings.injected import require_axis
 
     if config is not None:
-        prepared = prepare_and_warn(config)
+        from micromanip.settings.check import prepare
+
+        prepared = prepare(config)
         require_axis(prepared.configuration, axis)
         if not prepared.wiring.virtual:
             raise UsageError(f"{config} is not a simulated cell: start it, and leave CONFIG out")

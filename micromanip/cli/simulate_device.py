@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .options import Quantity, StrictCommand, config_argument, json_option, pay_json, print_json, warn
+from .options import Quantity, StrictCommand, config_argument, json_option, pay_json, print_json
 
 if TYPE_CHECKING:
     from micromanip.emulation.devices import Devices
@@ -51,7 +51,6 @@ def command(
     from micromanip.emulation.devices import Devices, take_precedence
 
     devices = Devices(config, watchdog_ms, seed)
-    warn(devices.notes)
     if commands:
         pay_json()  # a line for each answer, and none for what ends them
     take_precedence(devices.loop_cpu)

@@ -45,10 +45,7 @@ def rows(axis: AxisValues) -> Iterator[Row]:
 
 def values(report: Status) -> RenderableType:
     """All axes; why a value is unknown stands below."""
-    axes = report.get("axes")
-    if not axes:  # a controller of an older version does not tell
-        return Text("this controller tells no values of its axes: it is of an older version", style="yellow")
-    named = {name: list(rows(axis)) for name, axis in axes.items()}
+    named = {name: list(rows(axis)) for name, axis in report["axes"].items()}
     reasons: dict[str, list[str]] = {}
     for name, axis_rows in named.items():
         for row in axis_rows:

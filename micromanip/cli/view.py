@@ -12,13 +12,13 @@ from .options import StrictCommand
 from .prose import say
 
 
-@click.command("view", cls=StrictCommand, epilog="Example: micromanip view out/run.mcap     or: micromanip view run.h5")
+@click.command("view", cls=StrictCommand, epilog="Example: micromanip view out/run.mcap")
 @click.argument("file", type=click.Path(path_type=Path), metavar="FILE")
 @click.option(
     "--listen", default="127.0.0.1:8091", show_default=True, metavar="HOST:PORT", help="Where browsers find it."
 )
 def command(file: Path, listen: str) -> None:
-    """Show a recording of ours, MCAP or HDF5, as the scope shows a running cell.
+    """Show a recording of ours as the scope shows a running cell.
 
     Zoom from 1 ms to the whole file, spectrum, x-y, states, faults and remarks. Of a long file it makes an overview
     meanwhile, which is kept in the user's cache; browsers of this computer need no token. It needs the extra `gateway`.

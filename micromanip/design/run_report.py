@@ -42,8 +42,7 @@ def run_report(run: RecordedRun, figures: RunFigures, steps: Mapping[str, StepRe
 
 def facts(run: RecordedRun, figures: RunFigures) -> str:
     """In a sentence: how long, what was missed, how it ended."""
-    end = run.telemetry.end
-    whole = "ended in order" if end.get("complete") else end.get("problem") or "broken off"
+    whole = "ended in order" if run.telemetry.end else "broken off"
     return (
         f"{figures.seconds:.1f} s, of which {figures.tracking_s:.1f} s tracking; {figures.skipped} cycles skipped by "
         f"overruns, {figures.lost} lost by the recorder; faults: {', '.join(figures.faults) or 'none'}; {whole}."

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from micromanip.errors import system_error
 from micromanip.faults import KINDS
-from micromanip.files.table_line import table_line
-from micromanip.recordings.table import Array
+from micromanip.recordings.table import Array, table_line
 from micromanip.recordings.trend import (
     COUNTED,
     FAULT,

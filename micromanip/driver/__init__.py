@@ -40,8 +40,7 @@ from micromanip.bus.number_options import BITS, PACKED, SIZES, Commanded, Scaled
 from micromanip.bus.safe_state import SafeOutput
 from micromanip.bus.simulated_axis import LinearPlant, SimulatedAxis
 from micromanip.errors import CheckFailed, ConfigError, did_you_mean
-from micromanip.files.byte_order_mark import marked_encoding
-from micromanip.files.regular_file import require_regular
+from micromanip.files import marked_encoding, require_regular
 from micromanip.rt.records import SIGNAL
 
 if TYPE_CHECKING:
@@ -51,15 +50,6 @@ if TYPE_CHECKING:
     from micromanip.rt.intrinsics import CONTEXT_SIGNATURE, EXCHANGE_SIGNATURE
     from micromanip.rt.jit import Compiler
     from micromanip.rt.laws.minimum_jerk import minimum_jerk
-
-DRIVER_API = (1, 9)
-"""Major and minor version of this door.
-
-The minor one grows where something is added: a name, an optional method, a key that a record has room for. The major
-one grows where a driver that was good is no longer: a name or an argument goes, or means something else; the old form
-then goes on working for one version of Micromanip, with a DeprecationWarning that says what is right. What is not named
-here may change at any time.
-"""
 
 _LATE = {
     "CONTEXT_SIGNATURE": "micromanip.rt.intrinsics",
@@ -77,7 +67,6 @@ __all__ = [
     "BITS",
     "CLASSIC_LENGTHS",
     "CONTEXT_SIGNATURE",
-    "DRIVER_API",
     "EXCHANGE_SIGNATURE",
     "FD_LENGTHS",
     "PACKED",

@@ -69,8 +69,6 @@ class Devices:
         source = Source.read(file)
         configuration = validate(source)
         driver = build_plant(configuration, source, PERIOD_NS, seed)
-        self.notes = source.notes
-        """Keys of `file` with names of an older version."""
         self.loop_cpu = configuration.loop.cpu
         """The controller's, if it has one of its own."""
         self.loop = EventLoop() if loop is None else loop

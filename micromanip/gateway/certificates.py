@@ -13,7 +13,7 @@ from cryptography.exceptions import UnsupportedAlgorithm
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
 
 from micromanip.errors import ConfigError, system_error
-from micromanip.files.regular_file import open_regular
+from micromanip.files import open_regular
 
 from .private import read_private
 

@@ -135,7 +135,7 @@ def _of_axes(status: Status) -> Iterator[Metric]:
     joints = {
         (axis, str(k)): hertz
         for axis, v in axes.items()
-        for k, hertz in enumerate(v.get("joints_Hz", []), 1)  # a controller of an older version tells none
+        for k, hertz in enumerate(v["joints_Hz"], 1)
         if hertz is not None
     }
     told = "Frequency of an oscillation of the joints, where it is followed."

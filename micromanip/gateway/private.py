@@ -7,7 +7,7 @@ import os
 from pathlib import Path
 
 from micromanip.errors import PermissionDenied, system_error
-from micromanip.files.regular_file import open_regular
+from micromanip.files import open_regular
 
 
 def read_private(path: Path, holds: str, *, group_may: bool = False) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.errors import UsageError
-from micromanip.files.table_line import table_line
+from micromanip.recordings.table import table_line
 
 from .cell import Source
 from .views import names, number

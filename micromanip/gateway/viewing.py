@@ -88,8 +88,7 @@ class RecordedCell:
 def _how_it_ended(telemetry: Telemetry) -> str:
     if not telemetry.end:
         return "The recorder was killed, or is still writing: this is what was in the file when it was opened."
-    problem = telemetry.end.get("problem")
-    return " ".join(filter(None, [f"The recording ended early: {problem}." if problem else "", telemetry.damage()]))
+    return telemetry.damage()
 
 
 def view(file: Path, listen: str, say: Callable[[str], None]) -> None:

@@ -127,7 +127,7 @@ class Daemon:
         loop.add_signal_handler(signal.SIGHUP, self._hang_up)
         await asyncio.sleep(0)  # a Ctrl-C that came before takes effect here, where nothing is begun yet
         control = self._prepared.configuration.control
-        access = Access(int(control.socket_mode, 8), control.group, control.operate_group, control.observe_group)
+        access = Access(int(control.socket_mode, 8), control.operate_group, control.observe_group)
         control_socket = ControlSocket(self._options.socket, self._verbs.table(), access, refused=self._trail.refused)
         await control_socket.open()
         try:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from micromanip.errors import CheckFailed
-from micromanip.files.regular_file import MOST_BYTES
+from micromanip.files import MOST_BYTES
 
 from .table import Array, Table
 
@@ -73,9 +73,7 @@ def read_npz(file: Path) -> Table:
         with zipfile.ZipFile(file) as archive:
             members = archive.infolist()
             if not all(member.filename.endswith(".npy") for member in members):
-                sheet = any(member.filename.startswith("xl/") for member in members)
-                what = "an Excel workbook: save the sheet as CSV" if sheet else "an archive: unpack it first"
-                raise CheckFailed(f"{file}: this is {what}")
+                raise CheckFailed(f"{file}: this is an archive or an Excel workbook: unpack it, or save it as CSV")
             if sum(member.file_size for member in members) > MOST_BYTES:
                 raise CheckFailed(f"{file}: unpacked it is larger than {MOST_BYTES / 1e6:g} MB; save a part of it")
         with np.load(file, allow_pickle=False) as arrays:

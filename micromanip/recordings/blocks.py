@@ -1,15 +1,14 @@
 """Telemetry rows as blocks of columns that compress well, bit for bit what they were.
 
-A float's last bits are noise, and no compressor shortens noise. What can be saved is what is known beforehand: a smooth
-signal goes on as it went (differences of integers, up to the fourth), and some columns are what the loop has computed
-from others (`DERIVED`). What is left is written byte plane by byte plane, because the high bytes are alike. The format:
-docs/record-and-replay.md.
+A float's last bits are noise, and no compressor shortens noise. But a smooth signal goes on as it went: differences of
+integers, up to the fourth, are small. They are written byte plane by byte plane, because the high bytes are alike. The
+format: docs/record-and-replay.md.
 """
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,27 +19,10 @@ _ORDERS = 5
 _PLANES = 8
 _SEARCH_EVERY = 20
 """Blocks: how quickly a column may become smooth, or rough, without its order following."""
-_HEAD = struct.Struct("<IHH")
-"""Rows, columns, coefficients; then an order a column, the coefficients, the planes."""
+_HEAD = struct.Struct("<II")
+"""Rows and columns; then an order a column, and the planes."""
 _MAGNITUDE = np.int64(0x7FFF_FFFF_FFFF_FFFF)
 _Bits = NDArray[np.int64]
-
-
-class Derived(NamedTuple):
-    """A field that is `base` + k `other` but for rounding, k by least squares; without `base`: its sum with `other` is
-    a smooth column of its own, the carrier, and it is that less `other`.
-    """
-
-    target: str
-    base: str | None
-    other: str
-
-
-DERIVED = (
-    Derived("voltage_V", "feedforward_V", "feedback_V"),
-    Derived("estimate_um", "stage_um", "innovation_um"),
-    Derived("path_error_um", None, "true_stage_um"),
-)
 
 
 class Column(NamedTuple):
@@ -93,32 +75,17 @@ def record_of(columns: Sequence[Column], row_bytes: int) -> np.dtype[Any]:
 class BlockCodec:
     """Rows to blocks and back. A block stands alone: it can be read without those before it."""
 
-    def __init__(self, columns: Sequence[Column], row_bytes: int, derived: Sequence[Derived]) -> None:
-        """`derived` are applied in this order, to each record that has their fields."""
-        self.columns, self.row_bytes, self.derived = list(columns), row_bytes, list(derived)
-        names = {column.path: k for k, column in enumerate(self.columns)}
-        self._index = names
-        self._sources: list[tuple[int, int, int]] = []
-        carriers = 0
-        for target, base, other in derived:
-            for path, k in names.items():
-                record, dot, field = path.rpartition(".")
-                if field != target or record + dot + other not in names:
-                    continue
-                if base is None:
-                    self._sources.append((k, len(self.columns) + carriers, names[record + dot + other]))
-                    carriers += 1
-                elif record + dot + base in names:
-                    self._sources.append((k, names[record + dot + base], names[record + dot + other]))
-        self._width = len(self.columns) + carriers
-        self._floats = np.array([c.format == "<f8" for c in self.columns] + [True] * carriers)
-        self._orders = np.zeros(self._width, np.uint8)
+    def __init__(self, columns: Sequence[Column], row_bytes: int) -> None:
+        self.columns, self.row_bytes = list(columns), row_bytes
+        self._index = {column.path: k for k, column in enumerate(self.columns)}
+        self._floats = np.array([column.format == "<f8" for column in self.columns])
+        self._orders = np.zeros(len(self.columns), np.uint8)
         self._blocks = 0
 
     @classmethod
     def of(cls, dtype: np.dtype[Any]) -> BlockCodec:
         """The codec of rows of `dtype`."""
-        return cls(columns_of_rows(dtype), dtype.itemsize, DERIVED)
+        return cls(columns_of_rows(dtype), dtype.itemsize)
 
     @classmethod
     def described(cls, document: Mapping[str, Any]) -> BlockCodec:
@@ -126,7 +93,7 @@ class BlockCodec:
         if document["layout"] != "micromanip.block/1":
             raise ValueError(f"layout {document['layout']!r:.60} is not known here")
         columns = [Column(str(c["name"]), str(c["type"]), int(c["offset"])) for c in document["columns"]]
-        return cls(columns, int(document["row_bytes"]), [Derived(**rule) for rule in document["derived"]])
+        return cls(columns, int(document["row_bytes"]))
 
     def document(self) -> dict[str, Any]:
         """What a reader must know, as JSON."""
@@ -134,7 +101,6 @@ class BlockCodec:
             "layout": "micromanip.block/1",
             "row_bytes": self.row_bytes,
             "columns": [{"name": c.path, "type": c.format, "offset": c.offset} for c in self.columns],
-            "derived": [rule._asdict() for rule in self.derived],
         }
 
     @property
@@ -145,12 +111,13 @@ class BlockCodec:
     def encode(self, rows: NDArray[Any]) -> bytes:
         """A block of `rows` (n,), at least one, of the dtype the codec was made of."""
         raw = np.ascontiguousarray(rows).view(np.uint8).reshape(len(rows), self.row_bytes)
-        bits = np.empty((self._width, len(rows)), np.int64)
+        width = len(self.columns)
+        bits = np.empty((width, len(rows)), np.int64)
         for k, column in enumerate(self.columns):
             size = int(column.format[2])
             part = np.ascontiguousarray(raw[:, column.offset : column.offset + size])
             bits[k] = part.view(f"<i{size}")[:, 0]
-        coefficients = self._reduce(bits)
+        bits[self._floats] = _ordered(bits[self._floats])
         if self._blocks % _SEARCH_EVERY == 0:
             self._orders = _best_orders(bits)
         self._blocks += 1
@@ -158,34 +125,35 @@ class BlockCodec:
             chosen = self._orders == order
             if chosen.any():
                 bits[chosen] = _zigzag(_difference(bits[chosen], order))
-        planes = np.ascontiguousarray(bits.view(np.uint8).reshape(self._width, len(rows), _PLANES).transpose(0, 2, 1))
-        head = _HEAD.pack(len(rows), self._width, len(coefficients))
-        return b"".join([head, self._orders.tobytes(), coefficients.astype("<f8").tobytes(), planes.tobytes()])
+        planes = np.ascontiguousarray(bits.view(np.uint8).reshape(width, len(rows), _PLANES).transpose(0, 2, 1))
+        return b"".join([_HEAD.pack(len(rows), width), self._orders.tobytes(), planes.tobytes()])
 
     def decode(self, block: bytes, paths: Sequence[str] | None = None) -> dict[str, NDArray[Any]]:
         """Columns (n,) of a block by their path, all or those of `paths`.
 
-        ValueError where it is no block of this codec.
+        ValueError where it is no block of this codec, or has no such column.
         """
+        if missing := [path for path in paths or () if path not in self._index]:
+            raise ValueError(f"its rows have no {missing[0]}")
         if len(block) < _HEAD.size:
             raise ValueError("a block is cut off")
-        count, width, constants = _HEAD.unpack_from(block)
-        at = _HEAD.size + width + 8 * constants
-        if width != self._width or constants != len(self._sources) or len(block) != at + count * width * _PLANES:
+        count, width = _HEAD.unpack_from(block)
+        at = _HEAD.size + width
+        if width != len(self.columns) or len(block) != at + count * width * _PLANES:
             raise ValueError("a block does not fit its schema")
-        wanted = range(len(self.columns)) if paths is None else [self._index[path] for path in paths]
-        needed = self._needed(wanted)
-        orders = np.frombuffer(block, np.uint8, width, _HEAD.size)[needed]
-        coefficients = np.frombuffer(block, "<f8", constants, _HEAD.size + width)
-        planes = np.frombuffer(block, np.uint8, offset=at).reshape(width, _PLANES, count)[needed]
-        part = np.ascontiguousarray(planes.transpose(0, 2, 1)).view(np.int64)[:, :, 0]
+        wanted = list(range(width)) if paths is None else [self._index[path] for path in paths]
+        orders = np.frombuffer(block, np.uint8, width, _HEAD.size)[wanted]
+        planes = np.frombuffer(block, np.uint8, offset=at).reshape(width, _PLANES, count)[wanted]
+        bits = np.ascontiguousarray(planes.transpose(0, 2, 1)).view(np.int64)[:, :, 0]
         for order in range(1, _ORDERS):
             chosen = orders == order
             if chosen.any():
-                part[chosen] = _summed(_unzigzag(part[chosen]), order)
-        bits = dict(zip(needed, part, strict=True))
-        self._restore(bits, coefficients)
-        return {self.columns[k].path: _typed(bits[k], self.columns[k].format) for k in wanted}
+                bits[chosen] = _summed(_unzigzag(bits[chosen]), order)
+        floats = self._floats[wanted]
+        bits[floats] = _ordered(bits[floats])
+        return {
+            self.columns[k].path: _typed(each, self.columns[k].format) for k, each in zip(wanted, bits, strict=True)
+        }
 
     def rows(self, block: bytes) -> NDArray[Any]:
         """All of a block as rows (n,) of `dtype`."""
@@ -197,61 +165,9 @@ class BlockCodec:
             rows[path] = values
         return rows.view(self.dtype)
 
-    def _needed(self, wanted: Iterable[int]) -> list[int]:
-        """Columns of which `wanted` are made, themselves included."""
-        needed, made_of = set(wanted), {target: rest for target, *rest in self._sources}
-        for target, rest in reversed(made_of.items()):
-            if target in needed:
-                needed.update(rest)
-        return sorted(needed)
-
-    def _reduce(self, bits: _Bits) -> NDArray[np.float64]:
-        """Leave of derived columns what their fields do not say, of other floats integers that rise with the value."""
-        values = bits.view(np.float64)
-        coefficients = np.zeros(len(self._sources))
-        rests = {}
-        with np.errstate(all="ignore"):
-            for n, (target, start, other) in enumerate(self._sources):
-                if start >= len(self.columns):
-                    coefficients[n] = -1.0
-                    values[start] = values[target] + values[other]
-                else:
-                    coefficients[n] = _slope(values[other], values[target] - values[start])
-                rests[target] = bits[target] - _finite_bits(values[start] + coefficients[n] * values[other])
-        plain = self._floats.copy()
-        plain[list(rests)] = False
-        bits[plain] = _ordered(bits[plain])
-        for target, rest in rests.items():
-            bits[target] = rest
-        return coefficients
-
-    def _restore(self, bits: dict[int, _Bits], coefficients: NDArray[np.float64]) -> None:
-        derived = {target for target, _, _ in self._sources}
-        for k in bits:
-            if self._floats[k] and k not in derived:
-                bits[k] = _ordered(bits[k])
-        with np.errstate(all="ignore"):
-            for (target, start, other), coefficient in zip(self._sources, coefficients, strict=True):
-                if target in bits:
-                    first, second = bits[start].view(np.float64), bits[other].view(np.float64)
-                    bits[target] = bits[target] + _finite_bits(first + coefficient * second)
-
 
 def _typed(bits: _Bits, kind: str) -> NDArray[Any]:
     return bits.view(np.float64) if kind == "<f8" else bits.astype(kind)
-
-
-def _slope(x: NDArray[np.float64], y: NDArray[np.float64]) -> float:
-    """The k of y = k x: a whole number where it is one but for rounding; 0 where there is none."""
-    k = float(x @ y) / max(float(x @ x), 1e-300)
-    if not np.isfinite(k):
-        return 0.0
-    return round(k) if abs(k - round(k)) < 1e-9 else k
-
-
-def _finite_bits(predicted: NDArray[np.float64]) -> _Bits:
-    """What is not finite predicts nothing: which NaN results is up to the processor."""
-    return np.where(np.isfinite(predicted), predicted, 0.0).view(np.int64)
 
 
 def _ordered(bits: _Bits) -> _Bits:

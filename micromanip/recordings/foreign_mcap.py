@@ -7,16 +7,16 @@ stands ``TOPIC.log_time``, s since the file's first message. Other encodings nee
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Iterator
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
 
 from micromanip.errors import CheckFailed
 
-from .mcap_places import MAGIC
 from .table import Array, Table
 
 _JSON = "json"
@@ -24,24 +24,19 @@ _JSON = "json"
 
 def read_foreign(file: Path) -> Table:
     """The columns of all topics; the clock of each is its ``log_time``. CheckFailed where there are no numbers."""
-    from mcap.exceptions import McapError
-    from mcap.reader import make_reader
-
     rows: dict[str, list[dict[str, float]]] = {}
     times_ns: dict[str, list[int]] = {}
     others: dict[str, str] = {}
     try:
         with file.open("rb") as stream:
-            if not _is_ended(stream):
-                raise CheckFailed(f"{file}: it is cut off, its end is missing; copy it again, or `mcap recover` it")
             for _, channel, message in make_reader(stream, validate_crcs=True).iter_messages():
                 if channel.message_encoding != _JSON:
                     others[channel.topic] = channel.message_encoding or "no encoding"
                     continue
                 rows.setdefault(channel.topic, []).append(dict(_numbers("", json.loads(message.data))))
                 times_ns.setdefault(channel.topic, []).append(message.log_time)
-    except (McapError, ValueError, EOFError, OverflowError, RecursionError) as problem:
-        raise CheckFailed(f"{file}: it can't be read as MCAP with messages of JSON ({problem})") from problem
+    except (McapError, ValueError, OSError, EOFError, OverflowError, RecursionError) as problem:
+        raise CheckFailed(f"{file}: it is cut off, damaged, or no MCAP with messages of JSON ({problem})") from problem
     columns: dict[str, Array] = {}
     clocks: dict[str, str] = {}
     begin_ns = min((times[0] for times in times_ns.values()), default=0)
@@ -60,15 +55,6 @@ def read_foreign(file: Path) -> Table:
             "wanted as JSON, or export it as CSV or Parquet"
         )
     return Table(file, columns, dict.fromkeys(clocks.values(), "s"), clocks=clocks)
-
-
-def _is_ended(stream: IO[bytes]) -> bool:
-    """Whether it ends as a whole file does; it is at its beginning again."""
-    begin = stream.seek(0, os.SEEK_END) - len(MAGIC)
-    stream.seek(max(begin, 0))
-    found = begin >= len(MAGIC) and stream.read() == MAGIC
-    stream.seek(0)
-    return found
 
 
 def _numbers(name: str, value: Any) -> Iterator[tuple[str, float]]:

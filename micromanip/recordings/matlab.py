@@ -15,53 +15,51 @@ from typing import Any
 import numpy as np
 
 from micromanip.errors import CheckFailed
-from micromanip.files.regular_file import require_regular
 
 from .arrays import table_of
-from .hdf5 import opened, require_h5py
+from .hdf5 import opened
 from .table import Table
 
 _TEXTS = ("char", "cell", "function_handle", "struct")
 _DEEPEST = 6
 _ADVICE = "in MATLAB: save('record.mat', 't', 'u', 'y') with vectors of numbers"
+Found = Iterator[tuple[str, Any]]
+"""Arrays of numbers by their names; None for an object of MATLAB."""
 
 
 def read_matlab(file: Path) -> Table:
     """A .mat file of any version. CheckFailed where it is cut off, or holds no numbers."""
     with file.open("rb") as head:
-        new = head.read(520)[512:] == b"\x89HDF\r\n\x1a\n"
-    found, objects = _new(file) if new else _old(file)
-    if not found and objects:
-        raise CheckFailed(f"{file}: {', '.join(objects)}: an object of MATLAB, which can't be read here; {_ADVICE}")
+        is_hdf5 = head.read(520)[512:] == b"\x89HDF\r\n\x1a\n"
+    every = dict(_of_hdf5(file) if is_hdf5 else _by_scipy(file))
+    found = {name: values for name, values in every.items() if values is not None}
+    if not found and every:
+        raise CheckFailed(f"{file}: {', '.join(every)}: an object of MATLAB, which can't be read here; {_ADVICE}")
     if not found:
         raise CheckFailed(f"{file}: there are no columns of numbers in it; {_ADVICE}")
     return table_of(file, found)
 
 
-def _old(file: Path) -> tuple[dict[str, Any], list[str]]:
+def _by_scipy(file: Path) -> Found:
     from scipy.io import loadmat
     from scipy.io.matlab import MatlabFunction, MatlabOpaque, MatReadError
 
     try:
-        require_regular(file)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # about objects, which are told below
+            warnings.simplefilter("ignore")  # about objects, which are told above
             variables = loadmat(file, struct_as_record=True, verify_compressed_data_integrity=True)
-    except (MatReadError, ValueError, OSError, EOFError, TypeError, KeyError, IndexError, zlib.error) as problem:
+    except (
+        MatReadError, ValueError, OSError, EOFError, TypeError, KeyError, IndexError, NotImplementedError, zlib.error
+    ) as problem:  # fmt: skip
         raise CheckFailed(f"{file}: no MATLAB file, or cut off ({problem}); save it again, {_ADVICE}") from problem
-    except NotImplementedError as problem:
-        raise CheckFailed(f"{file}: a version of MATLAB's files that is not known here; {_ADVICE}") from problem
-    found: dict[str, Any] = {}
-    objects = []
     for name, value in variables.items():
         if isinstance(value, MatlabOpaque | MatlabFunction):
-            objects.append(name if name != "None" else "a variable")
+            yield name if name != "None" else "a variable", None
         elif isinstance(value, np.ndarray) and not name.startswith("__"):
-            found |= dict(_flat(name, value, _DEEPEST))
-    return found, objects
+            yield from _flat(name, value, _DEEPEST)
 
 
-def _flat(name: str, value: Any, deeper: int) -> Iterator[tuple[str, Any]]:
+def _flat(name: str, value: Any, deeper: int) -> Found:
     """Arrays of numbers in a variable, through structures (arrays of objects with fields)."""
     if value.dtype.names and deeper:
         for k, one in enumerate(value.ravel(), 1):
@@ -73,10 +71,8 @@ def _flat(name: str, value: Any, deeper: int) -> Iterator[tuple[str, Any]]:
         yield name, value
 
 
-def _new(file: Path) -> tuple[dict[str, Any], list[str]]:
-    h5py = require_h5py(file)
-    found: dict[str, Any] = {}
-    objects: list[str] = []
+def _of_hdf5(file: Path) -> Found:
+    found: list[tuple[str, Any]] = []
 
     def visit(name: str, item: Any) -> None:
         kind = item.attrs.get("MATLAB_class", b"")
@@ -84,11 +80,10 @@ def _new(file: Path) -> tuple[dict[str, Any], list[str]]:
         if name.startswith("#") or "MATLAB_empty" in item.attrs:
             return
         if "MATLAB_object_decode" in item.attrs:
-            objects.append(name)
-        elif isinstance(item, h5py.Dataset) and kind not in _TEXTS and item.dtype.kind in "fiu" and item.size > 1:
-            found[name.replace("/", ".")] = np.asarray(item[()]).T  # MATLAB's arrays lie the other way round
+            found.append((name, None))
+        elif getattr(item, "size", 0) > 1 and kind not in _TEXTS and item.dtype.kind in "fiu":
+            found.append((name.replace("/", "."), np.asarray(item[()]).T))  # MATLAB's arrays lie the other way round
 
-    require_regular(file)
     with opened(file) as contents:
         contents.visititems(visit)
-    return found, objects
+    return iter(found)

@@ -8,7 +8,6 @@ from __future__ import annotations
 import os
 import struct
 from collections.abc import Iterator
-from pathlib import Path
 from typing import IO
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -23,22 +22,17 @@ _INDEX_RECORDS = {0x08: (CHUNK, 16), 0x0A: (ATTACHMENT, 0), 0x0D: (METADATA, 0)}
 _PLACE = struct.Struct("<QQ")
 
 
-def whole_records(file: Path) -> Iterator[tuple[int, bytes]]:
-    """Metadata, attachments and chunks that are there as a whole, up to the index."""
-    with file.open("rb") as stream:
-        for opcode, length in places(stream):
-            yield opcode, stream.read(length)
-
-
 def places(stream: IO[bytes]) -> Iterator[tuple[int, int]]:
-    """Kind and length of the same; `stream` stands at the beginning of each, and may be left anywhere."""
-    size = os.fstat(stream.fileno()).st_size
-    if index := _index(stream, size):
+    """Kind and length of metadata, attachments and chunks that are there as a whole.
+
+    `stream` stands at the beginning of each, and may be left anywhere.
+    """
+    if index := _index(stream):
         for at, opcode, length in index:
             stream.seek(at)
             yield opcode, length
         return
-    at = len(MAGIC)
+    at, size = len(MAGIC), _size(stream)
     while at + RECORD.size <= size:
         stream.seek(at)
         opcode, length = RECORD.unpack(stream.read(RECORD.size))
@@ -49,28 +43,26 @@ def places(stream: IO[bytes]) -> Iterator[tuple[int, int]]:
             yield opcode, length
 
 
-def begins_without_chunks(file: Path) -> bool:
-    """Whether a channel comes before any chunk."""
-    with file.open("rb") as stream:
-        stream.seek(len(MAGIC))
-        while len(head := stream.read(RECORD.size)) == RECORD.size:
-            opcode, length = RECORD.unpack(head)
-            if opcode in (CHUNK, CHANNEL, _DATA_END):
-                return bool(opcode == CHANNEL)
-            stream.seek(length, os.SEEK_CUR)
-    return False
-
-
 def declared(stream: IO[bytes]) -> list[tuple[int, bytes]]:
     """Schemas and channels as they stand beside the index once more: where the chunk that has them is damaged."""
-    size = os.fstat(stream.fileno()).st_size
-    return [each for each in _summary(stream, size) if each[0] in (SCHEMA, CHANNEL)] if _index(stream, size) else []
+    return [each for each in records_in(_summary(stream)) if each[0] in (SCHEMA, CHANNEL)] if _index(stream) else []
 
 
-def _index(stream: IO[bytes], size: int) -> list[tuple[int, int, int]]:
+def records_in(content: bytes) -> Iterator[tuple[int, bytes]]:
+    """Kind and content of records that stand one after another."""
+    at = 0
+    while at + RECORD.size <= len(content):
+        opcode, length = RECORD.unpack_from(content, at)
+        at += RECORD.size
+        if at + length <= len(content):
+            yield opcode, content[at : at + length]
+        at += length
+
+
+def _index(stream: IO[bytes]) -> list[tuple[int, int, int]]:
     """Place, kind and length of the same, by the index at the end of a file that was ended in order; else nothing."""
     found = []
-    for opcode, content in _summary(stream, size):
+    for opcode, content in records_in(_summary(stream)):
         if opcode in _INDEX_RECORDS:
             kind, skipped = _INDEX_RECORDS[opcode]
             place, whole = _PLACE.unpack_from(content, skipped)
@@ -83,19 +75,18 @@ def _index(stream: IO[bytes], size: int) -> list[tuple[int, int, int]]:
     return found
 
 
-def _summary(stream: IO[bytes], size: int) -> Iterator[tuple[int, bytes]]:
-    """Kind and content of what stands at the end of a file that was ended in order; else nothing."""
+def _summary(stream: IO[bytes]) -> bytes:
+    """What stands at the end of a file that was ended in order; else nothing."""
+    size = _size(stream)
     if size < len(MAGIC) + _FOOTER.size:
-        return
+        return b""
     stream.seek(size - _FOOTER.size)
     opcode, _, start, _, _, magic = _FOOTER.unpack(stream.read(_FOOTER.size))
     if opcode != _FOOTER_RECORD or magic != MAGIC or not 0 < start < size:
-        return
+        return b""
     stream.seek(start)
-    summary, at = stream.read(size - _FOOTER.size - start), 0
-    while at + RECORD.size <= len(summary):
-        opcode, length = RECORD.unpack_from(summary, at)
-        at += RECORD.size
-        if at + length <= len(summary):
-            yield opcode, summary[at : at + length]
-        at += length
+    return stream.read(size - _FOOTER.size - start)
+
+
+def _size(stream: IO[bytes]) -> int:
+    return os.fstat(stream.fileno()).st_size

@@ -9,37 +9,35 @@ from typing import Any
 import numpy as np
 
 from micromanip.errors import CheckFailed
+from micromanip.extras import required
 
 from .table import Array, Table
 
-_MOST_VALUES = 250_000_000
-
 
 def read_parquet(file: Path) -> Table:
-    """The columns of numbers. CheckFailed where it is cut off, or the extra is missing."""
-    try:
+    """The columns of numbers. CheckFailed where it is cut off."""
+    with required(f"{file}: Parquet", "formats"):
         import pyarrow
         from pyarrow import parquet
-    except ImportError as problem:
-        raise CheckFailed(f"{file}: reading Parquet needs the extra: pip install micromanip[parquet]") from problem
+
+    def of_file(read: Callable[[], Any]) -> Any:
+        try:
+            return read()
+        except (pyarrow.ArrowException, OSError) as problem:
+            why = str(problem).splitlines()[0]
+            raise CheckFailed(f"{file}: it is cut off or damaged ({why}); copy it again") from problem
 
     def reading(name: str, stamped: bool) -> Callable[[], Array]:
         def read() -> Array:
-            try:
-                column = parquet.read_table(file, columns=[name]).column(0)
-            except (pyarrow.ArrowException, OSError) as problem:
-                raise _damaged(file, problem) from problem
-            return _numbers(column, stamped)
+            column = of_file(lambda: parquet.read_table(file, columns=[name])).column(0)
+            if stamped:
+                stamps = column.to_numpy()
+                return np.asarray((stamps - stamps[:1]) / np.timedelta64(1, "s"), float)
+            return np.ascontiguousarray(column.cast("float64", safe=False).to_numpy(), float)
 
         return read
 
-    try:
-        with parquet.ParquetFile(file) as opened:
-            schema, rows = opened.schema_arrow, opened.metadata.num_rows
-    except (pyarrow.ArrowException, OSError) as problem:
-        raise _damaged(file, problem) from problem
-    if rows > _MOST_VALUES:
-        raise CheckFailed(f"{file}: {rows} rows are more than can be read ({_MOST_VALUES}); save a part of it")
+    schema = of_file(lambda: parquet.read_schema(file))
     twice = next((name for name in schema.names if schema.names.count(name) > 1), None)
     if twice is not None:
         raise CheckFailed(f"{file}: several of its columns are called {twice}; save it with a name for each")
@@ -48,25 +46,9 @@ def read_parquet(file: Path) -> Table:
     units: dict[str, str] = {}
     for field in schema:
         stamped = kinds.is_timestamp(field.type) or kinds.is_duration(field.type)
-        plain = kinds.is_integer(field.type) or kinds.is_floating(field.type) or kinds.is_decimal(field.type)
-        if stamped or plain:
+        if stamped or kinds.is_integer(field.type) or kinds.is_floating(field.type) or kinds.is_decimal(field.type):
             columns[field.name] = reading(field.name, stamped)
-        if stamped:
-            units[field.name] = "s"
-        unit = (field.metadata or {}).get(b"unit") or (field.metadata or {}).get(b"units")
-        if unit and not stamped:
-            units[field.name] = unit.decode("utf-8", "replace")
+            units[field.name] = "s" if stamped else (field.metadata or {}).get(b"unit", b"").decode("utf-8", "replace")
     if not columns:
         raise CheckFailed(f"{file}: there are no columns of numbers in it; its columns are {', '.join(schema.names)}")
     return Table(file, columns, units)
-
-
-def _numbers(column: Any, stamped: bool) -> Array:
-    values = column.to_numpy() if stamped else column.cast("float64", safe=False).to_numpy()
-    if stamped:
-        values = (values - values[:1]) / np.timedelta64(1, "s")
-    return np.ascontiguousarray(values, dtype=float)
-
-
-def _damaged(file: Path, problem: Exception) -> CheckFailed:
-    return CheckFailed(f"{file}: it is cut off or damaged ({str(problem).splitlines()[0]}); copy it again")

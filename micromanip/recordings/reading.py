@@ -6,10 +6,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 from micromanip.errors import CheckFailed
-from micromanip.files.regular_file import open_regular
+from micromanip.files import open_regular
 
 from .arrays import read_npy, read_npz
-from .hdf5 import is_telemetry, open_hdf5, read_hdf5
+from .hdf5 import read_hdf5
 from .matlab import read_matlab
 from .mcap_places import MAGIC
 from .mcap_reading import open_mcap, read_mcap
@@ -22,19 +22,14 @@ KINDS = "CSV or other text, .mat, .npy, .npz, MCAP, HDF5 or Parquet"
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _PARTS = 1_000_000_000_000
 """Bytes of a file whose columns are read on their own, in parts: only what is used has to fit into the memory."""
-_FOREIGN = {
+_OTHERS = {
     b"\x1f\x8b": "compressed (gzip): unpack it first, gunzip",
     b"BZh": "compressed (bzip2): unpack it first, bunzip2",
-    b"\xfd7zXZ": "compressed (xz): unpack it first, unxz",
     b"TDSm": "LabVIEW TDMS: export it as text (CSV)",
     b"ARROW1": "Arrow (Feather): save it as Parquet",
-    b"\xd0\xcf\x11\xe0": "an old Excel workbook: save it as CSV",
+    b"\xd0\xcf\x11\xe0": "an Excel workbook: save it as CSV",
     b"\x80\x04": "a Python pickle, which is never loaded: save columns with numpy.savez",
     b"\x80\x05": "a Python pickle, which is never loaded: save columns with numpy.savez",
-    b"RIFF": "a sound file (WAV): save its samples as text or .npz",
-    b"%PDF": "a PDF",
-    b"\x89PNG": "a picture (PNG)",
-    b"\xff\xd8\xff": "a picture (JPEG)",
 }
 
 
@@ -44,19 +39,15 @@ def read_table(file: Path) -> Table:
 
 
 def open_telemetry(file: Path) -> Telemetry:
-    """A recording of ours, MCAP or HDF5. CheckFailed where it is not there, or something else."""
-    head = _head(file)
-    if head.startswith(MAGIC):
-        return open_mcap(file)
-    if head.startswith(_HDF5) and is_telemetry(file):
-        return open_hdf5(file)
-    raise CheckFailed(f"{file}: no recording of ours: MCAP or HDF5 of `run --record` or `record start`")
+    """A recording of ours. CheckFailed where it is not there, or something else."""
+    if not is_recording(file):
+        raise CheckFailed(f"{file}: no recording of ours, an MCAP file of `run --record` or `record start`")
+    return open_mcap(file)
 
 
 def is_recording(file: Path) -> bool:
-    """Whether `file` is a recording of ours. CheckFailed where it can't be read."""
-    head = _head(file)
-    return head.startswith(MAGIC) or (head.startswith(_HDF5) and is_telemetry(file))
+    """Whether `file` is MCAP, as recordings of ours are. CheckFailed where it can't be read."""
+    return _head(file).startswith(MAGIC)
 
 
 def _head(file: Path) -> bytes:
@@ -71,14 +62,14 @@ def _head(file: Path) -> bytes:
 def _reader(file: Path, head: bytes) -> Callable[[Path], Table]:
     if not head:
         raise CheckFailed(f"{file}: it is empty; a recording is {KINDS}")
-    for magic, what in _FOREIGN.items():
+    for magic, what in _OTHERS.items():
         if head.startswith(magic):
             raise CheckFailed(f"{file}: this is {what}; a recording is {KINDS}")
     if head.startswith(_HDF5):
         return read_hdf5
     if head.startswith(MAGIC):
         return read_mcap
-    if head.startswith((b"MATLAB ", b"\0\0\0\0\0\0\0\0")) or _HDF5 == head[512:520] or _level_4(file, head):
+    if head.startswith(b"MATLAB ") or _HDF5 == head[512:520] or (file.suffix.lower() == ".mat" and b"\0" in head):
         return read_matlab
     if head.startswith(b"\x93NUMPY"):
         return read_npy
@@ -87,7 +78,3 @@ def _reader(file: Path, head: bytes) -> Callable[[Path], Table]:
     if head.startswith(b"PAR1"):
         return read_parquet
     return read_text
-
-
-def _level_4(file: Path, head: bytes) -> bool:
-    return file.suffix.lower() == ".mat" and b"\0" in head

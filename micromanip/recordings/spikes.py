@@ -1,4 +1,4 @@
-"""Samples that are wrong by themselves: spikes of a few samples, and places where a signal jumps and goes on."""
+"""Samples that are wrong by themselves: spikes of a few samples."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ quantile `_USUAL`), and that share of the signal's span away."""
 _USUAL = 0.97
 _MOST = 0.02
 """More than this share of all samples are no spikes, but how the signal is."""
-_AROUND, _JUMP = 8, 6.0
 
 
 def off_median(x: Array) -> Array:
@@ -52,21 +51,6 @@ def bridged(x: Array, flags: Flags) -> Array:
         return x
     at = np.arange(len(x))
     return np.where(flags, np.interp(at, at[~flags], x[~flags]), x)
-
-
-def find_jumps(columns: list[Array]) -> list[int]:
-    """Samples after which all of several signals (n,) leap at once and go on from there.
-
-    So look samples that are missing where the column of time was numbered anew.
-    """
-    leaping = np.ones(len(columns[0]) - 1, dtype=bool)
-    for x in columns:
-        steps = np.abs(np.diff(x))
-        # the largest step on either side, without the one in the middle
-        windows = np.lib.stride_tricks.sliding_window_view(np.pad(steps, _AROUND, mode="reflect"), 2 * _AROUND + 1)
-        beside = np.maximum(windows[:, :_AROUND].max(axis=1), windows[:, _AROUND + 1 :].max(axis=1))
-        leaping &= steps > _JUMP * np.maximum(beside, float(np.median(steps)))
-    return [int(k) for k in np.flatnonzero(leaping)]
 
 
 def _median(x: Array) -> Array:

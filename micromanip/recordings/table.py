@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import takewhile
 from pathlib import Path
 
@@ -109,6 +109,11 @@ class Table(Mapping[str, Array]):
         # of run1.t and run2.t, that of the group in which the columns are
         near = sorted(sure, key=lambda name: -max((_shared(name, each) for each in names), default=0))
         return next(iter([*near, *timed, *like_t]), None)
+
+
+def table_line(fields: Iterable[str]) -> str:
+    """Numbers between commas; what is not known is ``NaN``, since polars takes a column with a ``nan`` for text."""
+    return ",".join(fields).replace("nan", "NaN")
 
 
 def called_time(name: str) -> bool:

@@ -1,4 +1,4 @@
-"""A recording of ours, whatever its format: what it is of, and its rows in parts."""
+"""A recording of ours: what it is of, and its rows in parts."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from micromanip.errors import CheckFailed
 
-from .mcap_layout import CONFIGURATION
+from .file_header import CONFIGURATION
 from .table import Array, Table
 
 _MOST_VALUES = 250_000_000
@@ -30,12 +30,12 @@ Piece = Callable[[Sequence[str]], Mapping[str, NDArray[Any]]]
 class Telemetry:
     """One run, or a piece of it.
 
-    `dtype` is the row of the program that wrote it; `configuration` its text, of the hash `sha256`; `end` how it was
-    ended (``rows``, ``lost``, ``complete``, ``problem``), empty where nobody could say so. `state` and `parameters` are
+    `dtype` is the row of the program that wrote it; `configuration` its text, of the hash `sha256`; `end` says how many
+    ``rows`` are in it and how many were ``lost``, empty where it was not ended in order. `state` and `parameters` are
     records as the loop had them, `states` those on the way, `marks` the remarks. `pieces` finds all of the file's
-    without reading their rows. `sources` tells the version of the cycle (`filed.sources_of_cycle`), "" where the file
-    is older than that; `samples` (n, axes) is what the source `file` played, None where nothing was. `damaged` names
-    what stood beside the rows and can't be trusted: it is left out.
+    without reading their rows. `sources` tells the version of the cycle (`file_header.sources_of_cycle`); `samples`
+    (n, axes) is what the source `file` played, None where nothing was. `damaged` names what stood beside the rows and
+    can't be trusted: it is left out.
     """
 
     file: Path
@@ -44,7 +44,7 @@ class Telemetry:
     dtype: np.dtype[Any]
     configuration: str
     sha256: str
-    end: Mapping[str, Any]
+    end: Mapping[str, int]
     parts: Parts = field(repr=False)
     rows: Callable[[], Iterator[NDArray[Any]]] = field(repr=False)
     pieces: Callable[[], list[Piece]] = field(repr=False)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.errors import CheckFailed, UsageError, did_you_mean
-from micromanip.files.regular_file import open_regular
+from micromanip.files import open_regular
 
 from .table import Array
 

@@ -8,17 +8,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .recorded import CAME, FRESH
-
-_LINES = 31
 _SENSORS = ("fresh", "strain_um", "stage_um", "deviation_um", "strain_age_ns", "stage_age_ns", "deviation_age_ns")
 _CELL = ("cycle", "state", "phase", "fault", "version", "lines")
 _LAW = (
     "reference_um", "estimate_um", "innovation_um", "setpoint_um", "feedforward_V", "notch_um", "feedback_V",
     "voltage_V", "path_error_um", "uncompensated_um", "conditions",
 )  # fmt: skip
-_MASKS = {"fresh": FRESH | CAME, "lines": _LINES}
-"""What a row of any version says."""
 
 
 class Value(NamedTuple):
@@ -62,8 +57,7 @@ def first_mismatch(recorded: NDArray[Any], replayed: NDArray[Any], axes: list[st
 
 
 def _pair(one: NDArray[Any], two: NDArray[Any], name: str) -> tuple[NDArray[Any], NDArray[Any]]:
-    a, b = np.ascontiguousarray(one[name]), np.ascontiguousarray(two[name])
-    return (a & _MASKS[name], b & _MASKS[name]) if name in _MASKS else (a, b)
+    return np.ascontiguousarray(one[name]), np.ascontiguousarray(two[name])
 
 
 def _unequal(one: NDArray[Any], two: NDArray[Any]) -> NDArray[np.bool_]:

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from micromanip.errors import CheckFailed
 from micromanip.recordings import Telemetry
-from micromanip.recordings.filed import FILED_PARAMETERS
-from micromanip.recordings.mcap_layout import PARAMETERS
-from micromanip.recordings.mcap_layout import SAMPLES as SAMPLES_FILE
+from micromanip.recordings.file_header import PARAMETERS
+from micromanip.recordings.file_header import SAMPLES as SAMPLES_FILE
 from micromanip.rt.laws.coordinate_transform import MAX_FRAME
 from micromanip.rt.laws.estimator import MAX_STATES
 from micromanip.rt.laws.excitation import MAX_LINES
@@ -22,26 +21,8 @@ from micromanip.rt.laws.network import MAX_NEURONS
 from micromanip.rt.laws.reference import MAX_SINES, SAMPLES
 from micromanip.rt.laws.shaping import MAX_TABLE
 from micromanip.rt.records import CELL_PARAMETERS, CELL_STATE, MAX_AXES, MAX_OUTPUTS, MAX_SIGNALS
-from micromanip.rt.states import AMPLIFIER_FAULT, DERATED, DRIVER_ERROR, LINK_LOST, OUTPUTS_TAKEN
-from micromanip.rt.telemetry import (
-    AMPLIFIER_OK,
-    DEVIATION_CAME,
-    DEVIATION_FRESH,
-    DRIVER_FAILED,
-    LINK_DOWN,
-    OUTPUTS_ARE_TAKEN,
-    ROW,
-    STAGE_CAME,
-    STAGE_FRESH,
-    STRAIN_CAME,
-    STRAIN_FRESH,
-    TEMPERATURE_OK,
-)
+from micromanip.rt.telemetry import ROW
 
-FRESH = STRAIN_FRESH | STAGE_FRESH | DEVIATION_FRESH
-CAME = STRAIN_CAME | STAGE_CAME | DEVIATION_CAME
-_CAME_OF_FRESH = STRAIN_CAME // STRAIN_FRESH
-_LINK_FAULTS = {DRIVER_ERROR: DRIVER_FAILED, LINK_LOST: LINK_DOWN, OUTPUTS_TAKEN: OUTPUTS_ARE_TAKEN}
 _MOST = {
     "axes": MAX_AXES,
     "plays": MAX_PLAYS,
@@ -69,12 +50,11 @@ class Recorded:
     """A recording with what a cycle needs beside its row.
 
     `states`, each (1,), are those at the ends of cycles, by cycle; `parameters` the sets by version, each (1,);
-    `samples` (n, MAX_AXES) what the source ``file`` played; `unlike` names fields in which records differ from those
-    of this version.
+    `samples` (n, MAX_AXES) what the source ``file`` played.
     """
 
     def __init__(self, telemetry: Telemetry) -> None:
-        """Raises CheckFailed where the recording lacks what no cycle can be run without."""
+        """Raises CheckFailed where the recording lacks what no cycle can be run without, or has other records."""
         file = telemetry.file
         telemetry.require_whole(PARAMETERS, SAMPLES_FILE)
         found = [*([] if telemetry.state is None else [telemetry.state]), *telemetry.states]
@@ -82,90 +62,39 @@ class Recorded:
             telemetry.require_whole("state")
             raise CheckFailed(f"{file}: nothing can be replayed, the loop's state is not in it")
         self.telemetry = telemetry
-        self.unlike: list[str] = []
         states = [self._as(each, CELL_STATE, "state") for each in found]
         self.states = {int(state["cycle"][0]): state for state in states}
         self.parameters: dict[int, NDArray[Any]] = {}
         for one in telemetry.parameters:
-            for filed in one:
-                taken = self._as(filed[None], FILED_PARAMETERS, "parameters").view(CELL_PARAMETERS)
-                _require_sound(telemetry, taken)
-                self.parameters[int(taken["version"][0])] = taken
+            taken = self._as(one, CELL_PARAMETERS, "parameters")
+            _require_sound(telemetry, taken)
+            self.parameters[int(taken["version"][0])] = taken
         plays = any((each["axis"]["reference"]["kind"] == SAMPLES).any() for each in self.parameters.values())
         if plays and telemetry.samples is None:
             raise CheckFailed(
-                f"{file}: nothing can be replayed: an axis follows a file, and what that holds is not in the "
-                "recording; it is in those that this version makes"
+                f"{file}: nothing can be replayed: an axis follows a file, and what that holds is not in the recording"
             )
         self.samples = np.zeros((1, MAX_AXES)) if telemetry.samples is None else _table(telemetry)
-        self.is_complete = True
-
-    @property
-    def lacks(self) -> list[str]:
-        """What rows of an older version do not say; known once they have been read."""
-        if self.is_complete:
-            return []
-        return ["samples that came and were not usable", "lines of the amplifiers at rest", "links and outputs at rest"]
 
     def rows(self) -> Iterator[NDArray[Any]]:
-        """Rows (n,) of ROW, in parts, from the first on; what those of an older version do not say is filled in."""
+        """Rows (n,) of ROW, in parts, from the first on."""
         for part in self.telemetry.rows():
             rows = self._as(part, ROW, "rows")
-            fresh = rows["axis"]["fresh"]
-            if self.is_complete and ((fresh & FRESH) & ~(fresh >> 3)).any():
-                self.is_complete = False
-            if not self.is_complete:
-                _fill_in(rows)
             if (rows["periods"] < 1).any():
                 at = int(np.argmax(rows["periods"] < 1))
                 raise CheckFailed(f"{self.telemetry.file}: damaged: row of cycle {rows['cycle'][at]} took no period")
             yield rows
 
     def _as(self, records: NDArray[Any], dtype: np.dtype[Any], what: str) -> NDArray[Any]:
-        """A copy of `records` as `dtype`; fields by their names, those that are not there are 0, places of none."""
+        """A copy of `records` as `dtype`, which has the alignment that compiled code asks for."""
+        if records.dtype != dtype:
+            raise CheckFailed(
+                f"{self.telemetry.file}: another version of micromanip recorded it, with other {what}: replay it with "
+                "that version"
+            )
         found = np.zeros(records.shape, dtype)
-        if records.dtype == dtype:  # but for its alignment, which compiled code asks for
-            found[...] = records
-            return found
-        _carry(records, found, what, self.unlike)
+        found[...] = records
         return found
-
-
-def _carry(old: NDArray[Any], new: NDArray[Any], path: str, unlike: list[str]) -> None:
-    """Fields of `old` to those of `new` that are called so; `unlike` gets those that have no counterpart."""
-    theirs, ours = set(old.dtype.names or ()), set(new.dtype.names or ())
-    for name in ours - theirs:
-        _unwire(new, name)
-    for name in sorted(theirs ^ ours):
-        if (note := f"{path}.{name}") not in unlike:
-            unlike.append(note)
-    for name in theirs & ours:
-        if old.dtype[name].base.names and old[name].shape == new[name].shape:
-            _carry(old[name], new[name], f"{path}.{name}", unlike)
-        elif not old.dtype[name].base.names and not new.dtype[name].base.names:
-            if old[name].shape == new[name].shape:
-                new[name] = old[name]
-            elif (note := f"{path}.{name}") not in unlike:
-                unlike.append(note)
-
-
-def _unwire(records: NDArray[Any], name: str) -> None:
-    """No signal and no output stands in the field `name`, nor in what it has within: 0 would be the first of them."""
-    inner = records.dtype[name].base.names or ()
-    if name in _PLACES and not inner:
-        records[name] = -1
-    for each in inner:
-        _unwire(records[name], each)
-
-
-def _fill_in(rows: NDArray[Any]) -> None:
-    """Take what came for what was usable, and lines and links for what the faults say of them."""
-    axis = rows["axis"]
-    axis["fresh"] |= (axis["fresh"] & FRESH) * _CAME_OF_FRESH
-    axis["fresh"] |= np.where(axis["conditions"] & (1 << AMPLIFIER_FAULT), 0, AMPLIFIER_OK).astype("i4")
-    axis["fresh"] |= np.where(axis["conditions"] & (1 << DERATED), 0, TEMPERATURE_OK).astype("i4")
-    for fault, bit in _LINK_FAULTS.items():
-        rows["lines"] |= np.where(rows["fault"] == fault, bit, 0).astype("i4")
 
 
 def _table(telemetry: Telemetry) -> NDArray[np.float64]:

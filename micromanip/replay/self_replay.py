@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from micromanip.errors import CheckFailed
 from micromanip.recordings import Telemetry
-from micromanip.recordings.filed import sources_of_cycle
+from micromanip.recordings.file_header import sources_of_cycle
 from micromanip.rt.records import CELL_PARAMETERS, MAX_OUTPUTS, MAX_SIGNALS, SIGNAL
 from micromanip.rt.states import COMMAND_NAMES, NO_COMMAND
 from micromanip.rt.telemetry import ROW
@@ -48,9 +48,8 @@ class ReplayResult:
     """Cycles that the loop missed within them."""
     swaps: int = 0
     commands: Counter[str] = field(default_factory=Counter)
-    lacks: list[str] = field(default_factory=list)
-    sources: str = ""
     is_other_version: bool = False
+    """Whether the sources of the cycle have changed since it was recorded."""
     gaps: list[str] = field(default_factory=list)
     """What was missing; behind it the replay began anew from the next state of the loop."""
     difference: Difference | None = None
@@ -66,7 +65,6 @@ def replay(telemetry: Telemetry) -> ReplayResult:
     for rows in recorded.rows():
         run.outcome.rows += len(rows)
         run.go_on(rows)
-    run.outcome.lacks = recorded.lacks
     if run.outcome.cycles == 0 and run.outcome.difference is None:
         why = run.outcome.gaps or ["no row follows a state of the loop"]
         raise CheckFailed(f"{telemetry.file}: nothing can be replayed: {why[0]}")
@@ -82,8 +80,7 @@ class Run:
         self.state: NDArray[Any] | None = None
         self.signals, self.outputs = np.zeros(MAX_SIGNALS, SIGNAL), np.zeros(MAX_OUTPUTS)
         self.sets = np.zeros(2, CELL_PARAMETERS)
-        self.outcome = ReplayResult(telemetry.axes, sources=telemetry.sources)
-        self.outcome.is_other_version = telemetry.sources not in ("", sources_of_cycle()) or bool(recorded.unlike)
+        self.outcome = ReplayResult(telemetry.axes, is_other_version=telemetry.sources != sources_of_cycle())
         self._first_cycle: int | None = None
 
     def go_on(self, rows: NDArray[Any]) -> None:
@@ -173,17 +170,9 @@ class Run:
 
     def _cause(self, mismatch: Mismatch) -> str:
         """What most likely made them differ."""
-        if self.recorded.unlike:
-            fields = ", ".join(self.recorded.unlike[:4])
-            return f"another version of the program recorded it: its records are not those of this one ({fields})"
         if self.outcome.is_other_version:
             return "another version of the program recorded it: the sources of its cycle are not those of this one"
-        first = mismatch.values[0].name
-        if not self.recorded.is_complete and first not in ("reference_um", "estimate_um", "setpoint_um"):
-            return f"an older version recorded it, and its rows do not say: {', '.join(self.recorded.lacks)}"
-        if not self.outcome.sources:
-            return "the file does not say which version of the program recorded it; it may have been another one"
-        if first in ("state", "phase", "fault"):
+        if mismatch.values[0].name in ("state", "phase", "fault"):
             return "something led to another state that the rows do not say"
         return (
             "the same sources compute something else here: a row was changed, or another processor or mathematical "

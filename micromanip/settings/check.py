@@ -64,12 +64,12 @@ class Prepared:
 
     @property
     def warnings(self) -> list[str]:
-        """A line each: older names in the file first, then the advice."""
-        return [*self.source.notes, *self.source.sentences(self.advice)]
+        """The advice, a line each."""
+        return self.source.sentences(self.advice)
 
     def warnings_since(self, before: Prepared) -> list[str]:
         """The same without the advice that holds of `before`, too."""
-        return [*self.source.notes, *self.source.sentences(each for each in self.advice if each not in before.advice)]
+        return self.source.sentences(each for each in self.advice if each not in before.advice)
 
 
 def prepare(file: Path, seed: int | None = None) -> Prepared:

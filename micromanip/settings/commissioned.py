@@ -10,18 +10,15 @@ from typing import Any
 from micromanip.settings.schema.axis import HASH_DIGITS, Axis
 from micromanip.settings.text.digits import rounded
 from micromanip.settings.text.place import Finding
-from micromanip.settings.text.renames import first_names
 
 
 def tuning_hash(axis: Axis) -> str:
     """First 16 hexadecimal digits of the SHA-256 over all keys of `axis` that a report is about (``Axis.tuning``).
 
     Canonical JSON, keys sorted, numbers rounded as where they are written to a file: a file that was written
-    and loaded again has the same hash. Defaults count: it is the same whether a key is left out or spelt out. A key
-    counts by the name that it was given first, so a report stays that of its axis where a later layout has another.
+    and loaded again has the same hash. Defaults count: it is the same whether a key is left out or spelt out.
     """
-    tuning = _canonical(first_names(axis.tuning(), ("axes", "*")))
-    text = json.dumps(tuning, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    text = json.dumps(_canonical(axis.tuning()), sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()[:HASH_DIGITS]
 
 

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from micromanip.files import held_folder
-from micromanip.files.held_folder import HeldFolder, held, linked_file
+from micromanip import files
+from micromanip.files import HeldFolder, held, linked_file
 
 STRANGER = 4_000_000
 
@@ -197,7 +197,7 @@ def test_walks_as_the_kernel_does(tmp_path_factory, made, wanted):
 def test_names_are_new_each_time(tmp_path, monkeypatch):
     """What lies under the name of the part already is neither followed nor overwritten."""
     (tmp_path / "precious").write_text("precious")
-    monkeypatch.setattr(held_folder.secrets, "token_hex", lambda _: "known")
+    monkeypatch.setattr(files.secrets, "token_hex", lambda _: "known")
     (tmp_path / ".cell.yaml.known.part").symlink_to("precious")
     with held(tmp_path / "cell.yaml") as (folder, name), pytest.raises(FileExistsError):
         folder.write(name, b"new")

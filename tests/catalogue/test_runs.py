@@ -17,8 +17,6 @@ from micromanip.catalogue.store import Catalogue, Query
 from micromanip.errors import CheckFailed
 from micromanip.faults import KINDS
 from micromanip.host.trips.store import file_name
-from micromanip.recordings import open_telemetry
-from micromanip.recordings.export import export
 from tests.cli.command import code_of
 from tests.design.test_run_figures import recording
 from tests.host.boxes import box
@@ -109,11 +107,10 @@ def test_every_question_finds_what_it_asks_for(catalogue, query, wanted):
 def test_other_usual_endings_are_looked_into_too(made, tmp_path):
     shutil.copy(made / "good.mcap", tmp_path / "GOOD.MCAP")
     shutil.copy(CONFIG / "simulated.yaml", tmp_path / "cell.yml")
-    export(open_telemetry(made / "good.mcap"), tmp_path / "run.hdf5")
     with Catalogue(tmp_path / "catalogue.sqlite") as catalogue:
         catalogue.refresh([tmp_path])
         kinds = {entry.path.name: entry.kind for entry in catalogue.find(Query())}
-    assert kinds == {"GOOD.MCAP": "recording", "cell.yml": "tuning", "run.hdf5": "recording"}
+    assert kinds == {"GOOD.MCAP": "recording", "cell.yml": "tuning"}
 
 
 def test_only_what_has_changed_is_read_again_and_what_is_gone_is_forgotten(made, tmp_path):

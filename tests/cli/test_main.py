@@ -77,28 +77,6 @@ def test_a_bad_configuration_is_78_and_one_line(tmp_path, capsys):
     assert "K_V_per_um" in lines[0]
 
 
-@pytest.mark.parametrize(
-    "command",
-    [
-        ("check", "{file}"),
-        ("evaluate", "{file}", "--axis", "none"),
-        ("identify", "{file}", "--axis", "none", "--out", "{out}"),
-        ("commission", "{file}", "--axis", "none", "--out", "{out}"),
-        ("analyse", "{file}", "--axis", "none", "--out", "{out}"),
-        ("safe-outputs", "{file}", "--from-file"),
-    ],
-    ids=lambda command: command[0],
-)
-def test_a_file_of_an_older_layout_is_read_with_a_line_that_says_the_new_name(command, tmp_path, capsys):
-    file, text = tmp_path / "older.yaml", Path(CONFIG).read_text(encoding="utf-8")
-    file.write_text(text.replace("schema_version: 2", "schema_version: 1").replace("control_weight:", "effort:"))
-    code_of(*(word.format(file=file, out=tmp_path / "out") for word in command))
-    told = [line for line in capsys.readouterr().err.splitlines() if "control_weight" in line]
-    assert len(told) == 1
-    assert told[0].startswith(f"WARNING: {file}:")
-    assert "axes.x.outer.effort: called control_weight since schema_version 2" in told[0]
-
-
 def test_what_we_did_not_foresee_is_70_with_a_file_and_no_traceback(monkeypatch, capsys, tmp_path):
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     monkeypatch.setattr("tempfile.tempdir", None)

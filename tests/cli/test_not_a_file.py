@@ -35,10 +35,9 @@ def test_a_configuration(command, no_file, capsys):
     assert re.search("not a regular file|a directory", capsys.readouterr().err)
 
 
-@pytest.mark.parametrize("suffix", ["", ".h5"])
 @pytest.mark.parametrize("kind", ["hysteresis", "linear"])
-def test_a_recording(kind, suffix, no_file, capsys):
-    file = no_file.rename(f"recording{suffix}")
+def test_a_recording(kind, no_file, capsys):
+    file = no_file.rename("recording")
     assert code_of("fit", kind, file, "--input", "u", "--output", "y") == 1
     assert re.search("not a regular file|Is a directory", capsys.readouterr().err)
 

@@ -3,10 +3,10 @@
 import json
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
 
+from micromanip.recordings import open_telemetry
 from micromanip.rt.states import TRACKING
 from tools.running_controller import SHARED
 
@@ -65,12 +65,11 @@ def test_it_runs_as_it_was_tried(produced, capsys):
     assert json.loads(capsys.readouterr().out)["warnings"] == []
     armed = folder / "armed.yaml"
     armed.write_text(tuned.read_text(encoding="utf-8") + "arm_on_start: true\n", encoding="utf-8")
-    recorded = folder / "run.h5"
+    recorded = folder / "run.mcap"
     command = ("run", armed, "--duration", "9", "--socket", folder / "control.sock", "--record", recorded, "--json")
     assert code_of(*command) == 0
     assert json.loads(capsys.readouterr().out)["state"] == "OFF"
-    with h5py.File(recorded) as file:
-        rows = file["rows"][:]
+    rows = np.concatenate(list(open_telemetry(recorded).rows()))
     rows = rows[rows["state"] == TRACKING]["axis"][10_000:, 0]
     claimed = said["production"]["path_error_um"]["x"]
     left, moved = (

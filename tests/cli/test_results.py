@@ -262,11 +262,11 @@ def test_a_recording_that_finds_no_room_is_kept_elsewhere(tmp_path, monkeypatch,
 
 def test_an_experiment_that_was_not_recorded_moves_on_to_nothing(tmp_path, monkeypatch, capsys):
     """Through the running loop the rows come from a recording, on a disk of its own."""
-    failed = {"faults": [], "recording": {"message": "experiment.h5: No space left on device"}}
+    failed = {"faults": [], "recording": {"message": "experiment.mcap: No space left on device"}}
     monkeypatch.setattr("micromanip.host.daemon.serve", lambda *_: failed)
     assert code_of(*WRITERS["identify"], "--live", "--out", tmp_path / "out") == 1
     said = capsys.readouterr().err
-    assert "the experiment was not recorded: experiment.h5: No space left on device" in said
+    assert "the experiment was not recorded: experiment.mcap: No space left on device" in said
     assert not (tmp_path / "out").exists()
 
 

@@ -136,8 +136,8 @@ NO_TABLE = (
 TEXTS = {
     b"": "{file}: it is empty; a recording is CSV or other text, .mat, .npy, .npz, MCAP, HDF5 or Parquet",
     b"t_s,voltage_V,strain_um\n": NO_TABLE,
-    b"\x89PNG\r\n\x1a\n\xff": "{file}: this is a picture (PNG); "
-    "a recording is CSV or other text, .mat, .npy, .npz, MCAP, HDF5 or Parquet",
+    b"\x89PNG\r\n\x1a\n\xff": "{file}: neither text nor a format that is known here; "
+    "save it as CSV, .mat, .npz, HDF5 or Parquet",
     b"Dear reader,\nthis is a letter.\n": NO_TABLE,
     b"t_s,voltage_V,strain_um\n0,1,2\n1,2,3\n2,3\n": "{file}:4: this row has not as many values as there are columns "
     "(2, the others have 3); the file's last row: it may be cut off, remove it",

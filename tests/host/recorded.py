@@ -1,17 +1,19 @@
-"""What a controller tells of its recording, and the rows of an HDF5 file, opened as anybody would."""
+"""What a controller tells of its recording, and the rows that are in its file."""
 
-import h5py
+from pathlib import Path
+
 import numpy as np
 
 from micromanip.client import Client
+from micromanip.recordings import open_telemetry
 
 
 def recorded_rows(file):
     """The rows of a recording; each cycle is there once, in order."""
-    with h5py.File(file) as recording:
-        rows = recording["rows"][:]
-        assert recording["state"][0]["cycle"] < rows["cycle"][0]
-        assert set(rows["version"]) <= set(recording["parameters"]["version"])
+    telemetry = open_telemetry(Path(file))
+    rows = np.concatenate(list(telemetry.rows()))
+    assert telemetry.state["cycle"][0] < rows["cycle"][0]
+    assert set(rows["version"]) <= {int(each["version"][0]) for each in telemetry.parameters}
     assert (np.diff(rows["cycle"]) == rows["periods"][1:]).all()
     return rows
 

@@ -70,7 +70,7 @@ def test_a_loop_that_was_never_closed_is_checked_before_it_is(run):
 def test_arm_a_moment_before_ready_waits_for_it(run, manager, monkeypatch, tmp_path):
     """Once it is: tests/host/test_life.py."""
     monkeypatch.setenv("NOTIFY_SOCKET", manager.path)
-    cell = run(changed(LEISURELY, *WAITING), "--record", str(tmp_path / "run.h5")).watch()
+    cell = run(changed(LEISURELY, *WAITING), "--record", str(tmp_path / "run.mcap")).watch()
     until(lambda: cell.cycles > 0, cell.last_words)
     with suppress(DeviceUnavailable), Client(cell.socket) as client:
         client.arm()

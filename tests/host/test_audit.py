@@ -234,13 +234,6 @@ def test_days_that_are_over_for_long_go_first(tmp_path):
     assert "2026-01-01" not in left
 
 
-def test_what_an_older_version_left_is_still_read(trail):
-    note(trail, ALICE, "arm")
-    trail.file.rename(trail.file.with_name("audit.jsonl.1"))
-    note(trail, ALICE, "disarm")
-    assert [entry["verb"] for entry in trail.last(9)["entries"]] == ["arm", "disarm"]
-
-
 def test_each_line_is_on_the_disk(trail, monkeypatch):
     synchronised = []
     monkeypatch.setattr(os, "fsync", synchronised.append)

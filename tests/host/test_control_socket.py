@@ -238,7 +238,7 @@ def test_no_moment_in_which_others_may_connect(tmp_path, monkeypatch):
 
 
 def test_unknown_group(tmp_path):
-    message = "control.group: there is no group nobodys-own on this machine; `groupadd nobodys-own` makes it"
+    message = "control.operate_group: there is no group nobodys-own on this machine; `groupadd nobodys-own` makes it"
     with pytest.raises(UsageError, match=f"^{message}$"):
         mode_of(tmp_path / "s", Access(0o660, "nobodys-own"))
     assert not (tmp_path / "s").exists()

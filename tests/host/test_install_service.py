@@ -320,13 +320,3 @@ def test_a_folder_of_somebody_else_is_not_written_into(typed, root, config):
     assert code == 77
     assert "the folder that system is in is not safe" in err
     assert files(root) == []
-
-
-def test_a_file_of_an_older_layout_is_named(typed, config):
-    simulated = (Path(__file__).parents[2] / "config" / "simulated.yaml").read_text()
-    older = changed(
-        simulated, ("schema_version: 2", "schema_version: 1"), ("arm_on_start: true", "arm_on_start: false")
-    )
-    config.write_text(older.replace("control_weight:", "effort:"))
-    renamed, _ = json.loads(typed(config, "--dry-run", "--json")[1])["warnings"]
-    assert "axes.x.outer.effort: called control_weight since schema_version 2" in renamed

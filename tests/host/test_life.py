@@ -14,7 +14,7 @@ from tools.running_controller import LEISURELY, WAITING, changed, until
 def cell(run, manager, monkeypatch, tmp_path):
     monkeypatch.setenv("NOTIFY_SOCKET", manager.path)
     monkeypatch.setenv("WATCHDOG_USEC", "2000000")
-    return run(changed(LEISURELY, *WAITING), "--record", str(tmp_path / "run.h5"))
+    return run(changed(LEISURELY, *WAITING), "--record", str(tmp_path / "run.mcap"))
 
 
 def all_that_say_ready_agree(cell, manager):

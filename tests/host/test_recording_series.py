@@ -37,7 +37,7 @@ def test_rows_go_on_from_file_to_file(tmp_path, step):
     assert np.concatenate(parts).tobytes() == rows.tobytes()
     for name in files(tmp_path):
         telemetry = open_telemetry(tmp_path / name)
-        assert telemetry.end["complete"]
+        assert telemetry.end["rows"] > 0
         assert [int(each["version"][0]) for each in telemetry.parameters] == [1]
         assert telemetry.configuration == "c"
         assert (telemetry.state is not None) == (name == "shift-0001.mcap")
@@ -65,7 +65,7 @@ def test_the_oldest_go(tmp_path):
     [
         ({"segment_s": 60.0}, "segment_s and quota_bytes go together"),
         ({"segment_s": 60.0, "quota_bytes": 10**9, "triggers": ["fault"], "after_s": 1.0}, "without an end"),
-        ({"segment_s": 60.0, "quota_bytes": 10**9, "file": "run.h5"}, "in segments is MCAP"),
+        ({"segment_s": 60.0, "quota_bytes": 10**9, "file": "run.h5"}, "a recording is an MCAP file"),
         ({"segment_s": 60.0, "quota_bytes": 10}, "quota_bytes"),
     ],
 )

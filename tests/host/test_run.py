@@ -80,11 +80,10 @@ def test_signals_have_their_rates_and_ages(report):
 def test_without_arm_on_start_it_waits_in_ready(run, capsys):
     """And it tells of its configuration what `check` does, at each line of it, in the same order."""
     section = '    commissioned: {hash: "0123456789abcdef", report: report.html, date: 2026-11-21}\n'
-    older = ("schema_version: 2", "schema_version: 1"), ("control_weight:", "effort:")
     weak = ("range_um: [2, 128], slew", "range_um: [46, 128], slew")
     aged = ("deviation_z: {driver: cell, max_age_us: 3000}", "deviation_z: {driver: cell, max_age_us: 50000}")
     text = simulated(*WAITING)
-    for old, new in (*older, weak, aged):
+    for old, new in (weak, aged):
         assert old in text
         text = text.replace(old, new)
     at = text.index("    mode: stage", text.index("\naxes:"))
@@ -96,12 +95,11 @@ def test_without_arm_on_start_it_waits_in_ready(run, capsys):
         f"WARNING: {each}" for each in told
     ]
     keys = [each.removeprefix(f"{cell.config}:").split(": ")[1] for each in told]
-    assert [keys[0], *keys[2:]] == [
-        "axes.x.outer.effort",
+    assert keys[1:] == [
         *(f"axes.{axis}.setpoint.range_um" for axis in "xyz"),
         "reference.horizon_ms",
     ]
-    assert told[1].endswith(
+    assert told[0].endswith(
         "axes.x.commissioned: axis x was changed after it was commissioned (report report.html, 2026-11-21): "
         "commission it again, or remove the section commissioned"
     )

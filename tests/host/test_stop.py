@@ -101,10 +101,10 @@ def test_ctrl_c_before_the_configuration_is_read(run):
 
 def test_sigterm_with_a_recording_and_clients_on_the_line(run):
     """`status` and the report at the end tell how far the recording is."""
-    cell = run(calm(), "--record", "run.h5").reach("TRACKING")
+    cell = run(calm(), "--record", "run.mcap").reach("TRACKING")
     until(lambda: recording_of(cell)["rows"] > 1000, cell.last_words)
     found = recording_of(cell)
-    assert (found["file"], found["state"], found["message"]) == ("run.h5", "recording", None)
+    assert (found["file"], found["state"], found["message"]) == ("run.mcap", "recording", None)
     with cell.talk() as idle, cell.talk() as busy, cell.talk() as deaf:
         assert busy.ask(b'{"version": 1, "verb": "status"}')["result"]["state"] == "TRACKING"
         deaf.socket.setblocking(False)
@@ -116,7 +116,7 @@ def test_sigterm_with_a_recording_and_clients_on_the_line(run):
     assert_stopped_cleanly(cell)
     assert "recorded" in cell.said
     assert "0 lost" in cell.said
-    found, rows = cell.report["recording"], recorded_rows(cell.folder / "run.h5")
+    found, rows = cell.report["recording"], recorded_rows(cell.folder / "run.mcap")
     assert (found["state"], found["message"]) == ("complete", None)
     assert found["rows"] == len(rows)
     assert found["dropped"] == np.sum(np.diff(rows["cycle"]) - rows["periods"][1:])

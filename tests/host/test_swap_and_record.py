@@ -5,15 +5,15 @@ import contextlib
 import os
 from dataclasses import replace
 
-import h5py
 import numpy as np
 import pytest
 
 from micromanip.errors import CheckFailed
 from micromanip.host.controller import Controller
-from micromanip.host.recording.hdf5_file import PARAMETERS, ROWS, STATE, Hdf5Recording
+from micromanip.host.recording.mcap_file import McapRecording
 from micromanip.host.recording.recording import RecorderProcess
 from micromanip.host.ring import RingReader
+from micromanip.recordings import open_telemetry
 from micromanip.rt import mailbox as w
 from micromanip.rt.records import CELL_PARAMETERS
 from micromanip.rt.states import ARM, STOP, TRACKING
@@ -155,8 +155,8 @@ def one_run(prepared, tmp_path_factory):
 
     async def main():
         async with tracking(prepared, folder) as controller:
-            calm = await recorded(controller, folder / "calm.h5", lambda _: pass_cycles(controller, 8000))
-            quick = await recorded(controller, folder / "quick.h5", quick_swaps)
+            calm = await recorded(controller, folder / "calm.mcap", lambda _: pass_cycles(controller, 8000))
+            quick = await recorded(controller, folder / "quick.mcap", quick_swaps)
             await controller.apply(prepared)
             return {"calm": calm, "quick": quick, "swaps": await swapped_rows(prepared, controller)}
 
@@ -190,17 +190,14 @@ def test_swap_while_tracking(one_run, name):
 
 def test_recording_has_every_cycle(prepared, one_run):
     said, seen, file = one_run["calm"]
-    with h5py.File(file) as recording:
-        rows, state = recording[ROWS][:], recording[STATE][0]
-        assert recording.attrs["configuration"] == prepared.source.text
-        assert recording.attrs["sha256"] == prepared.source.hash
-        assert recording.attrs["period_ns"] == 100_000
-        assert recording.attrs["lost"] == 0
-        assert recording.attrs["complete"]
-        assert recording.attrs["problem"] == b""
-        assert list(recording.attrs["axes"]) == ["x", "y", "z"]
-        assert list(recording[PARAMETERS]["version"]) == [1]
-        assert recording[PARAMETERS][0].tobytes() == prepared.parameters[0].tobytes()
+    telemetry = open_telemetry(file)
+    rows, state = np.concatenate(list(telemetry.rows())), telemetry.state[0]
+    assert (telemetry.configuration, telemetry.sha256) == (prepared.source.text, prepared.source.hash)
+    assert (telemetry.axes, telemetry.period_ns) == (["x", "y", "z"], 100_000)
+    assert telemetry.end == {"rows": len(rows), "lost": 0}
+    (parameters,) = telemetry.parameters
+    assert parameters["version"] == [1]
+    assert parameters.tobytes() == prepared.parameters.tobytes()
     assert said == f"recorded {len(rows)} cycles to {file}, 0 lost"
     assert len(rows) >= 8000
     assert rows.dtype == ROW
@@ -224,14 +221,14 @@ def test_recording_over_a_swap_has_both_sets(prepared, tmp_path):
 
     async def main():
         async with tracking(prepared, tmp_path) as controller:
-            return await recorded(controller, tmp_path / "run.h5", during)
+            return await recorded(controller, tmp_path / "run.mcap", during)
 
     said, _, file = asyncio.run(main())
     assert said.endswith(", 0 lost")
-    with h5py.File(file) as recording:
-        rows, sets = recording[ROWS][:], recording[PARAMETERS][:]
+    telemetry = open_telemetry(file)
+    rows, sets = np.concatenate(list(telemetry.rows())), np.concatenate(telemetry.parameters)
     assert list(sets["version"]) == [1, 2]
-    assert list(sets["axis"]["pid"]["gain"][:, 0]) == [0.6, 0.4]
+    assert list(sets["axis"]["pid"]["K_V_per_um"][:, 0]) == [0.6, 0.4]
     assert list(np.unique(rows["version"])) == [1, 2]
     assert (np.diff(rows["version"]) >= 0).all()
 
@@ -239,12 +236,12 @@ def test_recording_over_a_swap_has_both_sets(prepared, tmp_path):
 def test_recording_over_quick_swaps_has_every_set(one_run):
     """A row's version names a set in the file, however quickly they followed each other."""
     _, _, file = one_run["quick"]
-    with h5py.File(file) as recording:
-        rows, sets = recording[ROWS][:], recording[PARAMETERS][:]
+    telemetry = open_telemetry(file)
+    rows, sets = np.concatenate(list(telemetry.rows())), np.concatenate(telemetry.parameters)
     assert rows["version"][-1] == 21
     assert len(np.unique(rows["version"])) >= 20
     assert list(sets["version"]) == list(np.unique(rows["version"]))
-    gains = dict(zip(sets["version"].tolist(), sets["axis"]["pid"]["gain"][:, 0], strict=True))
+    gains = dict(zip(sets["version"].tolist(), sets["axis"]["pid"]["K_V_per_um"][:, 0], strict=True))
     assert all(gains[version] == pytest.approx(0.4 + 0.01 * (version - 2)) for version in gains if version > 1)
 
 
@@ -254,13 +251,14 @@ def test_recording_of_a_tuning_that_was_taken_back(prepared, tmp_path):
     slots["version"][:2] = 1, 2
     rows = np.zeros(6, ROW)
     rows["version"] = 2, 2, 1, 1, 2, 1
-    orders = {"file": str(tmp_path / "run.h5"), "configuration": "", "sha256": "", "axes": ["x"], "period_ns": 100_000}
-    recording = Hdf5Recording(orders)
+    orders = {"file": str(tmp_path / "run.mcap"), "configuration": "", "sha256": "", "axes": ["x"]}
+    recording = McapRecording(orders | {"period_ns": 100_000})
     for part in np.split(rows, 3):
         recording.append(part, slots)
-    assert list(recording.parameters["version"]) == [2, 1]
-    assert list(recording.rows["version"]) == [2, 2, 1, 1, 2, 1]
-    recording.file.close()
+    recording.close()
+    telemetry = open_telemetry(recording.file)
+    assert [int(each["version"][0]) for each in telemetry.parameters] == [2, 1]
+    assert telemetry.column("version").tolist() == [2, 2, 1, 1, 2, 1]
 
 
 @pytest.mark.thorough  # `record start` is refused the same way without a loop: test_record_verbs.py
@@ -269,7 +267,7 @@ def test_recording_to_an_impossible_place(prepared, tmp_path):
 
     async def main():
         async with tracking(prepared, tmp_path) as controller:
-            for place in ("no/such/folder/run.h5", "file/run.h5", "."):
+            for place in ("no/such/folder/run.mcap", "file/run.mcap", "."):
                 recorder = RecorderProcess(controller, tmp_path / place, print)
                 with pytest.raises(CheckFailed, match=r"^nothing is recorded: .* can't be written: "):
                     await recorder.start()

@@ -377,22 +377,6 @@ def test_fields_are_checked(cell, verb, fields, message):
     assert [entry[:2] for entry in cell.entries] == ([] if looked_only else [(verb, False)])
 
 
-def test_a_file_of_an_older_layout(tmp_path):
-    """It runs as ever; `reload` says the new name, `set` takes the old one, and `save` writes the new one."""
-    text = SIMULATED.read_text()
-    older = text.replace("schema_version: 2", "schema_version: 1").replace("control_weight:", "effort:")
-    cell = Cell(tmp_path, older)
-    (note,) = cell("reload")["warnings"]
-    assert "axes.x.outer.effort: called control_weight since schema_version 2" in note
-    assert cell("diff") == {"file": str(cell.config), "changed_on_disk": False, "differences": []}
-    (change,) = cell("set", changes={"axes.x.outer.effort": 12.0})["changed"]
-    assert change == {"key": "axes.x.outer.control_weight", "old": 10.0, "new": 12.0}
-    cell("save")
-    written = text.replace("control_weight: 10.0", "control_weight: 12.0", 1)
-    assert cell.config.read_text().split() == written.split()
-    assert cell("reload")["warnings"] == []
-
-
 def test_a_part_that_is_refused_leaves_the_tool_that_was_stated(cell, monkeypatch):
     """It was never begun with another one; nor does the audit trail know of that."""
     stated = [3]

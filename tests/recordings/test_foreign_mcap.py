@@ -13,8 +13,8 @@ from mcap.writer import CompressionType, Writer
 from micromanip.design.recorded_run import RecordedRun
 from micromanip.errors import CheckFailed
 from micromanip.recordings import open_telemetry
+from micromanip.recordings.loader import Wanted, take
 from micromanip.recordings.reading import read_table
-from micromanip.recordings.taking import Wanted, take
 
 from .damaged import damage
 
@@ -61,12 +61,6 @@ def test_the_rows_are_the_same(ours, tmp_path, compression, chunk_bytes):
     assert np.concatenate([piece(["cycle"])["cycle"] for piece in again.pieces()]).tolist() == rows["cycle"].tolist()
     run = RecordedRun(again)
     assert (run.cell.rows, run.unread, run.cell.lost) == (4000, [], 0)
-
-
-def test_a_file_without_chunks_is_told_with_what_to_do(ours, tmp_path):
-    file = written_again(ours, tmp_path / "flat.mcap", CompressionType.NONE, 0)
-    with pytest.raises(CheckFailed, match=r"flat\.mcap: its messages are in no chunks; `mcap compress` writes a copy"):
-        open_telemetry(file)
 
 
 def published(file, topics, encoding="json", **options):
@@ -123,7 +117,6 @@ def test_messages_of_json_are_columns(tmp_path):
             {"encoding": "cdr"},
             r"it has /pose \(cdr\), /tf \(cdr\)\.",
         ),
-        ({"/a": [(0, {"u": 1, "y": 1})]}, {"use_chunking": False}, "`mcap compress` writes a copy"),
         ({"/a": [(0, {"uu": 1, "y": 1})]}, {}, "there is no column u; its columns are /a.log_time, /a.uu, /a.y"),
     ],
 )
@@ -136,7 +129,7 @@ def test_what_is_no_recording_is_told(tmp_path, topics, options, says):
 def test_a_damaged_file_of_another_program_is_told(tmp_path):
     file = published(tmp_path / "foreign.mcap", {"/a": [(k, {"u": k, "y": 1}) for k in range(1000)]})
     damage(file, 0.0)
-    with pytest.raises(CheckFailed, match=r"foreign\.mcap: it is damaged, or not a recording of ours \(crc"):
+    with pytest.raises(CheckFailed, match=r"foreign\.mcap: it is damaged, .* \(crc"):
         take(file, Wanted(["u", "y"]))
 
 
@@ -152,5 +145,5 @@ def test_one_that_is_cut_off_is_told_to_be_so(tmp_path, share):
     content = (tmp_path / "bench.mcap").read_bytes()
     assert read_table(tmp_path / "bench.mcap")["/bench.u"].tolist() == list(range(50))
     (tmp_path / "cut.mcap").write_bytes(content[: max(8, int(share * len(content)))])
-    with pytest.raises(CheckFailed, match=r"cut\.mcap: it is cut off, its end is missing; copy it again"):
+    with pytest.raises(CheckFailed, match=r"cut\.mcap: it is cut off, damaged, or no MCAP"):
         read_table(tmp_path / "cut.mcap")

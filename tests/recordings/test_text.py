@@ -98,13 +98,8 @@ FOREIGN = {
         "t,u,y\n" + "\n".join(",".join(f'"{v}"' for v in row.split(";")) for row in lines(";", ",")),
         ("u", "y"),
     ),
-    "typeset minus": (
-        "t,y,u\n" + "\n".join(f"{t},\N{MINUS SIGN}{y},{u}" for t, u, y in map(split, lines())),
-        ("u", "y"),
-    ),
     "a units row, one unknown": ("t,u,y,flow\ns,V,um,l/min\n" + "\n".join(f"{r},1.5" for r in lines()), ("u", "y")),
     "a units row, one missing": ("t;u;y;k\ns;V;um;-\n" + "\n".join(f"{r};1" for r in lines(";")), ("u", "y")),
-    "pandas without names": (",0,1,2\n" + "\n".join(f"{k},{row}" for k, row in enumerate(lines())), ("1", "2")),
     "a status beside": ("t,u,state,y\n" + "\n".join("{},{},ok,{}".format(*r.split(",")) for r in lines()), ("u", "y")),
 }
 
@@ -112,61 +107,10 @@ FOREIGN = {
 @pytest.mark.parametrize("name", FOREIGN)
 def test_each_program_s_text_gives_the_same_numbers(name, tmp_path):
     text, columns = FOREIGN[name]
-    signs = (1.0, -1.0) if name == "typeset minus" else (1.0, 1.0)
-    time = "0" if name == "pandas without names" else None
-    assert same(written(tmp_path / "x.txt", text), columns, signs, time=time).notes == []
+    assert same(written(tmp_path / "x.txt", text), columns).notes == []
 
 
-def in_thousands(value, mark, decimal, digits):
-    return f"{value:,.{digits}f}".translate(str.maketrans({",": mark, ".": decimal}))
-
-
-@pytest.mark.parametrize(
-    ("separator", "mark", "decimal", "digits"),
-    [
-        (";", ".", ",", 6),
-        (";", ".", ",", 0),
-        (";", "\N{NARROW NO-BREAK SPACE}", ",", 6),
-        (";", "\N{NO-BREAK SPACE}", ",", 0),
-        (";", "'", ".", 6),
-        (";", "'", ".", 0),
-        (",", ",", ".", 6),
-        ("\t", ",", ".", 6),
-    ],
-)
-def test_thousands_are_no_decimals(separator, mark, decimal, digits, tmp_path):
-    """Of a gauge in nm that goes past 1,000: 1.001 in a German table is a thousand and one."""
-    rows = [
-        separator.join(
-            f'"{field}"' if separator in field else field
-            for field in (
-                f"{t:.3f}".replace(".", decimal),
-                f"{u:.6f}".replace(".", decimal),
-                in_thousands(1000.0 * y, mark, decimal, digits),
-            )
-        )
-        for t, u, y in zip(T, U, Y, strict=True)
-    ]
-    taken = take(
-        written(tmp_path / "x.csv", f"t (s){separator}u (V){separator}y (nm)\n" + "\n".join(rows)), Wanted(("u", "y"))
-    )
-    np.testing.assert_allclose(taken.values, np.column_stack([U, Y]), atol=0.51e-3)
-
-
-@pytest.mark.parametrize(("separator", "mark"), [(";", "."), ("\t", ","), (",", ",")])
-def test_whole_numbers_with_marks_between_thousands_are_no_fractions(separator, mark, tmp_path):
-    """Of a gauge in whole nm below and beyond 1 um: 1.001 behind 999 is no fraction of a nm."""
-    grouped = [f"{y:,}".replace(",", mark) for y in range(800, 1400)]
-    rows = [f'{k}{separator}"{y}"' for k, y in enumerate(grouped)]
-    file = written(tmp_path / "x.csv", f"n{separator}y (nm)\n" + "\n".join(rows))
-    with pytest.raises(CheckFailed, match=r"x.csv:202: y \(nm\) is '1.000', a thousand or more by the whole numbers"):
-        read_table(file)
-    fractions = [f"{k}{separator}{round(value, 3):.6g}" for k, value in enumerate(Y[Y > 1])]
-    file = written(tmp_path / "f.csv", f"n{separator}y\n" + "\n".join(fractions))
-    np.testing.assert_allclose(read_table(file)["y"], Y[Y > 1], atol=1e-3)
-
-
-@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "cp1252"])
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "cp1252"])
 def test_encodings(encoding, tmp_path):
     file = written(tmp_path / "x.csv", "t (s),u (V),y (µm)\n" + "\n".join(lines()), encoding)
     same(file)
@@ -212,7 +156,6 @@ def test_any_dialect_gives_the_numbers_back(
         ("time (µs),u (V),y (m)", ("u", "y"), (1e-6, 1.0, 1e6)),
         ("Time [msec],u [Volts],y [microns]", ("u", "y"), (1e-3, 1.0, 1.0)),
         ("Zeit in ms,u in mV,y in µm", ("u", "y"), (1e-3, 1e-3, 1.0)),
-        ("ms,V,nm\nt,u,y", ("u", "y"), (1e-3, 1.0, 1e-3)),
         ("Time us,u V,y mm", ("u", "y"), (1e-6, 1.0, 1e3)),
         ("t,u,y", ("u:mV", "y:mm"), (1.0, 1e-3, 1e3)),
         ("t,u_V,y_um", ("u_V:mV", "y:nm"), (1.0, 1e-3, 1e-3)),
@@ -275,12 +218,9 @@ def test_time_by_option_and_stamps(tmp_path):
         "2026-11-24T23:59:58.{}",
         "24.11.2026 23:59:58.{}",
         "23:59:58.{}",
-        "0 days 00:00:01.{}",
         "2026/11/24 10:00:00.{}+01:00",
         "2026-11-24 10:00:00.{}+01",
         "2026-11-24 10:00:00.{} UTC",
-        "11/24/2026 3:15:02.{} PM",
-        "24/11/2026 15:15:02.{}",
         "24.11.2026 15:15:02.{} +0100",
     ],
 )
@@ -296,23 +236,6 @@ def test_a_time_of_day_goes_past_midnight(tmp_path):
     ]
     found = read_table(written(tmp_path / "x.csv", "when,y\n" + "\n".join(rows)))
     assert found["when"][[299, 300]] == pytest.approx([0.299, 1.0])
-
-
-@pytest.mark.parametrize(
-    ("before", "behind"),
-    [
-        ("12/31/2026 11:59:59 PM", "1/1/2027 12:00:00 AM"),
-        ("31/12/2026 23:59:59", "01/01/2027 00:00:00"),
-        ("11/11/2026 23:59:59", "12/11/2026 00:00:00"),
-        ("11/11/2026 23:59:59", "11/12/2026 00:00:00"),
-        ("11/11/2026 11:59:59,0 AM", "11/11/2026 12:00:00,0 PM"),
-        ("23:59:59:000", "00:00:00:000"),
-    ],
-)
-def test_day_and_month_are_in_the_order_in_which_the_record_is_short(before, behind, tmp_path):
-    rows = [f"{before if k < 100 else behind};{k}" for k in range(200)]
-    found = read_table(written(tmp_path / "x.csv", "when;y\n" + "\n".join(rows)))
-    assert (found["when"][99], found["when"][100]) == (0.0, 1.0)
 
 
 def test_a_clock_that_was_never_set_is_no_time(tmp_path):

@@ -102,7 +102,7 @@ def _with_lines():
             "heartbeat": {"driver": "cell", "channel": "heartbeat", "period_ms": 20.0},
         },
         start={"sweep_um": 20.0, "check_s": 0.2},
-        control={"socket_mode": "0600", "group": "root"},
+        control={"socket_mode": "0600", "operate_group": "root"},
         simulation={"driver": "simulated", "lines": {"heartbeat_ms": 50.0}},
     )
     cell = document["drivers"]["cell"]

@@ -99,13 +99,6 @@ def test_one_group_operates_and_another_observes(service, configured):
     ]
 
 
-def test_the_older_name_of_the_group(service, configured):
-    configured("{group: runs-it}")
-    service.start()
-    ok(PROGRAM, "status", user="runs-it")
-    assert done(PROGRAM, "status", user="cell-operator").returncode == 77
-
-
 def test_an_unknown_group_is_told(service, configured):
     configured("{observe_group: nobodys-own}")
     assert done("systemctl", "start", UNIT).returncode != 0

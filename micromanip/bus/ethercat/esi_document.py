@@ -13,7 +13,7 @@ from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
 
 from micromanip.errors import ConfigError, system_error
-from micromanip.files.regular_file import open_regular
+from micromanip.files import open_regular
 
 MOST_BYTES = 64 * 1024 * 1024
 _MOST_DEEP = 100

@@ -16,7 +16,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from micromanip.errors import CheckFailed
-from micromanip.files.regular_file import open_regular
+from micromanip.files import open_regular
 
 from .figures import FIGURES
 

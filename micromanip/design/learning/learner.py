@@ -105,11 +105,6 @@ class Learner:
     @staticmethod
     def _run(telemetry: Telemetry, configuration: Configuration, name: str) -> Run:
         place = telemetry.axes.index(name)
-        if "learned_um" not in (telemetry.dtype["axis"].base.names or ()):
-            raise CheckFailed(
-                f"{telemetry.file}: an older version recorded it, which did not say what a correction added "
-                "(learned_um): record a part anew"
-            )
 
         def axis(column: str) -> NDArray[Any]:
             return telemetry.column(f"axis.{place}.{column}")

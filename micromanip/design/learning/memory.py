@@ -22,8 +22,7 @@ from numpy.typing import NDArray
 
 from micromanip.control.learned import ASIDE
 from micromanip.errors import CheckFailed, UsageError, system_error
-from micromanip.files.held_folder import HeldFolder
-from micromanip.files.regular_file import open_regular
+from micromanip.files import HeldFolder, open_regular
 from micromanip.settings.schema.axis import HASH_DIGITS
 from micromanip.settings.schema.model import Configuration
 

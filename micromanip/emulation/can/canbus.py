@@ -14,7 +14,7 @@ from micromanip.emulation.amplifier import Amplifier
 from micromanip.emulation.cell import EmulatedCell
 from micromanip.emulation.emulated import EmulatedDevice, Surroundings, Wires
 from micromanip.emulation.messages import Due, MessageFigures, Periodic
-from micromanip.files.byte_order_mark import marked_encoding
+from micromanip.files import marked_encoding
 from micromanip.testbus.bus import Bus
 from micromanip.testbus.event_loop import EventLoop
 from micromanip.testbus.frame import Frame

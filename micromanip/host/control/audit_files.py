@@ -17,7 +17,6 @@ from pathlib import Path
 
 _NAME = "audit.jsonl"
 _OLDER = re.compile(r"audit-(?P<day>\d{4}-\d\d-\d\d)\.(?P<part>\d+)\.jsonl")
-_BEFORE_DAYS = "audit.jsonl.1"  # what versions that knew no days left
 
 
 @dataclass(frozen=True)
@@ -81,13 +80,12 @@ class AuditFiles:
 
     def _parts(self) -> list[_Part]:
         """All but today's, oldest first."""
-        parts = []
-        for file in self.file.parent.iterdir() if self.file.parent.is_dir() else ():
-            if match := _OLDER.fullmatch(file.name):
-                parts.append(_Part(date.fromisoformat(match["day"]), int(match["part"]), file, file.lstat().st_size))
-            elif file.name == _BEFORE_DAYS:
-                parts.append(_Part(self._day(file), 0, file, file.lstat().st_size))
-        return sorted(parts)
+        there = self.file.parent.iterdir() if self.file.parent.is_dir() else ()
+        return sorted(
+            _Part(date.fromisoformat(match["day"]), int(match["part"]), file, file.lstat().st_size)
+            for file in there
+            if (match := _OLDER.fullmatch(file.name))
+        )
 
     def _make_room(self) -> None:
         parts = self._parts()

@@ -29,21 +29,16 @@ _USER_OBJ, _GROUP_OBJ, _GROUP, _MASK, _OTHER, _NOBODY = 0x01, 0x04, 0x08, 0x10, 
 
 @dataclass(frozen=True)
 class Access:
-    """Who may connect: permissions of the socket, the group that operates and the one that only observes.
-
-    `group` is the older name of `operate_group`.
-    """
+    """Who may connect: permissions of the socket, the group that operates and the one that only observes."""
 
     mode: int = 0o660
-    group: str | None = None
     operate_group: str | None = None
     observe_group: str | None = None
 
     @property
     def operators(self) -> int | None:
         """Number of the group that operates; None: the controller's own."""
-        name = self.operate_group or self.group
-        return None if name is None else _group_id("operate_group" if self.operate_group else "group", name)
+        return None if self.operate_group is None else _group_id("operate_group", self.operate_group)
 
     @property
     def observers(self) -> int | None:

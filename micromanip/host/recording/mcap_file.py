@@ -1,7 +1,7 @@
 """A recording as an MCAP file: blocks of rows for programs, fifty scalars a second for viewers.
 
 What is written between two flushes goes to the file in one piece, and a piece that the disk does not take is cut off
-again: whatever ends the recorder, the file is whole up to a flush. ``micromanip.recordings.mcap_layout`` has the names.
+again: whatever ends the recorder, the file is whole up to a flush. ``micromanip.recordings.file_header`` has the names.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mcap.writer import Writer
 from numpy.typing import NDArray
 
-from micromanip.recordings import mcap_layout as layout
+from micromanip.recordings import file_header as header
 from micromanip.recordings.blocks import BlockCodec
-from micromanip.recordings.filed import FILED_PARAMETERS, sources_of_cycle
-from micromanip.rt.records import CELL_STATE
+from micromanip.rt.records import CELL_PARAMETERS, CELL_STATE
 from micromanip.rt.states import STATE_NAMES
 from micromanip.rt.telemetry import AXIS_ROW, ROW
 
@@ -38,13 +38,9 @@ _SCALARS = [name for name in AXIS_ROW.names or () if AXIS_ROW[name].kind == "f"]
 class McapRecording:
     """An open file and what has been put into it."""
 
-    pause_s = 0.05
-    """As much as a kill costs, but for the time that writing takes."""
-
     def __init__(self, orders: Mapping[str, Any]) -> None:
-        """Raises OSError, also where the file exists already; ImportError where the extra is missing."""
-        from mcap.writer import Writer
-
+        """Raises OSError, also where the file exists already."""
+        self.file = Path(orders["file"])
         self.written = 0
         self._lost = 0
         self._axes: list[str] = orders["axes"]
@@ -53,7 +49,7 @@ class McapRecording:
         self._codec = BlockCodec.of(ROW)
         self._unix_ns = time.time_ns() - time.monotonic_ns()
         self._next_scalars_ns = -1
-        self._stream = _Pieces(orders["file"])
+        self._stream = _Pieces(self.file)
         try:
             self._writer: Any = Writer(self._stream, chunk_size=_CHUNK_BYTES)  # type: ignore[arg-type]  # write, tell, flush
             self._writer.start(profile="micromanip")
@@ -63,24 +59,24 @@ class McapRecording:
         except BaseException:
             with contextlib.suppress(OSError):
                 self._stream.close()
-                Path(orders["file"]).unlink()
+                self.file.unlink()
             raise
 
     def begin(self, state: Any, samples: NDArray[np.float64] | None = None) -> None:
         """Store a snapshot of the loop, which the rows follow without a trigger, and what the source `file` plays."""
         if samples is not None:
-            self._attach(layout.SAMPLES, np.asarray(samples))
-        self._attach(layout.STATE, np.array([state], CELL_STATE))
+            self._attach(header.SAMPLES, np.asarray(samples))
+        self._attach(header.STATE, np.array([state], CELL_STATE))
         self.go_on(int(state["cycle"]))
 
     def keep(self, state: Any) -> None:
         """Store a snapshot on the way."""
-        self._attach(layout.state_file(int(state["cycle"])), np.array([state], CELL_STATE))
+        self._attach(header.state_file(int(state["cycle"])), np.array([state], CELL_STATE))
 
     def go_on(self, cycle: int) -> None:
         """Begin without a snapshot, behind another file."""
         # the first chunk brings what readers must know of the rows
-        self.mark(layout.BEGAN, cycle, "recorder", time.monotonic_ns())
+        self.mark(header.BEGAN, cycle, "recorder", time.monotonic_ns())
 
     def append(self, rows: NDArray[Any], slots: Any) -> None:
         """Add rows; a new parameter version brings its parameters, one of `slots`, with it.
@@ -92,8 +88,8 @@ class McapRecording:
         for version in np.unique(rows["version"]):
             if int(version) not in self._versions:
                 self._versions.add(int(version))
-                found = slots[slots["version"] == version].view(FILED_PARAMETERS)
-                self._attach_packed(layout.parameters_file(int(version)), found)
+                found = slots[slots["version"] == version].view(CELL_PARAMETERS)
+                self._attach_packed(header.parameters_file(int(version)), found)
         self._scalars(rows)
         for first in range(0, len(rows), _BLOCK_ROWS):
             block = rows[first : first + _BLOCK_ROWS]
@@ -118,17 +114,10 @@ class McapRecording:
         self._writer.flush()
         self._stream.commit()
 
-    def close(self, problem: str = "") -> None:
-        """End the file in order, with its index; `problem` is why it ends early. Raises OSError.
-
-        After a write that failed there is no index: it would name what has been cut off.
-        """
-        if self._stream.is_broken:
-            self._stream.close()
-            return
-        end = {"rows": str(self.written), "lost": str(self._lost), "problem": problem}
+    def close(self) -> None:
+        """End the file in order, with its index. Raises OSError; what was written before is then whole."""
         try:
-            self._writer.add_metadata(layout.END, end | {"complete": "false" if problem else "true"})
+            self._writer.add_metadata(header.END, {"rows": str(self.written), "lost": str(self._lost)})
             self._writer.finish()
             self._stream.commit()
         finally:
@@ -137,30 +126,30 @@ class McapRecording:
     def _describe(self, orders: Mapping[str, Any]) -> None:
         now_ns = time.monotonic_ns()
         about = {
-            "format": "1",
+            "format": header.FORMAT,
             "axes": json.dumps(self._axes),
             "period_ns": str(self._period_ns),
             "sha256": orders["sha256"],
-            "sources": sources_of_cycle(),
+            "sources": header.sources_of_cycle(),
             "began": _iso(now_ns + self._unix_ns),
             "unix_ns_of_time_0": str(self._unix_ns),
         }
-        self._writer.add_metadata(layout.ABOUT, about)
+        self._writer.add_metadata(header.ABOUT, about)
         text = orders["configuration"].encode()
-        self._writer.add_attachment(0, now_ns + self._unix_ns, layout.CONFIGURATION, "application/yaml", text)
+        self._writer.add_attachment(0, now_ns + self._unix_ns, header.CONFIGURATION, "application/yaml", text)
 
     def _channels(self) -> None:
-        writer, encoding = self._writer, layout.BLOCKS_ENCODING
+        writer, encoding = self._writer, header.BLOCKS_ENCODING
         document = json.dumps(self._codec.document()).encode()
         self._blocks = writer.register_channel(
-            layout.BLOCKS_TOPIC, encoding, writer.register_schema(layout.BLOCKS_SCHEMA, encoding, document)
+            header.BLOCKS_TOPIC, encoding, writer.register_schema(header.BLOCKS_SCHEMA, encoding, document)
         )
         cell = dict.fromkeys(("cycle", "state", "fault", "lateness_us", "compute_us", "lines"), "number")
-        self._cell = self._json_channel(layout.CELL_TOPIC, "micromanip.Cell", {**cell, "state_name": "string"})
+        self._cell = self._json_channel(header.CELL_TOPIC, "micromanip.Cell", {**cell, "state_name": "string"})
         scalars = dict.fromkeys(_SCALARS, "number")
-        self._axis = [self._json_channel(layout.axis_topic(axis), "micromanip.Axis", scalars) for axis in self._axes]
+        self._axis = [self._json_channel(header.axis_topic(axis), "micromanip.Axis", scalars) for axis in self._axes]
         marks = {"text": "string", "cycle": "integer", "by": "string", "time": "string"}
-        self._marks = self._json_channel(layout.MARKS_TOPIC, "micromanip.Mark", marks)
+        self._marks = self._json_channel(header.MARKS_TOPIC, "micromanip.Mark", marks)
 
     def _json_channel(self, topic: str, name: str, fields: Mapping[str, str]) -> int:
         schema = {"type": "object", "properties": {field: {"type": kind} for field, kind in fields.items()}}
@@ -207,11 +196,10 @@ class McapRecording:
 class _Pieces:
     """A new file to which a piece is added whole, or not at all."""
 
-    def __init__(self, file: str) -> None:
+    def __init__(self, file: Path) -> None:
         self._descriptor = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
         self._piece = bytearray()
         self._end = 0
-        self.is_broken = False
 
     def write(self, data: bytes) -> int:
         """Put `data` behind the piece that is being made."""
@@ -234,7 +222,6 @@ class _Pieces:
             while rest:
                 rest = rest[os.write(self._descriptor, rest) :]
         except OSError:
-            self.is_broken = True
             with contextlib.suppress(OSError):
                 os.ftruncate(self._descriptor, self._end)
                 os.lseek(self._descriptor, self._end, os.SEEK_SET)

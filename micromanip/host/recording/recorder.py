@@ -9,31 +9,29 @@ where the file was closed in order. What was opened and not begun leaves no file
 from __future__ import annotations
 
 import contextlib
-import errno
-import os
 import signal
 import sys
 import time
 from collections.abc import Mapping
-from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 from micromanip.host.orders import Orders, tell
 from micromanip.host.ring import RingReader
 from micromanip.host.shared_memory import CONTROL, RING, STATUS, Segments
 
-from .hdf5_file import Hdf5Recording
 from .mcap_file import McapRecording
 from .series import McapSeries
 from .window import Window
 
 _TELL_S = 0.5
 _BATCH_ROWS = 8192
-_PROBLEM_BYTES = 200
 _SPARE_ROWS = 2048
 """Of the ring's past so much may be overwritten while the first rows are read."""
 
-Recording = Hdf5Recording | McapRecording | McapSeries
+_PAUSE_S = 0.05
+"""Between two writes: as much as a kill costs, but for the time that writing takes."""
+
+Recording = McapRecording | McapSeries
 
 
 def main() -> int:
@@ -47,41 +45,32 @@ def main() -> int:
     segments = Segments.attach(orders["descriptors"], writable=False)
     reader = RingReader(segments.ring.record(RING))
     try:
-        recording = _opened(orders)
-    except ImportError:
-        tell(problem="install the extra first: pip install micromanip[recording]")
-        return 69
-    except (OSError, RuntimeError) as problem:
-        tell(problem=f"{orders['file']} can't be written: {_said(problem)}")
+        recording = McapSeries(orders) if orders.get("segment_s") else McapRecording(orders)
+    except OSError as problem:
+        tell(problem=f"{orders['file']} can't be written: {problem.strerror}")
         return 69
     tell(open=True)
     first = told.next()
     if first is None:  # there was no snapshot to begin with
-        _discard(recording, orders, 0)
+        _discard(recording)
+        return 0
     played = segments.sample_table()
     try:
         recording.begin(segments.status.record(STATUS)["snapshot"][0], played if len(played) > 1 else None)
-    except (OSError, RuntimeError) as problem:
-        tell(problem=f"{orders['file']} can't be written: {_said(problem)}")
-        _discard(recording, orders, 69)
+    except OSError as problem:
+        tell(problem=f"{orders['file']} can't be written: {problem.strerror}")
+        _discard(recording)
+        return 69
     tell(begun=True)
     try:
         _record(recording, reader, told, _Wanted(orders, first), segments)
-    except (OSError, RuntimeError) as problem:  # h5py knows both
-        return _give_up(recording, reader, _said(problem))
-    rows, size = recording.written, recording.size_bytes
-    try:
+        size = recording.size_bytes
         recording.close()
-    except (OSError, RuntimeError) as problem:
-        return _abandon(rows, reader.lost, _said(problem))
-    tell(rows=rows, bytes=size, lost=reader.lost, armed=False, complete=True)
+    except OSError as problem:  # what was written before it is whole
+        tell(rows=recording.written, lost=reader.lost, problem=problem.strerror)
+        return 1
+    tell(rows=recording.written, bytes=size, lost=reader.lost, armed=False, complete=True)
     return 0
-
-
-def _opened(orders: Mapping[str, Any]) -> Recording:
-    if not orders["file"].endswith(".mcap"):
-        return Hdf5Recording(orders)
-    return McapSeries(orders) if orders.get("segment_s") else McapRecording(orders)
 
 
 class _Wanted:
@@ -103,7 +92,7 @@ def _record(recording: Recording, reader: RingReader, told: Orders, wanted: _Wan
     due_s = time.monotonic()
     while not (told.ended or window.is_over(newest)):
         now_s = time.monotonic()
-        due_s = max(due_s + recording.pause_s, now_s)  # what writing takes is no pause
+        due_s = max(due_s + _PAUSE_S, now_s)  # what writing takes is no pause
         news = told.within(due_s - now_s)
         for cycle in (each["state"] for each in news if "state" in each):
             state = status["snapshot"][0].copy()
@@ -124,47 +113,15 @@ def _record(recording: Recording, reader: RingReader, told: Orders, wanted: _Wan
             recording.mark(**mark)
         if time.monotonic() - told_s > _TELL_S:
             told_s = time.monotonic()
-            name = {"file": str(recording.file)} if isinstance(recording, McapSeries) else {}
             progress = {"rows": recording.written, "bytes": recording.size_bytes, "lost": reader.lost}
+            name = {"file": str(recording.file)} if isinstance(recording, McapSeries) else {}
             tell(**progress, **name, armed=window.is_armed)
 
 
-def _discard(recording: Recording, orders: Mapping[str, Any], code: int) -> NoReturn:
-    """Take away the file that this process has made, and leave without HDF5, which would write to it once more."""
-    file = recording.file if isinstance(recording, McapSeries) else Path(orders["file"])
+def _discard(recording: Recording) -> None:
+    """Take away the file that this process has made."""
     with contextlib.suppress(OSError):
-        file.unlink(missing_ok=True)
-    os._exit(code)
-
-
-def _give_up(recording: Recording, reader: RingReader, problem: str) -> int:
-    """End in order after a write that failed, where HDF5 still can."""
-    rows = -1
-    try:
-        rows = recording.written
-        recording.note_lost(reader.lost)
-        recording.close(problem)
-    except (OSError, RuntimeError):
-        return _abandon(rows, reader.lost, problem)
-    tell(rows=rows, lost=reader.lost, problem=problem)
-    return 1
-
-
-def _abandon(rows: int, lost: int, problem: str) -> int:
-    """Leave without HDF5, which would write, fail and crash once more at the end; the host mends the file."""
-    tell(rows=rows, lost=lost, problem=problem, unclosed=True)
-    os._exit(1)
-
-
-def _said(problem: Exception) -> str:
-    """HDF5's messages name every argument of the call; the system's word for it is enough."""
-    number = getattr(problem, "errno", None)
-    if number is None:
-        text = str(problem)
-        for candidate in (errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EIO, errno.EACCES, errno.EROFS, errno.EEXIST):
-            if f"errno = {candidate}," in text:
-                number = candidate
-    return os.strerror(number) if number else " ".join(str(problem).split())[:_PROBLEM_BYTES]
+        recording.file.unlink(missing_ok=True)
 
 
 if __name__ == "__main__":

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import importlib.util
 import tempfile
 import time
 from collections.abc import AsyncIterator, Callable, Mapping
@@ -12,13 +11,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from micromanip.errors import CheckFailed, DeviceUnavailable, UsageError, system_error
+from micromanip.errors import CheckFailed, UsageError, system_error
 from micromanip.host.child import Child
-from micromanip.recordings.hdf5 import ENDINGS as HDF5
 from micromanip.rt import mailbox as w
 from micromanip.status_reply import Recorded
-
-from .unclosed import close_unclosed
 
 if TYPE_CHECKING:  # the recorder's process needs the layout only
     from micromanip.host.controller import Controller
@@ -49,7 +45,7 @@ _PATIENCE_S, _END_S = 30.0, 1.0
 
 
 def require_new_file(file: Path, told: str = "--record") -> None:
-    """Raise where no recording can be begun at `file`: UsageError, PermissionDenied, DeviceUnavailable.
+    """Raise where no recording can be begun at `file`: UsageError, PermissionDenied.
 
     A recording never replaces anything; the folder is tried with a file that is removed again. `told` begins a message.
     """
@@ -65,16 +61,8 @@ def require_new_file(file: Path, told: str = "--record") -> None:
         raise UsageError(f"{told} {file} {kind}: a recording replaces nothing; name another file")
     if not has_folder:
         raise UsageError(f"{told} {file}: there is no folder {file.parent}; make it first: mkdir -p {file.parent}")
-    require_library(file)
-
-
-def require_library(file: Path) -> None:
-    """Raise where `file` can't be written here: UsageError for its kind, DeviceUnavailable without the library."""
-    library = "mcap" if file.suffix == MCAP else "h5py" if file.suffix in HDF5 else None
-    if library is None:
-        raise UsageError(f"{file}: a recording is an MCAP file, {MCAP}, or an HDF5 file, {HDF5[0]}: name it so")
-    if importlib.util.find_spec(library) is None:
-        raise DeviceUnavailable(f"recording to {file} needs {library}: pip install micromanip[recording]")
+    if file.suffix != MCAP:
+        raise UsageError(f"{told} {file}: a recording is an MCAP file: give a name that ends in {MCAP}")
 
 
 class RecorderProcess:
@@ -141,9 +129,7 @@ class RecorderProcess:
         return self._report["state"] in ("starting", "recording")
 
     def mark(self, text: str, cycle: int, by: str) -> None:
-        """Put a remark on the present `cycle` into the file. Raises UsageError where it takes none."""
-        if self._file.suffix != MCAP:
-            raise UsageError(f"{self._file} is HDF5 and takes no marks; record to an MCAP file, {MCAP}")
+        """Put a remark on the present `cycle` into the file."""
         self._child.tell({"text": text, "cycle": cycle, "by": by, "time_ns": time.monotonic_ns()})
         self._report["marks"] += 1
 
@@ -222,10 +208,7 @@ class RecorderProcess:
         else:
             why = f"the recorder of {self._file} died"
             next_step = "look for what killed it in the system's log"
-        unclosed = "problem" not in last or "unclosed" in last
-        mended = not unclosed or await asyncio.to_thread(self._mend)
-        readable = "" if mended else f"; `h5clear -s {self._file}` opens it"
-        kept = f"some {self._report['rows']} cycles are in it{readable}"
+        kept = f"some {self._report['rows']} cycles are in it"
         self._report["state"] = "failed"
         self._report["message"] = f"{why}, nothing more is recorded; {kept}; {next_step}"
         if not self._stopping:
@@ -244,14 +227,6 @@ class RecorderProcess:
             if lost and not self._report["dropped"]:
                 self._say(f"WARNING: {lost} cycles are missing in {self._file}: its disk, or this machine, is too slow")
             self._report["dropped"] = lost
-
-    def _mend(self) -> bool:
-        if self._file.suffix == MCAP:
-            return True  # it is read as it is
-        try:
-            return close_unclosed(self._file.absolute())
-        except OSError:
-            return False
 
     async def _kill(self) -> None:
         self._child.kill()

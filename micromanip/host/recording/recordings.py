@@ -6,6 +6,9 @@ writes into its folder of recordings only, and replaces nothing there.
 
 from __future__ import annotations
 
+import asyncio
+import os
+import threading
 from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path
@@ -17,7 +20,6 @@ from micromanip.replies import Marked
 from micromanip.rt import mailbox as w
 from micromanip.status_reply import Recorded
 
-from .place import lack, looked_at
 from .recording import MCAP, Extent, RecorderProcess, require_new_file
 from .series import numbered
 
@@ -27,6 +29,8 @@ if TYPE_CHECKING:
 _NAME_CHARACTERS = 100
 _LOOK_S = 5.0
 """A folder that takes longer to be looked at is refused."""
+_LITTLE_BYTES = 100_000_000
+"""Less is told at the start: three axes at 10 kHz fill it in a minute."""
 _NOTHING = "nothing is being recorded; `micromanip record start` begins"
 
 
@@ -81,8 +85,6 @@ class Recordings:
         """
         self._require_idle()
         file = self._folder / (_checked(name) if name else f"{datetime.now():%Y-%m-%d_%H-%M-%S}{MCAP}")
-        if extent.segment_s is not None and file.suffix != MCAP:
-            raise UsageError(f"{file.name}: a recording in segments is MCAP, {MCAP}")
         first = file if extent.segment_s is None else numbered(file, 1)
         await looked_at(lambda: self._make_room_for(first), self._folder, _LOOK_S)
         self._require_idle()  # another may have begun meanwhile
@@ -142,3 +144,49 @@ def _checked(name: str) -> str:
             "without a folder; the controller keeps its recordings in a folder of its own, `run --recordings`"
         )
     return name
+
+
+async def looked_at(look: Callable[[], None], folder: Path, within_s: float) -> None:
+    """Let `look` look at `folder`. Raises what it raises, DeviceUnavailable where it takes longer than `within_s`.
+
+    The thread is a daemon, and none of the event loop's: those are waited for at the end, and are few.
+    """
+    loop = asyncio.get_running_loop()
+    done: asyncio.Future[None] = loop.create_future()
+
+    def told(problem: Exception | None) -> None:
+        if not done.done():
+            done.set_result(None) if problem is None else done.set_exception(problem)
+
+    def run() -> None:
+        found: Exception | None = None
+        try:
+            look()
+        except Exception as problem:  # it is raised where it is waited for
+            found = problem
+        if not loop.is_closed():
+            loop.call_soon_threadsafe(told, found)
+
+    threading.Thread(target=run, name="looks at the folder of recordings", daemon=True).start()
+    try:
+        await asyncio.wait_for(done, within_s)
+    except TimeoutError:
+        raise DeviceUnavailable(f"{folder} did not answer within {within_s:g} s: does its disk hang?") from None
+
+
+def lack(folder: Path) -> str | None:
+    """Why nothing, or hardly anything, can be recorded to `folder`; None where all is well. Makes nothing there.
+
+    A folder that is not there yet is made by the first recording: then what it would be made in is judged.
+    """
+    there = folder.absolute()
+    while not os.path.lexists(there):
+        there = there.parent
+    if not there.is_dir():
+        return f"{there} is no folder"
+    if not os.access(there, os.W_OK | os.X_OK):  # also root's on a file system that is read-only
+        room = os.statvfs(there)
+        return f"{there} is on a read-only file system" if room.f_flag & os.ST_RDONLY else f"{there} is not writable"
+    room = os.statvfs(there)
+    free = room.f_bavail * room.f_frsize
+    return f"{there} has {free / 1e6:.0f} MB left" if room.f_blocks and free < _LITTLE_BYTES else None

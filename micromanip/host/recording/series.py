@@ -20,8 +20,6 @@ def numbered(file: Path, number: int) -> Path:
 class McapSeries:
     """As one recording: rows go on from file to file without a gap; each file is ended before the next begins."""
 
-    pause_s = McapRecording.pause_s
-
     def __init__(self, orders: Mapping[str, Any]) -> None:
         """`orders` have ``segment_s`` and ``quota_bytes``. Raises as `McapRecording`."""
         self._orders, self._quota = orders, int(orders["quota_bytes"])
@@ -73,9 +71,9 @@ class McapSeries:
         """Somebody's remark, in the file that is being written."""
         self._current.mark(text, cycle, by, time_ns)
 
-    def close(self, problem: str = "") -> None:
+    def close(self) -> None:
         """End the last file."""
-        self._current.close(problem)
+        self._current.close()
 
     def _open(self) -> None:
         self._current = McapRecording({**self._orders, "file": str(self.file)})

@@ -30,7 +30,7 @@ class SafePlan:
     taken: str | None
     """When the snapshot was taken (UTC, ISO 8601); None for the configuration's own file."""
     warnings: list[str] = field(default_factory=list)
-    """Why what would have been better was not used, and keys with names of an older version."""
+    """Why what would have been better was not used."""
 
     @property
     def said(self) -> str:
@@ -60,7 +60,7 @@ def plan_of(config: Path, *, from_file: bool = False) -> SafePlan:
             f"nothing was touched: the file can't be used, and no run has left a snapshot that can be ({why}); see to "
             f"it that the outputs are safe by other means, mend the file (`micromanip check {config}`) and try again"
         ) from problem
-    return SafePlan(prepared.configuration, prepared.wiring, config, None, [*warnings, *prepared.source.notes])
+    return SafePlan(prepared.configuration, prepared.wiring, config, None, warnings)
 
 
 def _snapshots(config: Path, warnings: list[str]) -> list[Snapshot]:

@@ -21,7 +21,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from micromanip.files.held_folder import HeldFolder
+from micromanip.files import HeldFolder
 from micromanip.settings.check import Prepared
 from micromanip.settings.text.source import Source
 
@@ -64,19 +64,13 @@ def read(config: Path, folder: Path, owners: Collection[int]) -> Snapshot | None
         for name, digest in document["files"].items():
             if _digest(Path(name)) != digest:
                 raise NotUsable(f"{name} has been changed since {path} was written")
-        return Snapshot(str(document["taken"]), _source(document), path)
+        return Snapshot(str(document["taken"]), Source.of(document["document"], Path(document["path"])), path)
     except FileNotFoundError:
         return None
     except OSError as problem:
         raise NotUsable(f"{path} can't be read: {problem.strerror}") from problem
     except (ValueError, TypeError, KeyError, AttributeError) as problem:
         raise NotUsable(f"{path} is damaged") from problem
-
-
-def _source(document: Mapping[str, Any]) -> Source:
-    """What was in force, also in an older version of the layout."""
-    source = Source.parse(Path(document["path"]), json.dumps(document["document"]))
-    return Source.of(source.data, source.path)
 
 
 def write(source: Source, files: Mapping[str, str | None], folder: Path) -> None:

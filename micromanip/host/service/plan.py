@@ -90,8 +90,6 @@ def _fit_for_a_service(file: Path, warn: Callable[[str], None]) -> None:
     """A configuration that nobody is surprised by when the machine is switched on; raises ConfigError."""
     found = prepare(file)
     configuration = found.configuration
-    for note in found.source.notes:
-        warn(note)
     if configuration.arm_on_start:
         raise found.source.error(
             ("arm_on_start",),

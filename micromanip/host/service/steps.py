@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from micromanip.errors import CheckFailed, PermissionDenied
-from micromanip.files.held_folder import held
+from micromanip.files import held
 
 
 @dataclass(frozen=True)

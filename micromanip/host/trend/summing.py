@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from micromanip.files.table_line import table_line
 from micromanip.host.axis_values import QUANTITIES
 from micromanip.host.windows import Array
+from micromanip.recordings.table import table_line
 from micromanip.recordings.trend import COUNTED, FAULT, MINUTE, SECOND, STATE, STATISTICS, TIME
 from micromanip.rt.telemetry import LINK_DOWN, TEMPERATURE_OK
 

@@ -24,7 +24,6 @@ from micromanip.faults import BY_NAME, LOOP_DIED, FaultReport, latched
 from micromanip.host.orders import Orders, tell
 from micromanip.host.ring import RingReader
 from micromanip.host.shared_memory import CONTROL, RING, STATUS, Segments
-from micromanip.recordings.filed import FILED_PARAMETERS
 from micromanip.rt import mailbox as w
 
 from .store import FORMAT, Box, Shelf
@@ -136,7 +135,7 @@ class Capture:
         kept: NDArray[Any] = slots[
             np.isin(slots["version"], np.unique(rows["version"])) & (slots["version"] > 0)
         ].copy()
-        return kept.view(FILED_PARAMETERS)
+        return kept
 
     def _state(self) -> NDArray[Any]:
         """The loop's state between two cycles; from the middle of one where it is never still."""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from micromanip.faults import BY_NAME, raised
-from micromanip.files.regular_file import open_regular
+from micromanip.files import open_regular
 from micromanip.rt import states as states_of
 from micromanip.rt.states import REACTION_NAMES, STATE_NAMES, WARN
 
@@ -107,8 +107,7 @@ def _raised(box: Box) -> list[Moment]:
     trip, moments, told = box.trip, [], False
     for event in box.events:
         code, cycle = int(event["code"]), int(event["cycle"])
-        # of a box of an older version a fault may be noted at the cycle before
-        own = code == trip["number"] and abs(cycle - trip["cycle"]) <= 1
+        own = code == trip["number"] and cycle == trip["cycle"]
         told |= own
         if len(box.rows) and not box.rows["cycle"][0] - 1 <= cycle <= box.rows["cycle"][-1]:
             continue

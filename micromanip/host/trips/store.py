@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.errors import CheckFailed, PermissionDenied, UsageError
-from micromanip.files.regular_file import open_regular
+from micromanip.files import open_regular
 from micromanip.host.state_directory import state_directory
 
 FORMAT = 1
@@ -65,8 +65,8 @@ class Box:
 
     @property
     def seen(self) -> str:
-        """What tripped, in a sentence; the whole message in a box of an older version."""
-        return str(self.trip.get("seen", self.trip["message"]))
+        """What tripped, in a sentence."""
+        return str(self.trip["seen"])
 
     def save(self, file: Path) -> None:
         """Write the file whole or not at all: once it has its name it is on the disk. Raises OSError."""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from micromanip.control.joints import FollowedJoints, followed_joints
 from micromanip.control.predictor import stationary, tracker_gain
-from micromanip.files.regular_file import open_regular
+from micromanip.files import open_regular
 from micromanip.rt.laws import reference as law
 from micromanip.rt.records import MAX_AXES
 from micromanip.settings.schema.model import Configuration

@@ -78,13 +78,6 @@ class Control(Settings):
         min_length=1,
         description="Group whose members may only look: status, get, diff, audit, shadow without values; null: none.",
     )
-    group: str | None = Field(default=None, min_length=1, description="Older name of operate_group.")
-
-    @model_validator(mode="after")
-    def _one_operating_group(self) -> Self:
-        if self.group is not None and self.operate_group not in (None, self.group):
-            raise ValueError("group is the older name of operate_group: give one of them")
-        return self
 
 
 _SWEEP_HZ = 20.0
@@ -264,9 +257,7 @@ class Switches(Settings):
 class Configuration(Settings):
     """The whole file."""
 
-    schema_version: NewStart[Literal[2]] = Field(
-        description="Version of this layout; a file of version 1 is read all the same."
-    )
+    schema_version: NewStart[Literal[2]] = Field(description="Version of this layout.")
     loop: NewStart[Loop]
     start: AtRest[Start] = Start()
     drivers: NewStart[dict[str, Driver]] = Field(

@@ -6,7 +6,7 @@ import re
 
 from micromanip.errors import nearest
 
-from . import renames, units
+from . import units
 from .place import Path, Place
 from .source import key_text
 
@@ -23,8 +23,6 @@ def unknown_key(place: Place) -> tuple[str, Path | None]:
     if section is None:
         return unknown, None
     fields = section.shape.fields
-    if (name := renames.new_name(place.path)) in fields:
-        return f"{unknown}: it is called {name} now", section.down(str(name)).path
     stem, _ = units.split(key)
     same_stem = [known for known in fields if units.split(known)[0] == stem]
     elsewhere = None if same_stem else _section_that_knows(section, key)

@@ -10,7 +10,7 @@ from typing import Any
 
 from micromanip.errors import UsageError
 
-from . import renames, yaml_nodes
+from . import yaml_nodes
 from .place import Path
 from .source import key_text
 
@@ -21,7 +21,7 @@ _MAX_SHOWN = 10
 
 
 def key_path(key: str) -> Path:
-    """Path of a key, also of one that is called by an older name; UsageError where it isn't written as one."""
+    """Path of a key; UsageError where it isn't written as one."""
     path: list[str | int] = []
     if len(key) > _MAX_LENGTH:
         raise UsageError(f"{key[:40]!r}... is not a key: keys are much shorter")
@@ -30,7 +30,6 @@ def key_path(key: str) -> Path:
         if match is None:
             raise UsageError(f"{key[:80]!r} is not a key; keys are written like axes.x.inner.Ti_ms")
         path += [match["name"], *map(int, re.findall(r"[0-9]+", match["indices"]))]
-        path[-1] = renames.new_name(tuple(path)) or path[-1]
     return tuple(path)
 
 

@@ -5,15 +5,14 @@ from __future__ import annotations
 import hashlib
 import json
 import pathlib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from micromanip.errors import ConfigError
-from micromanip.files.byte_order_mark import marked_encoding
-from micromanip.files.regular_file import open_regular
+from micromanip.files import marked_encoding, open_regular
 
-from . import renames, yaml_nodes
+from . import yaml_nodes
 from .place import Finding, Path
 from .yaml_text import Problem
 
@@ -33,10 +32,6 @@ class Source:
     data: Any
     lines: dict[Path, int]
     in_file: bool = True
-    notes: tuple[str, ...] = ()
-    """Of keys that the file calls by an older name; `text` has the present ones."""
-    as_read: str | None = None
-    """The text of the file where it is of an older layout."""
 
     @classmethod
     def read(cls, file: pathlib.Path) -> Source:
@@ -47,21 +42,10 @@ class Source:
     def parse(cls, file: pathlib.Path, text: str) -> Source:
         """`text` as if `file` held it; ConfigError where it isn't YAML."""
         document = yaml_nodes.parse(text)
-        older, (text, renamed) = text, renames.brought_up(text, document)
-        if text != older:
-            document = yaml_nodes.parse(text)
         source = cls(file, text, document.data, document.lines)
         if document.problems:
             raise source.report(document.problems)
-        return replace(source, notes=tuple(source._notes(renamed)), as_read=None if text == older else older)
-
-    def _notes(self, renamed: Mapping[Path, str]) -> Iterator[str]:
-        """One line for each name, at the first place that has the older one."""
-        for name in dict.fromkeys(renamed.values()):
-            (first, *more) = [path for path in renamed if renamed[path] == name]
-            also = f", here and in {len(more)} more places" if more else ""
-            text = f"called {name} since schema_version {renames.VERSION}, and read as that{also}"
-            yield self._sentence(Problem(self._line((*first[:-1], name)), first, text))
+        return source
 
     @classmethod
     def of(cls, data: Any, file: pathlib.Path) -> Source:
@@ -73,8 +57,8 @@ class Source:
 
     @property
     def hash(self) -> str:
-        """SHA-256 of the text as it was read, which names this very configuration in recordings."""
-        return hashlib.sha256((self.as_read or self.text).encode()).hexdigest()
+        """SHA-256 of the text, which names this very configuration in recordings."""
+        return hashlib.sha256(self.text.encode()).hexdigest()
 
     def error(self, path: KeyPath, message: str) -> ConfigError:
         """One thing that is wrong, at a key path: ``"axes.x.inner.Ti_ms"``, ``("axes", "x", "centre_um")``."""

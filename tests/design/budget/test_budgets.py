@@ -45,7 +45,7 @@ def recording(prepared, rows, **changed):
     for name, value in changed.items():
         (rows if name in rows.dtype.names else rows["axis"])[name] = value
     names, period_ns = list(prepared.configuration.axes), prepared.configuration.loop.period_ns
-    return Telemetry.of_rows(Path("run.h5"), names, period_ns, rows, prepared.source.text)
+    return Telemetry.of_rows(Path("run.mcap"), names, period_ns, rows, prepared.source.text)
 
 
 def by_name(budget):
@@ -129,7 +129,7 @@ def test_what_no_law_explains_is_said_so_and_put_down_to_missed_cycles_where_the
 def test_recordings_that_show_no_path_error_are_refused(prepared):
     rows = np.zeros(50_000, dtype=VirtualExperiment(prepared).cell(prepared.configuration).run(0.001).dtype)
     rows["cycle"] = np.arange(50_000)
-    with pytest.raises(CheckFailed, match=r"run\.h5: the cell does not track"):
+    with pytest.raises(CheckFailed, match=r"run\.mcap: the cell does not track"):
         recorded_budget(recording(prepared, rows, state=READY), ["x"], 1.0, silent)
 
 

@@ -1,11 +1,13 @@
-"""Files written, read and removed through a descriptor of their folder: whole or not at all, and through nobody's link.
+"""Files that others may have tampered with: regular ones only, written whole or not at all, through nobody's link.
 
-A name that somebody else may change can lead elsewhere by the time it is used. So a path is walked folder by folder,
-each held by a descriptor; root follows only links of root's own, and none where it installs.
+A pipe, a device or a folder in the place of a file is refused, and nothing waits for it. A name that somebody else may
+change can lead elsewhere by the time it is used: so a path is walked folder by folder, each held by a descriptor; root
+follows only links of root's own, and none where it installs.
 """
 
 from __future__ import annotations
 
+import codecs
 import contextlib
 import errno
 import os
@@ -15,12 +17,51 @@ import stat
 from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import BinaryIO, Self
 
+MOST_BYTES = 2_000_000_000
 _FOLDER = os.O_PATH | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
 _NEW = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
 _MOST_LINKS = 40
 _STICKY_OR_CLOSED = "it belongs to somebody else, or others may write in it"
+_MARKS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
+
+
+def open_regular(file: Path, most_bytes: int = MOST_BYTES) -> BinaryIO:
+    """`file`, open for reading. OSError where it can't be, isn't a regular file, or is larger than `most_bytes`."""
+    _require_regular(_known_to_the_system(file).stat(), file, most_bytes)  # before it is touched: some devices react
+    descriptor = os.open(file, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC)
+    try:
+        _require_regular(os.fstat(descriptor), file, most_bytes)
+    except OSError:
+        os.close(descriptor)
+        raise
+    return os.fdopen(descriptor, "rb")
+
+
+def require_regular(file: Path, most_bytes: int = MOST_BYTES) -> None:
+    """Raise OSError as `open_regular` does, for whoever opens the file by its name."""
+    open_regular(file, most_bytes).close()
+
+
+def _known_to_the_system(file: Path) -> Path:
+    if "\0" in str(file):
+        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(file))
+    return file
+
+
+def _require_regular(found: os.stat_result, file: Path, most_bytes: int) -> None:
+    if stat.S_ISDIR(found.st_mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(file))
+    if not stat.S_ISREG(found.st_mode):
+        raise OSError(errno.EINVAL, "it is not a regular file, but a pipe, a socket or a device", str(file))
+    if found.st_size > most_bytes:
+        raise OSError(errno.EFBIG, f"it is larger than {most_bytes / 1e6:g} MB", str(file))
+
+
+def marked_encoding(content: bytes) -> str | None:
+    """utf-8-sig or utf-16, which decode without the mark, or None where `content` begins with no byte-order mark."""
+    return next((encoding for mark, encoding in _MARKS.items() if content.startswith(mark)), None)
 
 
 class HeldFolder:

@@ -1,7 +1,14 @@
-"""Topics, metadata and attachments of a recording that is an MCAP file. Described: docs/record-and-replay.md."""
+"""What a recording, an MCAP file, says of itself: topics, metadata, attachments (docs/record-and-replay.md)."""
 
 from __future__ import annotations
 
+import hashlib
+from pathlib import Path
+
+from micromanip import rt
+
+FORMAT = "1"
+"""Of metadata and attachments; the rows describe themselves."""
 BLOCKS_TOPIC, CELL_TOPIC, MARKS_TOPIC = "/rows", "/cell", "/marks"
 BLOCKS_SCHEMA, BLOCKS_ENCODING = "micromanip.Block", "micromanip.block"
 ABOUT, END = "micromanip", "micromanip.end"
@@ -11,15 +18,13 @@ BEGAN = "recording began"
 CONFIGURATION, STATE, SAMPLES = "configuration.yaml", "state.npy", "samples.npy"
 PARAMETERS = "parameters-"
 """Attachments: sets of parameters, each as the only array of a file of NumPy's that is compressed."""
+STATES = "state-"
+"""Attachments: the loop's state at the ends of cycles on the way, from which a replay can begin anew."""
 
 
 def axis_topic(axis: str) -> str:
     """Its scalars, fifty a second."""
     return f"/axis/{axis}"
-
-
-STATES = "state-"
-"""Attachments: the loop's state at the ends of cycles on the way, from which a replay can begin anew."""
 
 
 def state_file(cycle: int) -> str:
@@ -30,3 +35,12 @@ def state_file(cycle: int) -> str:
 def parameters_file(version: int) -> str:
     """Attachment with the set of parameters that rows of `version` ran with."""
     return f"{PARAMETERS}{version}.npz"
+
+
+def sources_of_cycle() -> str:
+    """What tells two versions of the cycle apart: a hash of all sources of `micromanip.rt`, 16 digits."""
+    folder = Path(rt.__file__).parent
+    hashed = hashlib.sha256()
+    for source in sorted(folder.rglob("*.py")):
+        hashed.update(source.read_bytes())
+    return hashed.hexdigest()[:16]

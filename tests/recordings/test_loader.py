@@ -3,9 +3,9 @@
 import re
 from dataclasses import replace
 
-import h5py
 import numpy as np
 import pytest
+from host.test_mcap_recording import begun, slots
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -81,30 +81,25 @@ def recording(file, cycles):
     """A file as `run --record` makes it, of these cycles."""
     rows = np.zeros(len(cycles), ROW)
     rows["cycle"] = cycles
+    rows["version"] = 1
     rows["axis"]["voltage_V"][:, 0] = U[: len(cycles)]
     rows["axis"]["strain_um"][:, 0] = Y[: len(cycles)]
-    with h5py.File(file, "w") as contents:
-        contents.create_dataset("rows", data=rows, chunks=(64,))
-        contents.attrs["axes"], contents.attrs["period_ns"] = ["x", "y"], 100_000
+    written = begun(file)
+    for part in np.array_split(rows, 3):
+        written.append(part, slots(1))
+    written.close()
 
 
 def test_a_recording_of_ours_with_skipped_cycles(tmp_path):
     cycles = 5000 + np.delete(np.arange(SAMPLES), [77])
-    recording(tmp_path / "run.h5", cycles)
+    recording(tmp_path / "run.mcap", cycles)
     wanted = Wanted(("voltage_V_x", "strain_um_x"))
-    record = load_record(tmp_path / "run.h5", wanted)
+    record = load_record(tmp_path / "run.mcap", wanted)
     assert record.step_s == pytest.approx(1e-4)
     np.testing.assert_array_equal(np.flatnonzero(record.weights(0) == 0.0), [77])
     assert "1 sample is missing before" in record.notes[0]
-    assert len(load_linear(tmp_path / "run.h5", wanted, 1).experiments) == 1  # the 77 before are too few
-    assert take(tmp_path / "run.h5", wanted).units == ("V", "um")
-
-
-def test_a_recording_is_read_in_parts(tmp_path, monkeypatch):
-    recording(tmp_path / "run.h5", np.arange(SAMPLES))
-    monkeypatch.setattr("micromanip.recordings.hdf5._PART_ROWS", 70)
-    taken = take(tmp_path / "run.h5", Wanted(("voltage_V_x", "strain_um_x")))
-    np.testing.assert_array_equal(taken.values, np.column_stack([U, Y]))
+    assert len(load_linear(tmp_path / "run.mcap", wanted, 1).experiments) == 1  # the 77 before are too few
+    assert take(tmp_path / "run.mcap", wanted).units == ("V", "um")
 
 
 @settings(max_examples=25, deadline=None)
@@ -205,13 +200,6 @@ def test_what_is_meant_by_a_column_without_a_unit_is_told_and_doubted(tmp_path):
     np.testing.assert_allclose(inches.values[:, 1], Y, rtol=1e-6)
     with pytest.raises(CheckFailed, match=r"y_um is in um, which is no unit of voltage; .* y_um:V"):
         take(tmp_path / "x.csv", Wanted(("y", "u"), dimensions=("voltage", "length")))
-
-
-def test_a_leap_in_even_times_is_told(tmp_path):
-    kept = np.delete(np.arange(SAMPLES), np.arange(120, 160))
-    (note,) = take(written(tmp_path / "x.csv", T[: len(kept)], U[kept], Y[kept]), COLUMNS).notes
-    assert "u and y jump together at" in note
-    assert "x.csv:122" in note
 
 
 @settings(max_examples=40, deadline=None)

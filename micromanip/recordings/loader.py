@@ -15,12 +15,11 @@ from micromanip.errors import CheckFailed
 from .clock import Clock, doubts, even, read_clock
 from .reading import read_table
 from .resampling import onto_grid, resampled
-from .spikes import find_jumps, find_spikes
+from .spikes import find_spikes
 from .table import Array, Table, called_time
 from .units import known, unknown_unit
 
 _MOST_SAMPLES = 20_000_000
-_MOST_JUMPS = 5
 _LATEST_S = 1e11
 """Times beyond, some 3,000 years, are counted in parts of a second, as those since 1970 or since a computer's start."""
 _STROKE_UM = (0.2, 5000.0)
@@ -121,8 +120,6 @@ def take(file: Path, wanted: Wanted) -> Recording:
     notes[:0] = clock.notes
     spikes = np.column_stack([find_spikes(column) for column in scaled.T]) if len(scaled) > 10 else scaled != scaled
     _tell_of_spikes(table, names, spikes, first, notes)
-    if not clock.jittered and len(scaled) > 50 and not spikes.any():
-        _tell_of_jumps(table, names, scaled, first, clock, notes)
     if clock.jittered or wanted.rate_hz is not None:
         clock, scaled, spikes = _at_a_rate(clock, scaled, spikes, wanted.rate_hz, notes)
     if len(scaled) > _MOST_SAMPLES:
@@ -140,7 +137,7 @@ def _clock(table: Table, timed: str | None, wanted: Wanted, samples: int, notes:
                 if called_time(name):
                     raise CheckFailed(
                         f"{table.file}: {name} has {text[:40]!r}, which is no time known here: 2026-11-24 15:02:10.5, "
-                        "24.11.2026 15:02:10.5 and 11/24/2026 3:02:10.5 PM are; or give --dt"
+                        "2026-11-24T15:02:10+01:00 and 24.11.2026 15:02:10.5 are; or give --dt"
                     )
             raise CheckFailed(
                 f"{table.file}: there is no time column (a name that begins with t); name it with --time, or give --dt"
@@ -269,18 +266,6 @@ def _tell_of_spikes(
         if len(at):
             many = f"{len(at)} samples stand out as spikes, the first" if len(at) > 1 else "a spike"
             notes.append(f"{name}: {many} at {table.where(int(at[0]) + first)}: bridged, and not fitted to")
-
-
-def _tell_of_jumps(
-    table: Table, names: Sequence[str], values: Array, first: int, clock: Clock, notes: list[str]
-) -> None:
-    jumps = [k for k in find_jumps(list(values.T)) if clock.index[k + 1] - clock.index[k] == 1]
-    if 0 < len(jumps) <= _MOST_JUMPS:
-        notes.append(
-            f"{' and '.join(names)} jump together at {table.where(jumps[0] + 1 + first)}"
-            f"{f' and {len(jumps) - 1} more places' if len(jumps) > 1 else ''}, while the time goes on evenly: "
-            "samples may be missing there and the times numbered anew; if so, --cut"
-        )
 
 
 def _at_a_rate(

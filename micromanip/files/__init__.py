@@ -1,1 +1,0 @@
-"""Files that others may have tampered with: regular ones only, written whole or not at all."""

@@ -23,11 +23,10 @@ from micromanip.errors import MicromanipError, PermissionDenied, UsageError
 
 from .cell import Cell, Source
 from .guard import Guard, Origins
-from .measuring import Measuring
 from .metrics import Metrics
-from .recording import save
 from .response import response_of
-from .saving import lines
+from .saving import csv_lines, save_recording
+from .sensitivity import SensitivityMeasurements
 from .session import MESSAGE_BYTES, Session
 from .tokens import Token, Tokens
 from .views import number
@@ -65,7 +64,7 @@ class Gateway:
         `expiries` are those of `Metrics`.
         """
         self._cell, self._tokens, self._differs, self._beside = cell, tokens, differs, beside
-        self._measuring = Measuring(cell)
+        self._measuring = SensitivityMeasurements(cell)
         routes = [
             *(Route(path, _page(home if path == "/" else name)) for name, path in PATHS.items()),
             Route("/api/status", self._status),
@@ -121,21 +120,21 @@ class Gateway:
 
     async def _move(self, request: Request) -> Response:
         token = self._known(request, operates=True)
-        told = await _body(request)
-        if unknown := set(told) - MOVE_FIELDS:
+        query = await _body(request)
+        if unknown := set(query) - MOVE_FIELDS:
             raise UsageError(f"a move has no {min(unknown)!r:.40}")
-        return JSONResponse(await self._cell.order("move", token.name, **told))
+        return JSONResponse(await self._cell.order("move", token.name, **query))
 
     async def _response(self, request: Request) -> Response:
         self._known(request)
-        told = await _body(request)
-        return JSONResponse(response_of(self._source(), told))
+        query = await _body(request)
+        return JSONResponse(response_of(self._source(), query))
 
     async def _csv(self, request: Request) -> Response:
         self._known(request)
-        told = await _body(request)
+        query = await _body(request)
         name = 'attachment; filename="scope.csv"'
-        text = lines(self._source(), told)
+        text = csv_lines(self._source(), query)
         return StreamingResponse(text, media_type="text/csv", headers={"content-disposition": name})
 
     def _source(self) -> Source:
@@ -145,14 +144,14 @@ class Gateway:
 
     async def _recording(self, request: Request) -> Response:
         token = self._known(request)
-        told = await _body(request)
-        first, last = (round(number(told, name, 0, 2**53)) for name in ("first", "last"))
+        query = await _body(request)
+        first, last = (round(number(query, name, 0, 2**53)) for name in ("first", "last"))
         source = self._source()
         configuration = await self._cell.order("configuration", token.name)
         folder = tempfile.TemporaryDirectory(prefix="micromanip-gateway-")
         try:
             file = Path(folder.name) / f"scope-{last}.mcap"
-            await save(source, configuration, first, last, file)
+            await save_recording(source, configuration, first, last, file)
         except BaseException:
             folder.cleanup()
             raise

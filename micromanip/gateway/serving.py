@@ -5,18 +5,18 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import hashlib
+import ipaddress
 import socket
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import uvicorn
 
-from micromanip.errors import ConfigError, UsageError, system_error
+from micromanip.errors import ConfigError, DeviceUnavailable, PermissionDenied, UsageError, system_error
 from micromanip.extras import required
 
-from .addresses import is_local, listening, parsed_address, shown
 from .app import Gateway
 from .cell import Cell
 from .certificates import InUse, checked, ends_soon, is_for, names
@@ -24,7 +24,7 @@ from .fields import fields
 from .guard import Origins
 from .history import History
 from .session import MESSAGE_BYTES
-from .tokens import of_file
+from .tokens import load_tokens
 
 if TYPE_CHECKING:
     from .opcua.service import OpcUa
@@ -58,7 +58,7 @@ def serve(options: Options, say: Callable[[str], None]) -> None:
     expected = _digest(options.config)
     host, port = parsed_address(options.listen, "--listen")
     origins = _origins(options, host)
-    tokens, is_new = of_file(options.tokens)
+    tokens, is_new = load_tokens(options.tokens)
     in_use = InUse(say)
     called = _check_certificate(options, host, in_use, say)
     cell = Cell(options.control)
@@ -180,3 +180,43 @@ def _check_certificate(options: Options, host: str, in_use: InUse, say: Callable
             "open it by such a name, or have one made for it"
         )
     return host
+
+
+def parsed_address(listen: str, option: str) -> tuple[str, int]:
+    """Host and port of `listen`, HOST:PORT, as `option` has it; UsageError for anything else."""
+    host, separator, port = listen.rpartition(":")
+    if not separator or not port.isdigit() or int(port) > 65535 or not host:
+        raise UsageError(f"{option} {listen}: expected HOST:PORT, such as 127.0.0.1:8090 or [::1]:8090")
+    return host.strip("[]"), int(port)
+
+
+def shown(host: str, port: int) -> str:
+    """As an address has them."""
+    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+
+
+def is_local(host: str) -> bool:
+    """Whether only this computer reaches it."""
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+@contextlib.contextmanager
+def listening(host: str, port: int, option: str) -> Iterator[socket.socket]:
+    """A socket there, for `option`; PermissionDenied or DeviceUnavailable where none can be."""
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    with socket.socket(family, socket.SOCK_STREAM) as made:
+        made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            made.bind((host, port))
+        except PermissionError as problem:
+            raise PermissionDenied(f"{option} {host}:{port}: {problem.strerror}; take a port from 1024 on") from problem
+        except OSError as problem:
+            raise DeviceUnavailable(
+                f"{option} {host}:{port}: {problem.strerror or problem}; choose another address or port"
+            ) from problem
+        yield made

@@ -11,7 +11,7 @@ from micromanip.gateway.app import Gateway
 from micromanip.gateway.guard import Origins
 from micromanip.gateway.overview_filling import fill
 from micromanip.gateway.tokens import Token, Tokens
-from micromanip.gateway.viewing import Everybody, RecordedCell
+from micromanip.gateway.viewing import AnonymousTokens, RecordedCell
 from micromanip.recordings import open_telemetry
 from micromanip.rt import states
 from tests.cli.played import FAULT
@@ -21,8 +21,8 @@ from tools.running_controller import until
 from .answering import Answering
 from .rings import Played, rows, status
 from .served import follow, served
-from .test_filed import FAULT_CYCLE, written
-from .test_filed import opened as filed
+from .test_recording_history import FAULT_CYCLE, written
+from .test_recording_history import opened as filed
 
 pytestmark = [pytest.mark.live, pytest.mark.skipif(PROGRAM is None, reason="chromium is not installed")]
 DO = "d" * 24
@@ -224,7 +224,7 @@ def test_the_scope_triggers_at_the_cycle_and_reads_the_sine(browser, address, pl
     hit = browser.until("scopeFrames.find((frame) => frame.trigger_cycle !== null)")
     assert hit["trigger_cycle"] == EDGE_CYCLE
     assert (hit["first"], hit["last"]) == (EDGE_CYCLE - 2_500, EDGE_CYCLE + 7_500)
-    browser.until("document.getElementById('told').textContent.includes('77')")
+    browser.until("document.getElementById('summary').textContent.includes('77')")
     browser.value(f"{{ {form}; f.mode.value = 'off'; f.mode.dispatchEvent(new Event('input', {{bubbles: true}})) }}")
     browser.value("{ const s = document.getElementById('span'); s.value = '5'; s.dispatchEvent(new Event('change')) }")
     browser.until("scopeFrames.at(-1).last === 99999 && scopeFrames.at(-1).first === 49999")
@@ -274,16 +274,16 @@ def test_what_is_frozen_is_saved_as_a_recording(browser, tmp_path):
 def test_a_recording_is_seen_whole_and_down_to_a_millisecond_without_a_token(browser, tmp_path):
     file = written(tmp_path / "run.mcap")
     source = filed(file)
-    with served(Gateway(RecordedCell(source), Everybody(), Origins(), lambda: None, home="scope")) as there:
+    with served(Gateway(RecordedCell(source), AnonymousTokens(), Origins(), lambda: None, home="scope")) as there:
         opened(browser, there, "/")
         whole = browser.until("window.scopeFrames?.at(-1)")
         assert whole["first"] <= source.history.oldest
         assert whole["last"] == source.history.newest
         assert browser.value("document.querySelector('dialog[open]') === null")
-        browser.until("document.getElementById('told').textContent.includes('overview so far 0 %')")
+        browser.until("document.getElementById('summary').textContent.includes('overview so far 0 %')")
         fill(open_telemetry(file).pieces(), source.fields, source.history.overview)
         fault = browser.until("document.querySelector('#marks .fault')?.textContent")
-        browser.until("!document.getElementById('told').textContent.includes('overview so far')")
+        browser.until("!document.getElementById('summary').textContent.includes('overview so far')")
         assert "STRAIN_INVALID" in fault
         browser.value("document.querySelector('#marks .fault').click()")
         browser.until(f"scopeFrames.at(-1).first < {FAULT_CYCLE} && scopeFrames.at(-1).last < {FAULT_CYCLE + 400}")
@@ -398,7 +398,7 @@ def test_a_move_is_made_after_a_question_only_while_held_and_its_response_is_rea
 
     async def follow():
         while True:
-            mine.cell._tell(None)
+            mine.cell._notify(None)
             await asyncio.sleep(0.05)
 
     mine.cell.follow = follow

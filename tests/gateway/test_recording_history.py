@@ -10,12 +10,11 @@ from recordings.damaged import damage
 
 from micromanip.errors import CheckFailed, DeviceUnavailable, UsageError
 from micromanip.gateway.overview_filling import fill, halving
-from micromanip.gateway.viewing import Recorded, view
-from micromanip.host.recording.hdf5_file import Hdf5Recording
+from micromanip.gateway.viewing import RecordedSource, view
 from micromanip.host.recording.mcap_file import McapRecording
 from micromanip.recordings import open_telemetry
 from micromanip.rt import states
-from micromanip.rt.records import CELL_PARAMETERS, CELL_STATE
+from micromanip.rt.records import CELL_PARAMETERS
 
 from .rings import AXES, rows
 
@@ -33,13 +32,9 @@ def made():
 
 
 def written(file):
-    kind = McapRecording if file.suffix == ".mcap" else Hdf5Recording
     orders = {"file": str(file), "axes": AXES, "period_ns": 100_000, "configuration": "", "sha256": "0" * 64}
-    recording = kind(orders)
-    if kind is McapRecording:
-        recording.mark("coolant on", MARK_CYCLE, "ana", MARK_CYCLE * 100_000)
-    else:
-        recording.begin(np.zeros((), CELL_STATE))
+    recording = McapRecording(orders)
+    recording.mark("coolant on", MARK_CYCLE, "ana", MARK_CYCLE * 100_000)
     for part in np.array_split(made(), 9):
         recording.append(part, np.zeros(1, CELL_PARAMETERS))
     recording.close()
@@ -50,12 +45,12 @@ def opened(file):
     """With its overview beside it, not in the cache of whoever runs the tests."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(file.parent))
-        return Recorded(open_telemetry(file))
+        return RecordedSource(open_telemetry(file))
 
 
-@pytest.fixture(scope="module", params=["run.mcap", "run.h5"])
-def source(request, tmp_path_factory):
-    file = written(tmp_path_factory.mktemp("filed") / request.param)
+@pytest.fixture(scope="module")
+def source(tmp_path_factory):
+    file = written(tmp_path_factory.mktemp("history") / "run.mcap")
     found = opened(file)
     assert found.recording["rows"] == COUNT
     assert found.history.overview.share == 0.0
@@ -94,9 +89,7 @@ def test_rows_are_found_by_their_cycle_whatever_was_read_before(source):
 
 
 def test_faults_and_remarks_are_marked_at_their_cycle(source):
-    wanted = [(FAULT_CYCLE, "fault", "X-201 STRAIN_INVALID")]
-    if source.recording["file"].endswith(".mcap"):
-        wanted.insert(0, (MARK_CYCLE, "mark", "coolant on (ana)"))
+    wanted = [(MARK_CYCLE, "mark", "coolant on (ana)"), (FAULT_CYCLE, "fault", "X-201 STRAIN_INVALID")]
     assert source.so_far() == {"known": 1.0, "marks": wanted}
     assert (source.recording["first"], source.recording["last"]) == (100, 3050 + COUNT - 2901)
 
@@ -205,21 +198,3 @@ def test_the_order_visits_every_piece_and_is_even_from_the_beginning(count):
         if some < count:
             gaps = np.diff(np.sort(order[:some]), prepend=0, append=count)
             assert gaps.max() <= 4 * count / some
-
-
-def test_a_recording_without_its_index_has_the_same_pieces(tmp_path):
-    """Ended in order it is read by the index at its end; killed, record by record."""
-    file = written(tmp_path / "run.mcap")
-    whole = open_telemetry(file)
-    cut = tmp_path / "cut.mcap"
-    cut.write_bytes(file.read_bytes()[:-1])
-    killed = open_telemetry(cut)
-    rows = [[piece(["cycle", "axis.0.strain_um"]) for piece in each.pieces()] for each in (whole, killed)]
-    assert len(rows[0]) == len(rows[1]) == 9
-    for one, other in zip(*rows, strict=True):
-        assert one["cycle"].tobytes() == other["cycle"].tobytes()
-        assert one["axis.0.strain_um"].tobytes() == other["axis.0.strain_um"].tobytes()
-    assert np.concatenate([part["cycle"] for part in rows[0]]).tolist() == made()["cycle"].tolist()
-    assert whole.marks == killed.marks
-    assert whole.configuration == killed.configuration
-    assert whole.end["complete"]

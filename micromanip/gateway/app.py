@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import importlib
 import json
 import tempfile
 from collections.abc import AsyncIterator, Callable, Mapping
@@ -86,6 +87,8 @@ class Gateway:
     @contextlib.asynccontextmanager
     async def _alive(self, _: Starlette) -> AsyncIterator[None]:
         following = asyncio.create_task(self._cell.follow())
+        # what spectra need takes more than a second to load: the first spectrum would wait for it
+        asyncio.get_running_loop().run_in_executor(None, importlib.import_module, "scipy.signal")
         async with self._beside():
             yield
         following.cancel()

@@ -56,7 +56,7 @@ def on_grid(cycles: NDArray[np.int64], values: Array) -> tuple[Array, float]:
 
 def spectrum(values: Array, rate_Hz: float) -> Spectrum | None:
     """Of `values` (n) taken at `rate_Hz`; None where they are too few. The mean is taken off each segment."""
-    from scipy.signal import welch  # which takes as long to import as all else of the gateway
+    from scipy.signal import welch  # as long to import as all else of the gateway, which imports it meanwhile
 
     if len(values) < LEAST:
         return None

@@ -234,7 +234,7 @@ def test_the_scope_triggers_at_the_cycle_and_reads_the_sine(browser, address, pl
     assert float(line[1]) == pytest.approx(SINE_HZ, rel=0.01)
     assert float(line[2]) == pytest.approx(SINE_UM, rel=0.01)
     browser.value("document.querySelector('[data-tab=xy]').click()")
-    browser.until("document.querySelector('canvas.xy') !== null")
+    browser.until("document.querySelector('#plots canvas') !== null")
     browser.value("document.querySelector('[data-tab=time]').click()")
     for width in (390, 1280):
         browser("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=False)
@@ -291,7 +291,7 @@ def test_a_recording_is_seen_whole_and_down_to_a_millisecond_without_a_token(bro
             browser.value("document.getElementById('shorter').click()")
         browser.until("scopeFrames.at(-1).last - scopeFrames.at(-1).first === 10 && scopeFrames.at(-1).rows === 1")
         browser.value("document.querySelector('[data-tab=xy]').click()")
-        browser.until("document.querySelector('canvas.xy') !== null")
+        browser.until("document.querySelector('#plots canvas') !== null")
         for hidden in ("freeze", "trigger-card", "pages", "forget"):
             assert browser.value(f"document.getElementById('{hidden}').hidden"), hidden
         in_order(browser, there)

@@ -1,7 +1,7 @@
 // Margins of a running loop: measured by the controller, asked for as long as this page is there, drawn as they come.
 import { post } from "./connection.js";
+import { SensitivityPlot } from "./curves.js";
 import { traced } from "./frames.js";
-import { SensitivityPlot } from "./loglog.js";
 import { by, cell as td, figure, head, isMeant, rows, themeButton } from "./page.js";
 import { Panels } from "./panels.js";
 import { Supervised } from "./supervised.js";

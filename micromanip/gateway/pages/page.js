@@ -103,6 +103,13 @@ function clock(value, decimals) {
 
 export const unitText = (unit) => (unit === "um" ? "µm" : unit);
 
+/** Ends of an axis for values from `low` to `high`, null where there are none. */
+export function padded(low, high) {
+  if (low === null || high === null) return [0, 1];
+  const edge = (high - low) * 0.06 || Math.abs(high) * 0.01 || 0.5;
+  return [low - edge, high + edge];
+}
+
 export function rows(table, lines) {
   table.replaceChildren(...lines.map((line) => element("tr", {}, ...line)));
 }

@@ -1,6 +1,6 @@
 // The traces over time: a panel for each unit, one below the other, with one time axis, cursors, states and limits.
 import uPlot from "./third_party/uplot/uPlot.esm.js";
-import { cell, colour, element, head, moment, rows, seconds, short, swatch, timeTicks, unitText } from "./page.js";
+import { cell, colour, element, head, moment, padded, rows, seconds, short, swatch, timeTicks, unitText } from "./page.js";
 
 const STATE_TINT = {
   READY: "#1f4e9922", ARMING: "#f0bd2120", TRACKING: "#0a8a3a1c", HOLDING: "#f0bd2120", RAMPING: "#f0bd2120", FAULT: "#d0202038",
@@ -239,12 +239,6 @@ function doubled(target, low, high, isWhole) {
       target[2 * i + 1] = Number.isNaN(high[i]) ? null : high[i];
     }
   }
-}
-
-function padded(low, high) {
-  if (low === null || high === null) return [0, 1];
-  const edge = (high - low) * 0.06 || Math.abs(high) * 0.01 || 0.5;
-  return [low - edge, high + edge];
 }
 
 /** Figures of the traces under the pointer and the cursors. */

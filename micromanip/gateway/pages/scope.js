@@ -1,11 +1,10 @@
 // The scope: what is shown, and who is asked for it. Time is counted in cycles; s are made only to be shown.
 import { Connection, post } from "./connection.js";
+import { SpectrumView, XyView } from "./curves.js";
 import { parsed, traced } from "./frames.js";
-import { SpectrumView } from "./loglog.js";
 import { by, count, element, moment, notice, seconds, showStatus, themeButton, unitText } from "./page.js";
 import { Panels, readout } from "./panels.js";
 import { TriggerForm } from "./trigger.js";
-import { XyView } from "./xy.js";
 
 const SPANS = [0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 60, 120, 300, 600, 1800, 3600];
 const COLOURS = 8;
@@ -370,5 +369,5 @@ new ResizeObserver(() => {
 themeButton(() => {
   panels.redraw();
   spectrum.redraw();
-  xy.resize();
+  xy.redraw();
 });

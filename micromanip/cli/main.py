@@ -44,8 +44,7 @@ GROUPS = {
         "report": "a recorded run as one page",
         "compare": "two recorded runs side by side, and whether they differ",
         "replay": "a recorded run again: bit for bit, or under other tunings",
-        "trend": "figures of each second and minute, kept for months",
-        "runs": "recordings, trips, reports and tunings, found again",
+        "recording": "the recordings of a folder",
         "explain": "a trip in plain words, from its black box",
         "audit": "who asked for what, and when",
     },
@@ -87,6 +86,7 @@ _TOGETHER = {
     "orders": ("arm", "disarm", "hold", "reset"),
     "parameters": ("get", "set", "diff", "save", "reload"),
     "candidate": ("shadow", "promote", "withdraw"),
+    "recording_list": ("recording",),
 }
 """Commands that share a module; every other has one of its own, by its name."""
 _USAGE = 64

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import importlib
 import json
 import tempfile
 from collections.abc import AsyncIterator, Callable, Mapping
@@ -23,18 +24,16 @@ from micromanip.errors import MicromanipError, PermissionDenied, UsageError
 
 from .cell import Cell, Source
 from .guard import Guard, Origins
-from .measuring import Measuring
 from .metrics import Metrics
-from .recording import save
 from .response import response_of
-from .runs import POLICY, Runs
-from .saving import lines
+from .saving import csv_lines, save_recording
+from .sensitivity import SensitivityMeasurements
 from .session import MESSAGE_BYTES, Session
 from .tokens import Token, Tokens
 from .views import number
 
 PAGES = Path(__file__).with_name("pages")
-PATHS = {"cell": "/", "scope": "/scope", "margins": "/margins", "moves": "/moves", "runs": "/runs"}
+PATHS = {"cell": "/", "scope": "/scope", "margins": "/margins", "moves": "/moves"}
 """Where each page is; their names stand in this order above each."""
 ORDERS = ("arm", "hold", "disarm", "reset")
 MOVE_FIELDS = {"axis", "kind", "by_um", "returns", "way_s", "rest_s", "amplitude_um", "frequency_Hz", "to_Hz"}
@@ -58,22 +57,17 @@ class Gateway:
         differs: Callable[[], str | None],
         beside: Beside = contextlib.nullcontext,
         home: str = "cell",
-        runs: Runs | None = None,
         expiries: Callable[[], Mapping[str, float]] = dict,
     ) -> None:
         """`differs` says so where the controller runs another configuration than was expected, else None.
 
         What `beside` gives is entered as long as the pages are served; `home` is the page that the address alone shows.
-        Without `runs` there are none to be found; `expiries` are those of `Metrics`.
+        `expiries` are those of `Metrics`.
         """
-        self._runs = runs
         self._cell, self._tokens, self._differs, self._beside = cell, tokens, differs, beside
-        self._measuring = Measuring(cell)
+        self._measuring = SensitivityMeasurements(cell)
         routes = [
             *(Route(path, _page(home if path == "/" else name)) for name, path in PATHS.items()),
-            Route("/runs/report/{ticket}", self._report),
-            Route("/api/runs", self._find_runs, methods=["POST"]),
-            Route("/api/runs/report", self._ticket, methods=["POST"]),
             Route("/api/status", self._status),
             Route("/api/order", self._order, methods=["POST"]),
             Route("/api/sensitivity", self._sensitivity, methods=["POST"]),
@@ -93,6 +87,8 @@ class Gateway:
     @contextlib.asynccontextmanager
     async def _alive(self, _: Starlette) -> AsyncIterator[None]:
         following = asyncio.create_task(self._cell.follow())
+        # what spectra need takes more than a second to load: the first spectrum would wait for it
+        asyncio.get_running_loop().run_in_executor(None, importlib.import_module, "scipy.signal")
         async with self._beside():
             yield
         following.cancel()
@@ -127,40 +123,21 @@ class Gateway:
 
     async def _move(self, request: Request) -> Response:
         token = self._known(request, operates=True)
-        told = await _body(request)
-        if unknown := set(told) - MOVE_FIELDS:
+        query = await _body(request)
+        if unknown := set(query) - MOVE_FIELDS:
             raise UsageError(f"a move has no {min(unknown)!r:.40}")
-        return JSONResponse(await self._cell.order("move", token.name, **told))
+        return JSONResponse(await self._cell.order("move", token.name, **query))
 
     async def _response(self, request: Request) -> Response:
         self._known(request)
-        told = await _body(request)
-        return JSONResponse(response_of(self._source(), told))
-
-    def _known_runs(self) -> Runs:
-        if self._runs is None:
-            raise UsageError("there is no catalogue here")
-        return self._runs
-
-    async def _find_runs(self, request: Request) -> Response:
-        self._known(request)
-        return JSONResponse(await self._known_runs().find(await _body(request)))
-
-    async def _ticket(self, request: Request) -> Response:
-        self._known(request)
-        return JSONResponse({"address": f"/runs/report/{await self._known_runs().report(await _body(request))}"})
-
-    async def _report(self, request: Request) -> Response:
-        page = self._known_runs().page(request.path_params["ticket"])
-        if page is None:
-            return PlainTextResponse("this address was good for a minute; open the report again\n", 404)
-        return Response(page, media_type="text/html", headers={"content-security-policy": POLICY})
+        query = await _body(request)
+        return JSONResponse(response_of(self._source(), query))
 
     async def _csv(self, request: Request) -> Response:
         self._known(request)
-        told = await _body(request)
+        query = await _body(request)
         name = 'attachment; filename="scope.csv"'
-        text = lines(self._source(), told)
+        text = csv_lines(self._source(), query)
         return StreamingResponse(text, media_type="text/csv", headers={"content-disposition": name})
 
     def _source(self) -> Source:
@@ -170,14 +147,14 @@ class Gateway:
 
     async def _recording(self, request: Request) -> Response:
         token = self._known(request)
-        told = await _body(request)
-        first, last = (round(number(told, name, 0, 2**53)) for name in ("first", "last"))
+        query = await _body(request)
+        first, last = (round(number(query, name, 0, 2**53)) for name in ("first", "last"))
         source = self._source()
         configuration = await self._cell.order("configuration", token.name)
         folder = tempfile.TemporaryDirectory(prefix="micromanip-gateway-")
         try:
             file = Path(folder.name) / f"scope-{last}.mcap"
-            await save(source, configuration, first, last, file)
+            await save_recording(source, configuration, first, last, file)
         except BaseException:
             folder.cleanup()
             raise

@@ -48,15 +48,15 @@ class Source:
     """The telemetry of one controller: its history, and its ring."""
 
     def __init__(
-        self, told: Telemetry, status: Any, ring: Any, control: Any, inode: int, history: History | None = None
+        self, about: Telemetry, status: Any, ring: Any, control: Any, inode: int, history: History | None = None
     ) -> None:
-        """Records of `STATUS`, `RING` and `CONTROL`; `inode` tells their memory from another's.
+        """Records of `STATUS`, `RING` and `CONTROL`; `inode` is that of the ring's memory.
 
         `history` is that of a controller before, with as many axes, whose memory is used again.
         """
-        self.told, self.status, self.inode = told, status, inode
+        self.about, self.status, self.inode = about, status, inode
         self.parameters = control["parameters"]
-        self.fields = fields(told["axes"])
+        self.fields = fields(about["axes"])
         self.history = History(self.fields) if history is None else history
         self.reader = RingReader(ring)
         self._is_new = True
@@ -132,7 +132,7 @@ class Cell:
                     if rows is None:
                         break
                     heard_s = time.monotonic()
-                    self._tell(rows)
+                    self._notify(rows)
                     if before is None or any(before[name] != rows[-1][name] for name in ("state", "fault")):
                         self._wake.set()
                     await asyncio.sleep(0)
@@ -153,7 +153,7 @@ class Cell:
                     self._client.close()
                     self._client = None
                 rest_s = _AGAIN_S
-            self._tell(None)
+            self._notify(None)
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(self._wake.wait(), rest_s)
             self._wake.clear()
@@ -162,26 +162,26 @@ class Cell:
         if self._client is None:
             client = Client(self.socket)
             try:
-                told, descriptors = client.telemetry()
-                self._attach(told, *descriptors)
+                about, descriptors = client.telemetry()
+                self._attach(about, *descriptors)
             except BaseException:
                 client.close()
                 raise
             self._client = client
         return self._client.status()
 
-    def _attach(self, told: Telemetry, *descriptors: int) -> None:
+    def _attach(self, about: Telemetry, *descriptors: int) -> None:
         try:
             ours = {"status_bytes": STATUS.itemsize, "row_bytes": ROW.itemsize, "control_bytes": CONTROL.itemsize}
-            if told != told | ours | {"columns": columns()} or len(descriptors) != len(_MEMORIES):
+            if about != about | ours | {"columns": columns()} or len(descriptors) != len(_MEMORIES):
                 raise CheckFailed("the controller is of another version than the gateway; restart the gateway")
             inode = os.fstat(descriptors[1]).st_ino
             if self.source is None or self.source.inode != inode:
                 status, ring, control = map(_mapped, descriptors, _MEMORIES)
                 before = self.source
-                is_alike = before is not None and before.told["axes"] == told["axes"]
+                is_alike = before is not None and before.about["axes"] == about["axes"]
                 history = before.history if before is not None and is_alike else None
-                found = Source(told, status, ring, control, inode, history)
+                found = Source(about, status, ring, control, inode, history)
                 if history is None:
                     found.history.take()
                 self.source = found
@@ -189,7 +189,7 @@ class Cell:
             for descriptor in descriptors:
                 os.close(descriptor)
 
-    def _tell(self, rows: Rows | None) -> None:
+    def _notify(self, rows: Rows | None) -> None:
         for listener in list(self.listeners):
             listener(rows)
 

@@ -15,7 +15,7 @@ from cryptography.hazmat.primitives.serialization import load_pem_private_key
 from micromanip.errors import ConfigError, system_error
 from micromanip.files import open_regular
 
-from .private import read_private
+from .tokens import read_private
 
 WARN_DAYS = 30
 _AGAIN_S = 86_400.0

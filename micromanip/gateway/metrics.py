@@ -30,7 +30,7 @@ _EDGES_NS = np.array([lower_edge(k) for k in range(BINS - 1)], np.float64)
 _OVER = ("second", "minute")
 
 
-class Metrics:
+class Metrics(Collector):
     """Of one cell, and of the gateway itself."""
 
     media_type = CONTENT_TYPE_PLAIN_0_0_4
@@ -43,25 +43,15 @@ class Metrics:
         expiries: Callable[[], Mapping[str, float]] = dict,
     ) -> None:
         """`expiries` has the Unix times at which certificates in use expire, by the names of their files."""
+        self._cell, self._connections, self._refused, self._expiries = cell, connections, refused, expiries
         self._registry = CollectorRegistry()
-        self._registry.register(_Collector(cell, connections, refused, expiries))
+        self._registry.register(self)
         ProcessCollector(registry=self._registry)
         GCCollector(registry=self._registry)
 
     def text(self) -> bytes:
         """In Prometheus' text format."""
         return generate_latest(self._registry)
-
-
-class _Collector(Collector):
-    def __init__(
-        self,
-        cell: Cell,
-        connections: Callable[[], int],
-        refused: Callable[[], int],
-        expiries: Callable[[], Mapping[str, float]],
-    ) -> None:
-        self._cell, self._connections, self._refused, self._expiries = cell, connections, refused, expiries
 
     def describe(self) -> Iterable[Metric]:
         """Nothing is known before the first fetch."""
@@ -130,7 +120,7 @@ def _of_axes(status: Status) -> Iterator[Metric]:
             yield _labelled("axis_headroom_min_volts", "Least headroom of this window.", ["axis", "window"], {
                 (axis, window): figures["min"] for axis, window, figures in over
             })  # fmt: skip
-    tooth = {(axis,): hertz for axis, v in axes.items() if (hertz := v.get("tooth_Hz")) is not None}
+    tooth = {(axis,): hertz for axis, v in axes.items() if (hertz := v["tooth_Hz"]) is not None}
     yield _labelled("axis_tooth_hertz", "Frequency of the tooth, where it is followed.", ["axis"], tooth)
     joints = {
         (axis, str(k)): hertz
@@ -146,7 +136,7 @@ def _of_signals(status: Status) -> Iterator[Metric]:
     signals = status["signals"]
     rates = {(name,): s["rate_hz"] for name, s in signals.items()}
     yield _labelled("signal_rate_hertz", "Fresh samples of a signal in a second.", ["signal"], rates)
-    stated = {(name,): s["stated_hz"] for name, s in signals.items() if "stated_hz" in s}
+    stated = {(name,): s["stated_hz"] for name, s in signals.items()}
     yield _labelled("signal_stated_rate_hertz", "What the driver of a signal states of that.", ["signal"], stated)
     ages = {
         (name, percentile): age * 1e-6

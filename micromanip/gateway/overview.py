@@ -23,13 +23,13 @@ from micromanip.errors import CheckFailed, system_error
 from micromanip.recordings import Telemetry
 
 from .fields import Field
-from .levels import Cycles, Values
+from .history import Cycles, Values, extremes
 
 _FINE, _STEP = 32, 32
 """Cycles in a block of the fine level; blocks of it in one of the coarse level."""
 _MOST_BYTES, _KEPT_BYTES = 1_000_000_000, 5_000_000_000
 """Of one overview, with longer blocks for a longer recording; of all that are kept."""
-_LAYOUT = 2
+_LAYOUT = 3
 
 
 class Level:
@@ -47,7 +47,7 @@ class Level:
         blocks = (cycles - self.origin) // self.per
         begins = np.flatnonzero(np.diff(blocks, prepend=-1))
         at = blocks[begins]
-        low, high = (what.reduceat(values, begins, axis=1).T for what in (np.fmin, np.fmax))
+        low, high = (each.T for each in extremes(values, values, begins))
         new = (self.count[at] == 0)[:, None]
         self._low[at] = np.where(new, low, np.fmin(self._low[at], low))
         self._high[at] = np.where(new, high, np.fmax(self._high[at], high))
@@ -82,32 +82,19 @@ class Overview:
         """How much of the recording is in it."""
         return float(np.count_nonzero(self.done)) / len(self.done)
 
-    def faults(self) -> list[tuple[int, int]]:
-        """Cycle and number of each fault that was found so far."""
+    def notes(self) -> list[tuple[int, int, str, str]]:
+        """Faults and damage found so far: first and last cycle, kind (``fault`` or ``damage``), text."""
         try:
-            lines = (self.folder / "faults").read_text().splitlines()
+            lines = (self.folder / "notes").read_text().splitlines()
         except FileNotFoundError:
             return []
-        return sorted({(int(cycle), int(number)) for cycle, number in map(str.split, lines)})
+        found = (line.split(" ", 3) for line in lines)
+        return sorted({(int(first), int(last), kind, text) for first, last, kind, text in found})
 
-    def note_fault(self, cycle: int, number: int) -> None:
-        """A fault that begins at this cycle."""
-        with (self.folder / "faults").open("a") as faults:
-            faults.write(f"{cycle} {number}\n")
-
-    def damage(self) -> list[tuple[int, int, str]]:
-        """First and last cycle of each piece that can't be read, as far as was found so far, and why."""
-        try:
-            lines = (self.folder / "damage").read_text().splitlines()
-        except FileNotFoundError:
-            return []
-        found = (line.split(" ", 2) for line in lines)
-        return sorted({(int(first), int(last), why) for first, last, why in found})
-
-    def note_damage(self, first: int, last: int, why: str) -> None:
-        """Cycles that the file has, and nobody can read."""
-        with (self.folder / "damage").open("a") as damage:
-            damage.write(f"{first} {last} {why.splitlines()[0]}\n")
+    def note(self, first: int, last: int, kind: str, text: str) -> None:
+        """One more of `notes`."""
+        with (self.folder / "notes").open("a") as notes:
+            notes.write(f"{first} {last} {kind} {text.splitlines()[0]}\n")
 
     def alone(self) -> Any | None:
         """What keeps others from filling it, as long as it is held; None where somebody does."""

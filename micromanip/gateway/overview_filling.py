@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from micromanip.errors import CheckFailed, MicromanipError
+from micromanip.faults import KINDS
 from micromanip.recordings import open_telemetry
 from micromanip.recordings.telemetry import Piece
 from micromanip.rt.states import NO_FAULT
@@ -48,7 +49,8 @@ def fill(
             follows = number > 0 and faults[0] != NO_FAULT
             before = (_edge(pieces, number - 1, "fault", -1) if follows else None) or NO_FAULT
             for k in np.flatnonzero((np.diff(faults, prepend=before) != 0) & (faults != NO_FAULT)):
-                overview.note_fault(int(columns["cycle"][k]), int(faults[k]))
+                cycle = int(columns["cycle"][k])
+                overview.note(cycle, cycle, "fault", _fault_name(int(faults[k])))
         overview.done[number] = 1
 
 
@@ -61,7 +63,13 @@ def _note_damage(pieces: Sequence[Piece], number: int, overview: Overview, why: 
         (found for k in range(number + 1, len(pieces)) if (found := _edge(pieces, k, "cycle", 0)) is not None), None
     )
     begin = overview.about["first"] if last is None else last + 1
-    overview.note_damage(begin, overview.about["last"] if first is None else first - 1, why)
+    end = overview.about["last"] if first is None else first - 1
+    overview.note(begin, end, "damage", f"damaged: {end - begin + 1} cycles can't be read ({why})")
+
+
+def _fault_name(number: int) -> str:
+    kind = KINDS.get(number)
+    return f"fault {number}" if kind is None else f"{kind.code} {kind.name}"
 
 
 def _edge(pieces: Sequence[Piece], number: int, path: str, place: int) -> int | None:

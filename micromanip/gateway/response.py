@@ -23,30 +23,30 @@ _OTHERWISE = ("setpoint_um", "strain_um")
 """What is wanted, and what is found, by the mode of the axis."""
 
 
-def response_of(source: Source, told: Mapping[str, Any]) -> dict[str, Any]:
+def response_of(source: Source, query: Mapping[str, Any]) -> dict[str, Any]:
     """Figures of the cycles `first` to `last` of `axis`; of a step of `by_um`, or a sine of `frequency_Hz`, its own.
 
     Raises UsageError where there is no such axis, or these cycles are not there row by row.
     """
-    axes = source.told["axes"]
-    if told.get("axis") not in axes:
-        raise UsageError(f"there is no axis {told.get('axis')!r:.40}; there are {', '.join(axes)}")
-    index, period_s = axes.index(told["axis"]), source.told["period_ns"] * 1e-9
-    first, last = (round(number(told, name, 0, 2**53)) for name in ("first", "last"))
+    axes = source.about["axes"]
+    if query.get("axis") not in axes:
+        raise UsageError(f"there is no axis {query.get('axis')!r:.40}; there are {', '.join(axes)}")
+    index, period_s = axes.index(query["axis"]), source.about["period_ns"] * 1e-9
+    first, last = (round(number(query, name, 0, 2**53)) for name in ("first", "last"))
     rows = source.history.rows(first, min(last, first + round(_MOST_S / period_s)))
     if len(rows) < 2:
         raise UsageError("these cycles are not there row by row")
-    wanted_name, found_name = names = signals_of(source, index)
+    wanted_name, found_name = signals_of(source, index)
     axis = rows["axis"][:, index]
     t_s = (rows["cycle"] - rows["cycle"][0]) * period_s
     wanted, found = np.asarray(axis[wanted_name], float), np.asarray(axis[found_name], float)
     known = np.isfinite(wanted) & np.isfinite(found)
     figures: dict[str, float | None] = errors(wanted[known], found[known])
-    if told.get("by_um") is not None:
-        figures |= step_figures(t_s[known], found[known], number(told, "by_um", -1e4, 1e4))
-    if told.get("frequency_Hz") is not None:
-        figures |= sine_figures(t_s[known], wanted[known], found[known], number(told, "frequency_Hz", 1e-3, 1e4))
-    return {"wanted": names[0], "found": names[1], "figures": figures}
+    if query.get("by_um") is not None:
+        figures |= step_figures(t_s[known], found[known], number(query, "by_um", -1e4, 1e4))
+    if query.get("frequency_Hz") is not None:
+        figures |= sine_figures(t_s[known], wanted[known], found[known], number(query, "frequency_Hz", 1e-3, 1e4))
+    return {"wanted": wanted_name, "found": found_name, "figures": figures}
 
 
 def signals_of(source: Source, index: int) -> tuple[str, str]:

@@ -1,16 +1,23 @@
-"""What is seen on the scope as CSV: every cycle where the rows are still there, else least and greatest of blocks."""
+"""What the scope shows, saved: as CSV, or as a recording with the rows as the loop wrote them.
+
+CSV has every cycle where the rows are still there, else least and greatest of blocks. A recording is the file that
+`run --record` makes.
+"""
 
 from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.errors import UsageError
+from micromanip.errors import CheckFailed, UsageError, system_error
+from micromanip.recordings import file_header as header
 from micromanip.recordings.table import table_line
+from micromanip.replies import RunningConfiguration
 
 from .cell import Source
 from .views import names, number
@@ -18,12 +25,13 @@ from .views import names, number
 _LINES = 5000
 _ALL = 1 << 40
 """Points: as many as there are."""
+_PART_ROWS = 1 << 16
 
 
-def lines(source: Source, told: Mapping[str, Any]) -> AsyncIterator[str]:
+def csv_lines(source: Source, query: Mapping[str, Any]) -> AsyncIterator[str]:
     """Text of `fields` from the cycle `first` to `last`; UsageError where that makes no sense."""
-    fields = names(told, source)
-    first, last = round(number(told, "first", -(2**53), 2**53)), round(number(told, "last", 0, 2**53))
+    fields = names(query, source)
+    first, last = round(number(query, "first", -(2**53), 2**53)), round(number(query, "last", 0, 2**53))
     history = source.history
     if not fields or first > last:
         raise UsageError("saving takes fields, and a first cycle that is not after the last one")
@@ -37,7 +45,7 @@ def lines(source: Source, told: Mapping[str, Any]) -> AsyncIterator[str]:
         named = [f"{name} {which}" for name in fields for which in ("least", "greatest")]
     if not len(cycles):
         raise UsageError("nothing is known of these cycles any more")
-    return _text(named, cycles, values, source.told["period_ns"] * 1e-9)
+    return _text(named, cycles, values, source.about["period_ns"] * 1e-9)
 
 
 async def _text(
@@ -55,3 +63,66 @@ def _rows(cycles: NDArray[np.int64], values: NDArray[np.float32], period_s: floa
         f"{cycle},{cycle * period_s:.9g},{table_line(f'{value:.9g}' for value in row)}\n"
         for cycle, row in zip(cycles.tolist(), values.T.tolist(), strict=True)
     )
+
+
+async def save_recording(source: Source, configuration: RunningConfiguration, first: int, last: int, file: Path) -> int:
+    """Write the cycles `first` to `last` into the new `file`; how many rows.
+
+    Raises UsageError where some of them are not there row by row any more, CheckFailed where they are overwritten
+    meanwhile, DeviceUnavailable without room.
+    """
+    history = source.history
+    if first > last:
+        raise UsageError("saving takes a first cycle that is not after the last one")
+    first = max(first, history.oldest)
+    if first < history.oldest_full:
+        raise UsageError(
+            f"a recording has every cycle, and those before cycle {history.oldest_full} are known as least and "
+            "greatest only: zoom in, or save as CSV; `micromanip record start` records for longer"
+        )
+    orders = {
+        "file": str(file),
+        "axes": source.about["axes"],
+        "period_ns": source.about["period_ns"],
+        "configuration": configuration["text"],
+        "sha256": configuration["sha256"],
+    }
+    try:
+        recording = await asyncio.to_thread(_begun, orders)
+    except OSError as problem:
+        raise system_error(problem, file.parent) from problem
+    try:
+        written = await _write(recording, source, first, last)
+        await asyncio.to_thread(recording.close)
+    except OSError as problem:
+        raise system_error(problem, file.parent) from problem
+    return written
+
+
+def _begun(orders: dict[str, Any]) -> Any:
+    from micromanip.host.recording.mcap_file import McapRecording
+
+    return McapRecording(orders)
+
+
+async def _write(recording: Any, source: Source, first: int, last: int) -> int:
+    """The oldest part first, so that none is overwritten before its turn."""
+    at, begun = first, False
+    while at <= last:
+        if at < source.history.oldest_full:
+            raise CheckFailed(f"cycle {at} was overwritten before it was saved: this computer is too slow")
+        rows = source.history.rows(at, min(last, at + _PART_ROWS - 1))
+        if len(rows):
+            if not begun:  # brings what readers must know of the rows
+                recording.mark(header.BEGAN, int(rows["cycle"][0]), "scope", int(rows["time_ns"][0]))
+                begun = True
+            await asyncio.to_thread(_append, recording, rows, source.parameters)
+        at += _PART_ROWS
+    if not begun:
+        raise UsageError("nothing is known of these cycles")
+    return int(recording.written)
+
+
+def _append(recording: Any, rows: NDArray[Any], slots: NDArray[Any]) -> None:
+    for part in np.array_split(rows, -(-len(rows) // 8192)):
+        recording.append(part, slots)

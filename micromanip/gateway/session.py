@@ -44,7 +44,7 @@ class Session:
         self._source: Source | None = None
         self._view = View()
         self._trigger: Trigger | None = None
-        self._told_trigger: Any = None
+        self._trigger_query: Any = None
         self._wanted: set[str] = {"status"}
         self._asked: list[dict[str, Any]] = []
         self._on_the_way = 0
@@ -83,7 +83,7 @@ class Session:
             self._on_the_way = max(0, self._on_the_way - 1)
         elif kind == "view":
             self._view = View.read(message, self._source)
-            self._set_trigger(self._told_trigger)
+            self._set_trigger(self._trigger_query)
             self._wanted.add("frame")
         elif kind == "trigger":
             self._set_trigger(message.get("trigger"))
@@ -97,17 +97,17 @@ class Session:
             raise UsageError(f"unknown message {kind!r:.40}")
         self._wake.set()
 
-    def _set_trigger(self, told: Any) -> None:
-        self._told_trigger = self._trigger = None
-        if self._source is None or told is None:
+    def _set_trigger(self, query: Any) -> None:
+        self._trigger_query = self._trigger = None
+        if self._source is None or query is None:
             return
-        condition = Condition.read(told, self._source.fields)
-        share = number(told, "before", 0.0, 1.0)
+        condition = Condition.read(query, self._source.fields)
+        share = number(query, "before", 0.0, 1.0)
         span = self._view.cycles(self._source)
         before = round(share * span)
-        patience = max(span, round(_LEAST_PATIENCE_S * 1e9 / self._source.told["period_ns"]))
-        self._told_trigger = told
-        self._trigger = Trigger(condition, str(told.get("mode")), before, span - before, patience)
+        patience = max(span, round(_LEAST_PATIENCE_S * 1e9 / self._source.about["period_ns"]))
+        self._trigger_query = query
+        self._trigger = Trigger(condition, str(query.get("mode")), before, span - before, patience)
 
     def _heard(self, rows: Rows | None) -> None:
         if rows is None:
@@ -181,9 +181,9 @@ class Session:
         cell = None
         if source is not None:
             cell = {
-                "axes": source.told["axes"],
-                "range_V": source.told["range_V"],
-                "period_ns": source.told["period_ns"],
+                "axes": source.about["axes"],
+                "range_V": source.about["range_V"],
+                "period_ns": source.about["period_ns"],
                 "fields": [{"name": field.name, "unit": field.unit} for field in source.fields],
                 "states": STATE_NAMES,
                 "recording": getattr(source, "recording", None),

@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -22,9 +21,6 @@ _FLOOR = 4.0
 """A line stands out of the median of its neighbours by this factor, in amplitude."""
 _AROUND = 25
 _WIDTH = 4
-_HANN = (0.5, 0.5)
-_FLAT_TOP = (0.21557895, 0.41663158, 0.277263158, 0.083578947, 0.006947368)
-"""Of a window that is a sum of cosines, their amplitudes with alternating signs (ISO 18431-2)."""
 
 
 @dataclass(frozen=True)
@@ -60,32 +56,16 @@ def on_grid(cycles: NDArray[np.int64], values: Array) -> tuple[Array, float]:
 
 def spectrum(values: Array, rate_Hz: float) -> Spectrum | None:
     """Of `values` (n) taken at `rate_Hz`; None where they are too few. The mean is taken off each segment."""
+    from scipy.signal import welch  # as long to import as all else of the gateway, which imports it meanwhile
+
     if len(values) < LEAST:
         return None
     # n samples are `averages` segments that overlap by a half
     segment = min(len(values), max(LEAST, 2 * len(values) // (_AVERAGES + 1)))
     averages = max(1, (len(values) - segment) // (segment // 2) + 1)
-    hann, flat_top = _window(_HANN, segment), _window(_FLAT_TOP, segment)
-    power = _averaged(values, hann) / (rate_Hz * (hann**2).sum())
-    flat = _averaged(values, flat_top) / flat_top.sum() ** 2
-    frequency = np.arange(len(power), dtype=np.float64) * (rate_Hz / segment)
-    return Spectrum(frequency, np.sqrt(power), _lines(power, np.sqrt(2.0 * flat), rate_Hz / segment), averages)
-
-
-def _window(amplitudes: tuple[float, ...], segment: int) -> Array:
-    """One period (segment) of the window."""
-    angle = 2.0 * np.pi * np.arange(segment) / segment
-    return np.asarray(sum((-1) ** k * a * np.cos(k * angle) for k, a in enumerate(amplitudes)))
-
-
-def _averaged(values: Array, window: Array) -> Array:
-    """Mean square of each line over the segments, both signs of its frequency together."""
-    segment = len(window)
-    segments = sliding_window_view(values, segment)[:: segment - segment // 2]
-    lines = np.fft.rfft((segments - segments.mean(axis=1, keepdims=True)) * window)
-    square = (np.abs(lines) ** 2).mean(axis=0)
-    square[1 : (segment + 1) // 2] *= 2.0  # zero, and half the rate, have one sign only
-    return np.asarray(square)
+    frequency, power = welch(values, rate_Hz, "hann", segment)
+    _, square = welch(values, rate_Hz, "flattop", segment, scaling="spectrum")
+    return Spectrum(frequency, np.sqrt(power), _lines(power, np.sqrt(2.0 * square), rate_Hz / segment), averages)
 
 
 def _lines(power: Array, amplitude: Array, bin_Hz: float) -> list[Line]:

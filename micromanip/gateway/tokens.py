@@ -6,15 +6,15 @@ A line is `name scope token`; what begins with # is a comment. A scope is observ
 from __future__ import annotations
 
 import hmac
+import io
 import os
 import re
 import secrets
 from dataclasses import dataclass
 from pathlib import Path
 
-from micromanip.errors import ConfigError, system_error
-
-from .private import read_private
+from micromanip.errors import ConfigError, PermissionDenied, system_error
+from micromanip.files import open_regular
 
 SCOPES = ("observe", "operate")
 _LEAST_CHARS = 20
@@ -55,7 +55,7 @@ class Tokens:
         return found
 
 
-def of_file(path: Path) -> tuple[Tokens, bool]:
+def load_tokens(path: Path) -> tuple[Tokens, bool]:
     """Those in `path`, and whether it was made just now, with one token of each scope.
 
     Raises ConfigError where a line is wrong, PermissionDenied where others may read it.
@@ -104,3 +104,21 @@ def _parsed(text: str, path: Path) -> list[Token]:
     if not tokens:
         raise ConfigError(f"{path}: there is no token in it; remove the file, and new ones are made")
     return tokens
+
+
+def read_private(path: Path, holds: str, *, group_may: bool = False) -> str:
+    """The text of `path`, which `holds` says in words; PermissionDenied where others may read it, too.
+
+    With `group_may` the file's group is let read it. Raises what `system_error` makes of a file that can't be read.
+    """
+    try:
+        with io.TextIOWrapper(open_regular(path), encoding="utf-8", errors="replace") as file:
+            found = os.fstat(file.fileno())
+            if found.st_mode & (0o037 if group_may else 0o077):
+                mode = "640" if group_may else "600"
+                raise PermissionDenied(
+                    f"{path}: others may read {holds}; make a new one, or `chmod {mode} {path}` where nobody has"
+                )
+            return file.read()
+    except OSError as problem:
+        raise system_error(problem, path) from problem

@@ -14,10 +14,12 @@ from micromanip.errors import UsageError, did_you_mean
 from micromanip.rt.states import NO_FAULT, STATE_NAMES
 
 from .fields import Field
+from .views import number
 
 Kind = Literal["edge", "window", "state", "fault", "overrun"]
 KINDS: tuple[Kind, ...] = ("edge", "window", "state", "fault", "overrun")
 SLOPES = ("up", "down", "either")
+_LARGEST = 1e30
 
 
 @dataclass(frozen=True)
@@ -35,27 +37,27 @@ class Condition:
     state: int = 0
 
     @classmethod
-    def read(cls, told: Any, fields: Sequence[Field]) -> Self:
+    def read(cls, query: Any, fields: Sequence[Field]) -> Self:
         """What a client asked for; UsageError where it makes no sense."""
-        if not isinstance(told, dict) or told.get("kind") not in KINDS:
+        if not isinstance(query, dict) or query.get("kind") not in KINDS:
             raise UsageError(f"a trigger is one of {', '.join(KINDS)}")
-        kind: Kind = told["kind"]
+        kind: Kind = query["kind"]
         if kind == "state":
-            if told.get("state") not in STATE_NAMES:
+            if query.get("state") not in STATE_NAMES:
                 raise UsageError(f"a state is one of {', '.join(STATE_NAMES)}")
-            return cls(kind, state=STATE_NAMES.index(told["state"]))
+            return cls(kind, state=STATE_NAMES.index(query["state"]))
         if kind in ("fault", "overrun"):
             return cls(kind)
         named = {field.name: field for field in fields}
-        name = told.get("field")
+        name = query.get("field")
         if name not in named:
             raise UsageError(f"there is no field {name!r:.40}; {did_you_mean(str(name), named)}")
         if kind == "edge":
-            slope = told.get("slope", "up")
+            slope = query.get("slope", "up")
             if slope not in SLOPES:
                 raise UsageError(f"a slope is one of {', '.join(SLOPES)}")
-            return cls(kind, named[name], level=_number(told, "level"), slope=slope)
-        low, high = _number(told, "low"), _number(told, "high")
+            return cls(kind, named[name], level=number(query, "level", -_LARGEST, _LARGEST), slope=slope)
+        low, high = (number(query, name, -_LARGEST, _LARGEST) for name in ("low", "high"))
         if low >= high:
             raise UsageError(f"a window has low < high, not {low:g} and {high:g}")
         return cls(kind, named[name], low=low, high=high)
@@ -87,13 +89,6 @@ def _passes(values: NDArray[Any], level: float, slope: str) -> NDArray[np.bool_]
     up = (before < level) & (now >= level)
     down = (before > level) & (now <= level)
     return np.asarray({"up": up, "down": down, "either": up | down}[slope])
-
-
-def _number(told: dict[str, Any], name: str) -> float:
-    value = told.get(name)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise UsageError(f"trigger: {name} is a finite number, not {value!r:.40}")
-    return float(value)
 
 
 class Trigger:

@@ -14,21 +14,20 @@ from typing import Any
 from micromanip.errors import CheckFailed, UsageError
 from micromanip.recordings import Telemetry, open_telemetry
 
-from .addresses import is_local, listening, parsed_address, shown
 from .app import Gateway
 from .fields import fields
-from .filed import Filed
 from .guard import Origins
 from .overview import Overview
 from .overview_filling import fill
-from .serving import run
+from .recording_history import RecordedHistory
+from .serving import is_local, listening, parsed_address, run, shown
 from .tokens import Token
 
 _FIRST_LOOK_S = 0.5
 _YOU = Token("you", "observe", "")
 
 
-class Everybody:
+class AnonymousTokens:
     """Tokens of a server that asks for none."""
 
     def find(self, _: str) -> Token:
@@ -36,7 +35,7 @@ class Everybody:
         return _YOU
 
 
-class Recorded:
+class RecordedSource:
     """A recording where the gateway expects a source: nothing in it moves on."""
 
     def __init__(self, telemetry: Telemetry) -> None:
@@ -45,14 +44,14 @@ class Recorded:
         if lacking := [name for name in ("cycle", "state", "fault", "axis") if name not in names]:
             raise CheckFailed(f"{telemetry.file}: its rows have no {lacking[0]}: another version wrote it")
         self.fields = fields(telemetry.axes, telemetry.dtype)
-        self.history = Filed(telemetry, self.fields)
+        self.history = RecordedHistory(telemetry, self.fields)
         self.reader = SimpleNamespace(lost=int(telemetry.end.get("lost", 0)))
         ranges = {
             axis: [float(limits["low_V"]), float(limits["high_V"])]
             for each in [found for found in telemetry.parameters if len(found)][-1:]
             for axis, limits in zip(telemetry.axes, each["axis"][0]["limiter"], strict=False)
         }
-        self.told = {"axes": telemetry.axes, "range_V": ranges, "period_ns": telemetry.period_ns}
+        self.about = {"axes": telemetry.axes, "range_V": ranges, "period_ns": telemetry.period_ns}
         self.recording: dict[str, Any] = {
             "file": telemetry.file.name,
             "first": self.history.oldest,
@@ -70,7 +69,7 @@ class Recorded:
 class RecordedCell:
     """A recording where the gateway expects a cell: no status, no orders, nothing new."""
 
-    def __init__(self, source: Recorded) -> None:
+    def __init__(self, source: RecordedSource) -> None:
         self.source: Any = source
         self.status = None
         self.problem: str | None = None
@@ -102,8 +101,8 @@ def view(file: Path, listen: str, say: Callable[[str], None]) -> None:
         raise UsageError(f"--listen {listen}: no token is asked for, so it is for this computer only: 127.0.0.1:PORT")
     telemetry = open_telemetry(file)
     with listening(host, port, "--listen") as socket:
-        source = Recorded(telemetry)
-        gateway = Gateway(RecordedCell(source), Everybody(), Origins(), lambda: None, home="scope")  # type: ignore[arg-type]  # as much of both as it asks for
+        source = RecordedSource(telemetry)
+        gateway = Gateway(RecordedCell(source), AnonymousTokens(), Origins(), lambda: None, home="scope")  # type: ignore[arg-type]  # as much of both as it asks for
         seconds = (source.recording["last"] - source.recording["first"] + 1) * telemetry.period_ns * 1e-9
         say(f"{file}: {source.recording['rows']} cycles, {seconds:g} s")
         say(f"scope at http://{shown(*socket.getsockname()[:2])}/ for everybody on this computer; Ctrl-C ends it")

@@ -25,17 +25,17 @@ _ALWAYS = ("state",)
 """Columns that come with every frame, for the bands behind the traces."""
 
 
-def number(told: Mapping[str, Any], name: str, least: float, most: float) -> float:
+def number(query: Mapping[str, Any], name: str, least: float, most: float) -> float:
     """A number of a message; UsageError where it is none, or outside."""
-    value = told.get(name)
+    value = query.get(name)
     if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value <= most:
         raise UsageError(f"{name} is a number from {least:g} to {most:g}, not {value!r:.40}")
     return float(value)
 
 
-def names(told: Mapping[str, Any], source: Source | None) -> tuple[str, ...]:
+def names(query: Mapping[str, Any], source: Source | None) -> tuple[str, ...]:
     """The fields of a message, which are all known."""
-    wanted = told.get("fields")
+    wanted = query.get("fields")
     if not isinstance(wanted, list) or len(wanted) > _MOST_FIELDS or not all(isinstance(name, str) for name in wanted):
         raise UsageError(f"fields are a list of up to {_MOST_FIELDS} names")
     known = [] if source is None else [field.name for field in source.fields]
@@ -60,23 +60,23 @@ class View:
         return self.last is None
 
     @classmethod
-    def read(cls, told: Mapping[str, Any], source: Source | None) -> Self:
+    def read(cls, query: Mapping[str, Any], source: Source | None) -> Self:
         """What a client asked for; UsageError where it makes no sense."""
-        last = told.get("last")
+        last = query.get("last")
         return cls(
-            names(told, source),
-            number(told, "span_s", _LEAST_SPAN_S, _MOST_SPAN_S),
-            round(number(told, "points", 10, _MOST_POINTS)),
-            None if last is None else round(number(told, "last", 0, 2**53)),
+            names(query, source),
+            number(query, "span_s", _LEAST_SPAN_S, _MOST_SPAN_S),
+            round(number(query, "points", 10, _MOST_POINTS)),
+            None if last is None else round(number(query, "last", 0, 2**53)),
         )
 
     def cycles(self, source: Source) -> int:
         """Its length in cycles."""
-        return max(2, round(self.span_s * 1e9 / source.told["period_ns"]))
+        return max(2, round(self.span_s * 1e9 / source.about["period_ns"]))
 
 
-def frame_of(source: Source, view: View, last: int | None, told: Mapping[str, Any]) -> bytes:
-    """The view, up to the cycle `last`, None: the newest; `told` goes into the header."""
+def frame_of(source: Source, view: View, last: int | None, more: Mapping[str, Any]) -> bytes:
+    """The view up to the cycle `last`, None: the newest; `more` goes into the header."""
     history = source.history
     end = history.newest if last is None else last
     columns = [*view.fields, *(name for name in _ALWAYS if name not in view.fields)]
@@ -101,29 +101,29 @@ def frame_of(source: Source, view: View, last: int | None, told: Mapping[str, An
         "missing": window.missing,
         "lost": source.reader.lost,
         **source.so_far(),
-        **told,
+        **more,
     }
     return frame(header, arrays)
 
 
-def _span(source: Source, told: Mapping[str, Any]) -> tuple[int, int]:
-    first = round(number(told, "first", -(2**53), 2**53))
-    last = round(number(told, "last", 0, 2**53))
+def _span(source: Source, query: Mapping[str, Any]) -> tuple[int, int]:
+    first = round(number(query, "first", -(2**53), 2**53))
+    last = round(number(query, "last", 0, 2**53))
     if first >= last:
         raise UsageError("first is a cycle before last")
-    return max(first, last - round(_SPECTRUM_S * 1e9 / source.told["period_ns"])), last
+    return max(first, last - round(_SPECTRUM_S * 1e9 / source.about["period_ns"])), last
 
 
-async def spectrum_of(source: Source, told: Mapping[str, Any]) -> bytes:
+async def spectrum_of(source: Source, query: Mapping[str, Any]) -> bytes:
     """Amplitude densities of some fields over the cycles `first` to `last`, and their greatest lines."""
-    fields, (first, last) = names(told, source), _span(source, told)
+    fields, (first, last) = names(query, source), _span(source, query)
     if not fields:
         raise UsageError("a spectrum is of at least one field")
     history = source.history
     cycles, values = history.whole(history.index(fields), first, last)
     if not len(cycles):
         raise UsageError("these cycles are not there row by row any more")
-    rate_Hz = 1e9 / source.told["period_ns"]
+    rate_Hz = 1e9 / source.about["period_ns"]
 
     def made() -> bytes:
         arrays, lines, missing, averages = {}, {}, 0.0, 0
@@ -143,9 +143,9 @@ async def spectrum_of(source: Source, told: Mapping[str, Any]) -> bytes:
     return await asyncio.to_thread(made)
 
 
-async def xy_of(source: Source, told: Mapping[str, Any]) -> bytes:
+async def xy_of(source: Source, query: Mapping[str, Any]) -> bytes:
     """One field over another, each some cycles apart, so that there are not too many points."""
-    fields, (first, last) = names(told, source), _span(source, told)
+    fields, (first, last) = names(query, source), _span(source, query)
     if len(fields) != 2:
         raise UsageError("x-y takes two fields")
     history = source.history

@@ -60,7 +60,7 @@ class Played:
                 listener(new)
 
 
-SIGNAL = {"rate_hz": 9999.5, "age_p50_us": 0, "age_p99_9_us": 1900, "age_max_us": 2000}
+SIGNAL = {"rate_hz": 9999.5, "stated_hz": 1e4, "age_p50_us": 0, "age_p99_9_us": 1900, "age_max_us": 2000}
 SIGNAL |= {"lost": 3, "superseded": 4, "refused": 2, "samples": 7, "late": 1, "stale_cycles": 5}
 LINK = {"link": "up", "outputs": "following", "links": 2, "starts": 1, "message": None}
 

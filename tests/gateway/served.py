@@ -16,7 +16,7 @@ def follow(played):
     async def run():
         while True:
             played.read()
-            played.cell._tell(None)
+            played.cell._notify(None)
             await asyncio.sleep(0.05)
 
     played.cell.follow = run

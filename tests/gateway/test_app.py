@@ -9,7 +9,7 @@ import pytest
 
 from micromanip.gateway.app import PATHS, Gateway
 from micromanip.gateway.frames import parsed
-from micromanip.gateway.guard import Guard, Origins
+from micromanip.gateway.guard import Origins
 from micromanip.gateway.tokens import Token, Tokens
 from tests.cli.played import FAULT
 from tests.cli.played import Played as PlayedSocket
@@ -326,25 +326,6 @@ def test_messages_that_make_no_sense_are_told_and_survived(app, played, message)
     asyncio.run(play())
 
 
-def test_there_is_an_end_of_connections():
-    async def held(scope, receive, send):
-        await asyncio.Event().wait()
-
-    async def play():
-        guard = Guard(held, Origins(), most=200)
-        browsers = [Browser(guard) for _ in range(200)]
-        await asyncio.sleep(0.05)
-        assert guard.connections == 200
-        code, _, text = await request(guard, "/")
-        assert (code, b"200 connections" in text) == (503, True)
-        for browser in browsers:
-            browser._task.cancel()
-        await asyncio.gather(*(browser._task for browser in browsers), return_exceptions=True)
-        assert guard.connections == 0
-
-    asyncio.run(play())
-
-
 def test_a_fault_does_not_wait_until_traces_are_drawn(app, played):
     view = {"type": "view", "fields": ["x.strain_um"], "span_s": 1.0, "points": 100, "last": None}
 
@@ -357,10 +338,10 @@ def test_a_fault_does_not_wait_until_traces_are_drawn(app, played):
         played.play(rows(np.arange(200, 300)))
         played.read()
         played.cell.status = status("FAULT", [FAULT])
-        played.cell._tell(None)
+        played.cell._notify(None)
         await browser.heard(lambda m: kind("status")(m) and m["status"]["state"] == "FAULT")
         before = len(browser.told)
-        played.cell._tell(None)
+        played.cell._notify(None)
         await asyncio.sleep(0.2)
         assert len(browser.told) == before, "it is not overwhelmed either"
         browser.say({"type": "drawn"})
@@ -374,12 +355,12 @@ def test_a_fault_and_a_lost_controller_are_told(app, played):
     async def play():
         browser = await greeted(app, played)
         played.cell.status = status("FAULT", [FAULT])
-        played.cell._tell(None)
+        played.cell._notify(None)
         told = await browser.heard(lambda m: kind("status")(m) and m["status"]["state"] == "FAULT")
         assert told["status"]["fault_reports"][0]["next_step"] == "Look at the gauge's plug."
         browser.say({"type": "drawn"})
         played.cell.status, played.cell.problem = None, "no controller answers"
-        played.cell._tell(None)
+        played.cell._notify(None)
         assert (await browser.heard(lambda m: kind("status")(m) and m["status"] is None))["problem"]
         await browser.leave()
 

@@ -26,7 +26,7 @@ from micromanip.gateway import certificates, serving
 from micromanip.gateway.cell import Cell
 from micromanip.gateway.certificates import InUse, checked, is_for
 from micromanip.gateway.metrics import Metrics
-from micromanip.gateway.opcua.people import prepared_folder
+from micromanip.gateway.opcua.users import prepared_folder
 
 from .certificates import LOCAL, certificate
 

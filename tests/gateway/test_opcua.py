@@ -16,9 +16,9 @@ from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256 as Bas
 from micromanip.cli.main import main
 from micromanip.errors import ConfigError, PermissionDenied
 from micromanip.gateway.cell import Cell
-from micromanip.gateway.opcua.people import prepared_folder
+from micromanip.gateway.opcua.nodes import readings
 from micromanip.gateway.opcua.service import NAMESPACE, OpcUa
-from micromanip.gateway.readings import readings
+from micromanip.gateway.opcua.users import prepared_folder
 from tests.cli.played import FAULT
 from tests.cli.played import Played as PlayedSocket
 

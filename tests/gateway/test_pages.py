@@ -7,28 +7,22 @@ import numpy as np
 import pytest
 
 from micromanip.errors import CheckFailed
-from micromanip.faults import KINDS
-from micromanip.gateway import runs as runs_module
 from micromanip.gateway.app import Gateway
 from micromanip.gateway.guard import Origins
 from micromanip.gateway.overview_filling import fill
-from micromanip.gateway.runs import Runs
 from micromanip.gateway.tokens import Token, Tokens
-from micromanip.gateway.viewing import Everybody, RecordedCell
+from micromanip.gateway.viewing import AnonymousTokens, RecordedCell
 from micromanip.recordings import open_telemetry
 from micromanip.rt import states
-from tests.catalogue.test_runs import report
 from tests.cli.played import FAULT
-from tests.design.test_run_figures import recording
 from tools.chromium import PROGRAM, chromium
 from tools.running_controller import until
 
 from .answering import Answering
 from .rings import Played, rows, status
 from .served import follow, served
-from .test_filed import FAULT_CYCLE, written
-from .test_filed import opened as filed
-from .test_runs import hasty
+from .test_recording_history import FAULT_CYCLE, written
+from .test_recording_history import opened as filed
 
 pytestmark = [pytest.mark.live, pytest.mark.skipif(PROGRAM is None, reason="chromium is not installed")]
 DO = "d" * 24
@@ -50,16 +44,10 @@ def tracking(played):
 
 
 @pytest.fixture(scope="module")
-def address(played, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("recorded")
-    recording(folder / "bad.mcap", amplitude=2.0, fault=3, marks=["coolant off"])
-    report(folder / "report.html", [True, False])
-    runs = Runs(tmp_path_factory.mktemp("state"), [folder])
+def address(played):
     tokens = Tokens([Token("ana", "operate", DO)])
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(runs_module, "_command", hasty)
-        with served(Gateway(played.cell, tokens, Origins(), lambda: None, runs=runs)) as found:
-            yield found
+    with served(Gateway(played.cell, tokens, Origins(), lambda: None)) as found:
+        yield found
 
 
 @pytest.fixture(scope="module")
@@ -214,30 +202,6 @@ def test_the_keyboard_alone_arms_and_reads_the_scope(browser, address, played, m
     in_order(browser, address)
 
 
-def test_runs_are_found_and_a_report_is_opened(browser, address):
-    signed_in(browser, address, "/runs")
-    browser.until("document.querySelectorAll('article').length === 2")
-    browser.until("!document.getElementById('count').textContent.includes('looking')")
-    browser.value("document.dispatchEvent(new KeyboardEvent('keydown', {key: 'j'}))")
-    assert browser.value("document.activeElement.tagName") == "ARTICLE"
-    for width in (390, 1280):
-        browser("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=False)
-        assert browser.value("document.documentElement.scrollWidth <= innerWidth"), f"it fits at {width}"
-    browser.value(
-        f"{{ const f = document.getElementById('question').elements; f.fault.value = '{KINDS[3].code}'; "
-        "f.fault.dispatchEvent(new Event('input', {bubbles: true})) }"
-    )
-    browser.until("document.querySelectorAll('article').length === 1")
-    assert "coolant off" in browser.value("document.querySelector('article').textContent")
-    browser.value("window.open = () => (window.tab = {}); document.querySelector('article button').click()")
-    report_address = browser.until("window.tab.location")
-    assert browser.value("document.getElementById('notice').hidden")
-    browser("Page.navigate", url=address + report_address)
-    browser.until("document.readyState === 'complete' && document.title.includes('bad.mcap')")
-    assert browser.value("getComputedStyle(document.body).fontFamily") != ""
-    in_order(browser, address)
-
-
 def test_the_scope_triggers_at_the_cycle_and_reads_the_sine(browser, address, played):
     signed_in(browser, address, "/scope")
     browser.until("document.querySelectorAll('#fields input').length === 58")
@@ -260,7 +224,7 @@ def test_the_scope_triggers_at_the_cycle_and_reads_the_sine(browser, address, pl
     hit = browser.until("scopeFrames.find((frame) => frame.trigger_cycle !== null)")
     assert hit["trigger_cycle"] == EDGE_CYCLE
     assert (hit["first"], hit["last"]) == (EDGE_CYCLE - 2_500, EDGE_CYCLE + 7_500)
-    browser.until("document.getElementById('told').textContent.includes('77')")
+    browser.until("document.getElementById('summary').textContent.includes('77')")
     browser.value(f"{{ {form}; f.mode.value = 'off'; f.mode.dispatchEvent(new Event('input', {{bubbles: true}})) }}")
     browser.value("{ const s = document.getElementById('span'); s.value = '5'; s.dispatchEvent(new Event('change')) }")
     browser.until("scopeFrames.at(-1).last === 99999 && scopeFrames.at(-1).first === 49999")
@@ -270,7 +234,7 @@ def test_the_scope_triggers_at_the_cycle_and_reads_the_sine(browser, address, pl
     assert float(line[1]) == pytest.approx(SINE_HZ, rel=0.01)
     assert float(line[2]) == pytest.approx(SINE_UM, rel=0.01)
     browser.value("document.querySelector('[data-tab=xy]').click()")
-    browser.until("document.querySelector('canvas.xy') !== null")
+    browser.until("document.querySelector('#plots canvas') !== null")
     browser.value("document.querySelector('[data-tab=time]').click()")
     for width in (390, 1280):
         browser("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=False)
@@ -310,16 +274,16 @@ def test_what_is_frozen_is_saved_as_a_recording(browser, tmp_path):
 def test_a_recording_is_seen_whole_and_down_to_a_millisecond_without_a_token(browser, tmp_path):
     file = written(tmp_path / "run.mcap")
     source = filed(file)
-    with served(Gateway(RecordedCell(source), Everybody(), Origins(), lambda: None, home="scope")) as there:
+    with served(Gateway(RecordedCell(source), AnonymousTokens(), Origins(), lambda: None, home="scope")) as there:
         opened(browser, there, "/")
         whole = browser.until("window.scopeFrames?.at(-1)")
         assert whole["first"] <= source.history.oldest
         assert whole["last"] == source.history.newest
         assert browser.value("document.querySelector('dialog[open]') === null")
-        browser.until("document.getElementById('told').textContent.includes('overview so far 0 %')")
+        browser.until("document.getElementById('summary').textContent.includes('overview so far 0 %')")
         fill(open_telemetry(file).pieces(), source.fields, source.history.overview)
         fault = browser.until("document.querySelector('#marks .fault')?.textContent")
-        browser.until("!document.getElementById('told').textContent.includes('overview so far')")
+        browser.until("!document.getElementById('summary').textContent.includes('overview so far')")
         assert "STRAIN_INVALID" in fault
         browser.value("document.querySelector('#marks .fault').click()")
         browser.until(f"scopeFrames.at(-1).first < {FAULT_CYCLE} && scopeFrames.at(-1).last < {FAULT_CYCLE + 400}")
@@ -327,7 +291,7 @@ def test_a_recording_is_seen_whole_and_down_to_a_millisecond_without_a_token(bro
             browser.value("document.getElementById('shorter').click()")
         browser.until("scopeFrames.at(-1).last - scopeFrames.at(-1).first === 10 && scopeFrames.at(-1).rows === 1")
         browser.value("document.querySelector('[data-tab=xy]').click()")
-        browser.until("document.querySelector('canvas.xy') !== null")
+        browser.until("document.querySelector('#plots canvas') !== null")
         for hidden in ("freeze", "trigger-card", "pages", "forget"):
             assert browser.value(f"document.getElementById('{hidden}').hidden"), hidden
         in_order(browser, there)
@@ -434,7 +398,7 @@ def test_a_move_is_made_after_a_question_only_while_held_and_its_response_is_rea
 
     async def follow():
         while True:
-            mine.cell._tell(None)
+            mine.cell._notify(None)
             await asyncio.sleep(0.05)
 
     mine.cell.follow = follow

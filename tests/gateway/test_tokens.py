@@ -7,7 +7,7 @@ import pytest
 from micromanip.cli import gateway as command
 from micromanip.errors import ConfigError, DeviceUnavailable, PermissionDenied, UsageError
 from micromanip.gateway.serving import Options, serve
-from micromanip.gateway.tokens import of_file
+from micromanip.gateway.tokens import load_tokens
 from tests.cli.command import code_of
 
 GOOD = "screen observe " + "s" * 24
@@ -15,10 +15,10 @@ GOOD = "screen observe " + "s" * 24
 
 def test_the_first_start_makes_one_of_each_scope(tmp_path):
     path = tmp_path / "state" / "tokens"
-    tokens, is_new = of_file(path)
+    tokens, is_new = load_tokens(path)
     assert is_new
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
-    again, is_new = of_file(path)
+    again, is_new = load_tokens(path)
     assert not is_new
     secrets = [line.split() for line in path.read_text().splitlines() if not line.startswith("#")]
     assert [(name, scope) for name, scope, _ in secrets] == [("screen", "observe"), ("operator", "operate")]
@@ -34,7 +34,7 @@ def test_a_file_that_others_read_is_refused(tmp_path, mode):
     path.write_text(GOOD)
     path.chmod(mode)
     with pytest.raises(PermissionDenied, match="others may read these tokens"):
-        of_file(path)
+        load_tokens(path)
 
 
 @pytest.mark.parametrize(
@@ -54,7 +54,7 @@ def test_a_wrong_line_is_told(tmp_path, text, said):
     path.write_text(text)
     path.chmod(0o600)
     with pytest.raises(ConfigError, match=said):
-        of_file(path)
+        load_tokens(path)
 
 
 @pytest.mark.parametrize(

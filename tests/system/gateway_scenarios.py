@@ -92,19 +92,6 @@ def test_it_writes_into_its_own_folder_only(gateway):
     assert gateway.as_itself("test", "-e", "/dev/cpu_dma_latency") != 0
 
 
-def test_what_was_recorded_is_read_inside_its_walls(gateway):
-    answer = json.loads(gateway.get("/api/runs", body={"most": 1}))
-    assert answer["folders"] == ["/var/lib/micromanip-gateway"]
-
-    def is_through():
-        nonlocal answer
-        answer = json.loads(gateway.get("/api/runs", body={"most": 1}))
-        return not answer["refreshing"]
-
-    until(is_through, gateway.journal, 60.0)
-    assert answer["problem"] is None
-
-
 def test_it_comes_back_after_kill_9_and_the_loop_does_not_notice(gateway, service):
     service.track()
     tokens, killed = TOKENS.read_bytes(), gateway.pid

@@ -23,12 +23,9 @@ from micromanip.errors import MicromanipError
 from micromanip.status_reply import Fault
 
 from ..cell import Cell
-from ..readings import MANUFACTURER, readings
-from ..telling import Teller
-from .channels import tell_why
-from .nodes import Nodes
-from .people import APPLICATION_URI, People, Person, Rules, prepared_folder
-from .sessions import Host
+from .nodes import MANUFACTURER, Nodes, readings
+from .sessions import OwnedSessions, use_own_processor
+from .users import APPLICATION_URI, CellUser, RateLimitedLog, Rules, Users, prepared_folder
 
 NAMESPACE = "urn:micromanip:cell"
 _NAME = "micromanip gateway"
@@ -50,9 +47,9 @@ class OpcUa:
         """
         self._cell, self._url = cell, f"opc.tcp://{f'[{host}]' if ':' in host else host}:{port}/micromanip"
         self.own = prepared_folder(folder)
-        self._people = People(folder, Teller(say), strangers_observe=is_local)
+        self._users = Users(folder, RateLimitedLog(say), strangers_observe=is_local)
         self._is_local = is_local
-        self._speaking: contextvars.ContextVar[Person] = contextvars.ContextVar("speaking")
+        self._speaking: contextvars.ContextVar[CellUser] = contextvars.ContextVar("speaking")
         self._fresh = asyncio.Event()
         self._events: dict[str, EventGenerator] = {}
         self._state: str | None = None
@@ -67,8 +64,8 @@ class OpcUa:
     async def serving(self) -> AsyncIterator[None]:
         """Serve meanwhile."""
         logging.getLogger("asyncua").setLevel(logging.CRITICAL)  # what a client does wrong is its own affair
-        tell_why()
-        server = Server(Host(self._people))
+        use_own_processor()
+        server = Server(OwnedSessions(self._users))
         await server.init()
         server.iserver.max_connections = _MOST_CONNECTIONS
         server.set_endpoint(self._url)
@@ -123,9 +120,9 @@ class OpcUa:
             await self._fresh.wait()
             self._fresh.clear()
             await nodes.show(readings(self._cell, version))
-            await self._tell()
+            await self._emit_events()
 
-    async def _tell(self) -> None:
+    async def _emit_events(self) -> None:
         """Events of what has changed since the last status."""
         status = self._cell.status
         if status is None:
@@ -149,12 +146,12 @@ class OpcUa:
 
     def _order(self, verb: str) -> Callable[..., Any]:
         async def call(_parent: ua.NodeId, *_arguments: Any) -> ua.CallMethodResult:
-            result, person = ua.CallMethodResult(), self._speaking.get()
+            result, user = ua.CallMethodResult(), self._speaking.get()
             try:
-                await self._cell.order(verb, person.name or "somebody")
+                await self._cell.order(verb, user.name or "somebody")
             except MicromanipError as problem:
                 result.StatusCode = ua.StatusCode(ua.StatusCodes.BadInvalidState)
-                await self._event("refused", str(problem), Order=verb, Person=person.name or "")
+                await self._event("refused", str(problem), Order=verb, Person=user.name or "")
             return result
 
         return call

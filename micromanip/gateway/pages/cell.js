@@ -1,6 +1,6 @@
 // The cell page: state, faults, axes, timing, links; orders, each after a question.
 import { Connection, post } from "./connection.js";
-import { by, cell, count, element, figure, head, notice, rows, themeButton } from "./page.js";
+import { by, cell, count, element, figure, head, isMeant, notice, rows, themeButton } from "./page.js";
 
 const QUESTIONS = {
   arm: ["Arm the cell?", "It begins to move."],
@@ -113,22 +113,13 @@ function showRun(status) {
     [cell("period"), cell(`${status.period_ns / 1000} µs`)],
     [cell("parameter version"), cell(String(status.parameter_version))],
     [cell("candidate tuning"), cell(status.shadow)],
-    [cell("trend"), cell(status.trend ? status.trend.message ?? (status.trend.newest ? `newest row ${figure(status.trend.age_s, 1)} s old` : "no row yet") : "none", status.trend?.message ? "unknown" : "")],
     [cell("recording"), cell(recording ? `${recording.state}, ${count(recording.rows)} rows, ${count(recording.dropped)} dropped` : "none")],
   ]);
 }
 
 async function order(name) {
-  const dialog = by("question");
-  if (dialog.open || !operates || by("orders").querySelector(`[data-order="${name}"]`).disabled) return;
-  const [title, what] = QUESTIONS[name];
-  dialog.querySelector("h1").textContent = title;
-  dialog.querySelector("p").textContent = what;
-  dialog.returnValue = "no";
-  dialog.showModal();
-  dialog.querySelector(`[value="${STOPS.includes(name) ? "yes" : "no"}"]`).focus();
-  await new Promise((resolve) => dialog.addEventListener("close", resolve, { once: true }));
-  if (dialog.returnValue !== "yes") return;
+  if (by("question").open || !operates || by("orders").querySelector(`[data-order="${name}"]`).disabled) return;
+  if (!(await isMeant(...QUESTIONS[name], STOPS.includes(name) ? "yes" : "no"))) return;
   by("said").textContent = `${name} ...`;
   try {
     await post("/api/order", { order: name });

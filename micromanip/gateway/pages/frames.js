@@ -13,3 +13,10 @@ export function parsed(buffer) {
   }
   return [header, arrays];
 }
+
+/** Times (s) from the cycle `zero` on, and {name: [least, greatest]}, of a frame. */
+export function traced(header, arrays, zero, period_s) {
+  const times = Float64Array.from(arrays.cycles, (cycle) => (cycle + header.origin - zero) * period_s);
+  const traces = Object.fromEntries([...header.fields, "state"].map((name) => [name, [arrays[`${name} low`], arrays[`${name} high`]]]));
+  return { times, traces };
+}

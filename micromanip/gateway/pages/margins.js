@@ -1,9 +1,10 @@
 // Margins of a running loop: measured by the controller, asked for as long as this page is there, drawn as they come.
 import { post } from "./connection.js";
-import { by, cell as td, figure, head, rows, themeButton } from "./page.js";
+import { SensitivityPlot } from "./curves.js";
+import { traced } from "./frames.js";
+import { by, cell as td, figure, head, isMeant, rows, themeButton } from "./page.js";
 import { Panels } from "./panels.js";
-import { SensitivityPlot } from "./sensitivity.js";
-import { Supervised, isMeant } from "./supervised.js";
+import { Supervised } from "./supervised.js";
 
 const DRAWS = 2;
 const LOOK_MS = 250;
@@ -26,9 +27,7 @@ function askLive() {
 }
 
 function drawLive(header, arrays) {
-  const step = cell.controller.period_ns * 1e-9, offset = header.origin - header.last;
-  const times = Float64Array.from(arrays.cycles, (cycle) => (cycle + offset) * step);
-  const traces = Object.fromEntries(header.fields.map((name) => [name, [arrays[`${name} low`], arrays[`${name} high`]]]));
+  const { times, traces } = traced(header, arrays, header.last, cell.controller.period_ns * 1e-9);
   panels.arrange(fields());
   panels.draw([-LIVE_S, 0], times, traces, [], [], null);
 }
@@ -44,23 +43,23 @@ function arrange() {
   else if (by("said").textContent.startsWith("A loop is measured") || by("said").textContent.startsWith("This token")) by("said").textContent = "";
 }
 
-const question = (told) => `It moves: ${told.amplitude_um} µm rms on its set-point, ${DRAWS} times for 5 s, while ${cell.state}.`;
-const ask = async (told) => (await post("/api/sensitivity", told)).json();
+const question = (wanted) => `It moves: ${wanted.amplitude_um} µm rms on its set-point, ${DRAWS} times for 5 s, while ${cell.state}.`;
+const ask = async (wanted) => (await post("/api/sensitivity", wanted)).json();
 
 async function measure() {
-  const told = { axis: form.axis.value, loop: form.loop.value, amplitude_um: form.amplitude_um.valueAsNumber };
+  const wanted = { axis: form.axis.value, loop: form.loop.value, amplitude_um: form.amplitude_um.valueAsNumber };
   const seed = form.seed.valueAsNumber;
-  if (running || by("begin").disabled || !(await isMeant(`Measure axis ${told.axis}?`, question(told)))) return;
+  if (running || by("begin").disabled || !(await isMeant(`Measure axis ${wanted.axis}?`, question(wanted)))) return;
   running = true;
   arrange();
   plot.clear();
   by("margins").replaceChildren();
   by("verdict").textContent = "";
-  by("what").textContent = `axis ${told.axis}, ${told.loop} loop`;
+  by("what").textContent = `axis ${wanted.axis}, ${wanted.loop} loop`;
   try {
     const done = [];
     for (let draw = 0; draw < DRAWS && running; draw++) {
-      const begun = await ask({ ...told, seed: seed + draw });
+      const begun = await ask({ ...wanted, seed: seed + draw });
       by("said").textContent = `measuring, ${draw + 1} of ${DRAWS}`;
       const answer = await followed(begun.number, done, draw);
       if (!answer) break;

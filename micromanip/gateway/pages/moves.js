@@ -1,8 +1,9 @@
 // Moves of an axis that is held: asked for, followed as long as this page is there, and what the axis answered.
 import { post } from "./connection.js";
-import { by, cell as td, head, rows, short, themeButton } from "./page.js";
+import { traced } from "./frames.js";
+import { by, cell as td, head, isMeant, rows, short, themeButton } from "./page.js";
 import { Panels } from "./panels.js";
-import { Supervised, isMeant } from "./supervised.js";
+import { Supervised } from "./supervised.js";
 
 const LABELS = {
   setpoint_um: "set-point", strain_um: "strain gauge", reference_um: "reference", stage_um: "stage", voltage_V: "voltage",
@@ -46,8 +47,7 @@ function live() {
 function draw(header, arrays) {
   if (view.last !== null && header.last !== view.last) return;
   const zero = view.begun ?? header.last, step = period();
-  const times = Float64Array.from(arrays.cycles, (cycle) => (cycle + header.origin - zero) * step);
-  const traces = Object.fromEntries(header.fields.map((name) => [name, [arrays[`${name} low`], arrays[`${name} high`]]]));
+  const { times, traces } = traced(header, arrays, zero, step);
   const known = fields().filter(({ name }) => traces[name][0].some(Number.isFinite));
   panels.arrange(known);
   panels.draw([(header.first - zero) * step, (header.last - zero) * step], times, traces, [], [], view.begun === null ? null : 0);
@@ -69,7 +69,7 @@ function arrange() {
   if (!running && (why || /^(This token|An axis is moved)/.test(by("said").textContent))) by("said").textContent = why;
 }
 
-function told() {
+function asked() {
   const kind = form.kind.value, wanted = { axis: form.axis.value, kind };
   for (const name of NUMBERS[kind]) wanted[name] = form[name].valueAsNumber;
   if (kind === "waypoints") wanted.places_um = form.places_um.value.split(",").map(Number);
@@ -90,7 +90,7 @@ function said({ axis, kind, ...wanted }) {
 const ask = async (path, document) => (await post(path, document)).json();
 
 async function move() {
-  const wanted = told();
+  const wanted = asked();
   if (running || by("begin").disabled || !(await isMeant(`Move axis ${wanted.axis}?`, said(wanted))) || by("begin").disabled) return;
   running = true;
   stopping = false;

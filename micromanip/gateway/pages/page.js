@@ -1,4 +1,4 @@
-// What the pages share: building elements, the theme's button, figures as text.
+// What the pages share: building elements, the status, questions, the theme's button, figures as text.
 
 export const by = (id) => document.getElementById(id);
 
@@ -27,6 +27,32 @@ export function themeButton(changed = () => {}) {
     localStorage.setItem("theme", root.theme);
     changed();
   });
+}
+
+export function swatch({ colour }) {
+  const found = element("span", { className: "swatch" });
+  found.style.background = `var(${colour})`;
+  return found;
+}
+
+/** State, configuration, and what is wrong, of a status message. */
+export function showStatus({ status, problem, differs }) {
+  by("state").textContent = status?.state ?? "NO CONTROLLER";
+  by("where").textContent = status?.configuration ?? "";
+  const fault = status?.fault_reports.at(-1);
+  notice(problem ?? (fault ? `${fault.seen}. ${fault.next_step}` : differs ?? ""), Boolean(problem ?? fault));
+}
+
+/** Whether the person says yes; enter means `usual`. */
+export async function isMeant(title, text, usual = "no") {
+  const dialog = by("question");
+  dialog.querySelector("h1").textContent = title;
+  dialog.querySelector("p").textContent = text;
+  dialog.returnValue = "no";
+  dialog.showModal();
+  dialog.querySelector(`[value="${usual}"]`).focus();
+  await new Promise((resolve) => dialog.addEventListener("close", resolve, { once: true }));
+  return dialog.returnValue === "yes";
 }
 
 export const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
@@ -76,6 +102,13 @@ function clock(value, decimals) {
 }
 
 export const unitText = (unit) => (unit === "um" ? "µm" : unit);
+
+/** Ends of an axis for values from `low` to `high`, null where there are none. */
+export function padded(low, high) {
+  if (low === null || high === null) return [0, 1];
+  const edge = (high - low) * 0.06 || Math.abs(high) * 0.01 || 0.5;
+  return [low - edge, high + edge];
+}
 
 export function rows(table, lines) {
   table.replaceChildren(...lines.map((line) => element("tr", {}, ...line)));

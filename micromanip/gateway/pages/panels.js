@@ -1,6 +1,6 @@
 // The traces over time: a panel for each unit, one below the other, with one time axis, cursors, states and limits.
 import uPlot from "./third_party/uplot/uPlot.esm.js";
-import { colour, element, moment, seconds, short, timeTicks, unitText } from "./page.js";
+import { cell, colour, element, head, moment, padded, rows, seconds, short, swatch, timeTicks, unitText } from "./page.js";
 
 const STATE_TINT = {
   READY: "#1f4e9922", ARMING: "#f0bd2120", TRACKING: "#0a8a3a1c", HOLDING: "#f0bd2120", RAMPING: "#f0bd2120", FAULT: "#d0202038",
@@ -15,7 +15,7 @@ export class Panels {
   constructor(place, { zoomed, wheel, whole, pointed }, hasLegend = false) {
     this.place = place;
     this.hasLegend = hasLegend;
-    this.told = { zoomed, wheel, whole, pointed };
+    this.handlers = { zoomed, wheel, whole, pointed };
     this.plots = [];
     this.key = "";
     this.cursors = { A: null, B: null };
@@ -87,14 +87,14 @@ export class Panels {
   listen(plot) {
     plot.over.addEventListener("wheel", (event) => {
       event.preventDefault();
-      this.told.wheel(plot.posToVal(event.offsetX, "x"), event.deltaY < 0 ? 0.5 : 2);
+      this.handlers.wheel(plot.posToVal(event.offsetX, "x"), event.deltaY < 0 ? 0.5 : 2);
     }, { passive: false });
-    plot.over.addEventListener("dblclick", () => this.told.whole());
+    plot.over.addEventListener("dblclick", () => this.handlers.whole());
   }
 
   selected(plot) {
     if (plot.select.width < 4) return;
-    this.told.zoomed(plot.posToVal(plot.select.left, "x"), plot.posToVal(plot.select.left + plot.select.width, "x"));
+    this.handlers.zoomed(plot.posToVal(plot.select.left, "x"), plot.posToVal(plot.select.left + plot.select.width, "x"));
     plot.setSelect({ left: 0, top: 0, width: 0, height: 0 }, false);
   }
 
@@ -102,7 +102,7 @@ export class Panels {
     const at = plot.cursor.left >= 0 ? plot.posToVal(plot.cursor.left, "x") : null;
     if (at === null && plot !== this.plots[0]?.plot) return;
     this.pointer = at;
-    this.told.pointed(at);
+    this.handlers.pointed(at);
   }
 
   /** Traces: `shown` is [from, to] in s, `times` (n) in s, `traces` {name: [low, high]}, `bands` [[from, to, state]]. */
@@ -228,12 +228,6 @@ function legend(fields) {
   return element("div", { className: "legend" }, ...fields.map((field) => element("span", {}, swatch(field), field.label)));
 }
 
-function swatch({ colour }) {
-  const found = element("span", { className: "swatch" });
-  found.style.background = `var(${colour})`;
-  return found;
-}
-
 /** Into `target`, in place: every value, or least and greatest in turn; what is not known becomes a gap. */
 function doubled(target, low, high, isWhole) {
   const n = low.length;
@@ -247,14 +241,8 @@ function doubled(target, low, high, isWhole) {
   }
 }
 
-function padded(low, high) {
-  if (low === null || high === null) return [0, 1];
-  const edge = (high - low) * 0.06 || Math.abs(high) * 0.01 || 0.5;
-  return [low - edge, high + edge];
-}
-
 /** Figures of the traces under the pointer and the cursors. */
-export function readout(table, fields, times, traces, pointer, cursors, make) {
+export function readout(table, fields, times, traces, pointer, cursors) {
   const at = (time) => (time === null ? -1 : nearest(times, time));
   const [now, a, b] = [at(pointer), at(cursors.A), at(cursors.B)];
   const value = (name, i) => (i < 0 ? null : middle(traces[name], i));
@@ -263,16 +251,16 @@ export function readout(table, fields, times, traces, pointer, cursors, make) {
   const of = (time) => (time === null ? "" : moment(time));
   const titles = ["trace", "unit", "least", "greatest", pointer === null ? "pointer" : of(pointer), `A ${of(cursors.A)}`, `B ${of(cursors.B)}`,
     both ? `B − A ${seconds(delta, 6)}, ${short(1 / Math.abs(delta))} Hz` : "B − A"];
-  make.rows(table, [
-    titles.map((title, i) => make.head(title, i > 1 ? "number" : "")),
+  rows(table, [
+    titles.map((title, i) => head(title, i > 1 ? "number" : "")),
     ...fields.map((field) => {
       const [low, high] = extremes(traces[field.name]);
       const [va, vb] = [value(field.name, a), value(field.name, b)];
-      const name = make.cell("");
+      const name = cell("");
       name.append(swatch(field), field.name);
-      const figures = [low, high, value(field.name, now), va, vb, both ? vb - va : null].map((figure) => make.cell(short(figure), "number"));
+      const figures = [low, high, value(field.name, now), va, vb, both ? vb - va : null].map((figure) => cell(short(figure), "number"));
       figures.forEach((figure, i) => (figure.dataset.title = titles[i + 2]));  // where it is narrow, there is no head
-      return [name, make.cell(unitText(field.unit)), ...figures];
+      return [name, cell(unitText(field.unit)), ...figures];
     }),
   ]);
 }

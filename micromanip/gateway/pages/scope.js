@@ -1,11 +1,10 @@
 // The scope: what is shown, and who is asked for it. Time is counted in cycles; s are made only to be shown.
 import { Connection, post } from "./connection.js";
-import { parsed } from "./frames.js";
-import { by, cell as td, count, element, head, moment, notice, rows, seconds, themeButton, unitText } from "./page.js";
+import { SpectrumView, XyView } from "./curves.js";
+import { parsed, traced } from "./frames.js";
+import { by, count, element, moment, notice, seconds, showStatus, themeButton, unitText } from "./page.js";
 import { Panels, readout } from "./panels.js";
-import { SpectrumView, lines } from "./spectrum.js";
 import { TriggerForm } from "./trigger.js";
-import { XyView } from "./xy.js";
 
 const SPANS = [0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 60, 120, 300, 600, 1800, 3600];
 const COLOURS = 8;
@@ -13,7 +12,6 @@ const LOOK_MS = 500;
 const READOUT_MS = 200;
 const GROWS_MS = 700;
 const CURSOR_STEPS = 200;
-const make = { rows, cell: td, head };
 
 let controller = null;
 let chosen = JSON.parse(localStorage.getItem("fields") ?? "null");
@@ -50,7 +48,7 @@ function askView() {
   if (!controller) return;
   localStorage.setItem("fields", JSON.stringify(chosen));
   connection.send({ type: "view", fields: known(), span_s: view.span_s, points: panels.points, last: view.last });
-  connection.send({ type: "trigger", trigger: view.last === null ? trigger.told : null });
+  connection.send({ type: "trigger", trigger: view.last === null ? trigger.query : null });
   zoomMs = performance.now();
   by("freeze").setAttribute("aria-pressed", String(view.last !== null));
   by("freeze").textContent = view.last === null ? "Freeze" : "Live";
@@ -105,17 +103,13 @@ function show(header, arrays) {
   else if (view.last === null) reference = header.trigger_cycle ?? header.last;
   else if (header.trigger_cycle === null && header.last !== view.last) return;
   reference ??= header.last;
-  const step = period(), offset = header.origin - reference;
-  const times = Float64Array.from(arrays.cycles, (cycle) => (cycle + offset) * step);
   if (controller.recording) grow(header);
-  const traces = {};
-  for (const name of [...header.fields, "state"]) traces[name] = [arrays[`${name} low`], arrays[`${name} high`]];
-  const shown = [(header.first - reference) * step, (header.last - reference) * step];
-  frame = { header, times, traces, shown };
+  const shown = [(header.first - reference) * period(), (header.last - reference) * period()];
+  frame = { header, ...traced(header, arrays, reference, period()), shown };
   if (tab === "time") draw();
   window.scopeFrames.push({ ...header, ms: performance.now() - zoomMs });
   if (window.scopeFrames.length > 50) window.scopeFrames.shift();
-  tell(header);
+  summarise(header);
   const now = performance.now();
   if (tab !== "time" && now - askedMs > LOOK_MS) {
     askedMs = now;
@@ -159,9 +153,9 @@ function bands(times, [low, high], end) {
   return found;
 }
 
-function tell(header) {
+function summarise(header) {
   const part = (name, value, bad = false) => element("span", { className: bad ? "bad" : "" }, `${name} `, element("b", {}, value));
-  by("told").replaceChildren(
+  by("summary").replaceChildren(
     controller.recording ? part("from the first cycle,", `${moment((header.first - reference) * period())} to ${moment((header.last - reference) * period())}`) : part(view.last === null ? (header.trigger_cycle === null ? "live, up to cycle" : "triggered at cycle") : "frozen, up to cycle", count(header.trigger_cycle ?? header.last)),
     part("a point is", header.rows === 1 ? "1 cycle" : `least and greatest of ${count(header.rows)} cycles`),
     part(controller.recording ? "not in the file" : "skipped by the loop", `${count(header.missing)} cycles`),
@@ -185,9 +179,9 @@ function askMore() {
 
 function showMore(header, arrays) {
   if (header.type === "spectrum" && tab === "spectrum") {
-    spectrum.draw(header, arrays, fields());
-    lines(by("readout"), header, fields(), make);
-    by("told").replaceChildren(element("span", {}, `Welch, Hann, ${header.averages} averages over ${seconds(header.seconds)}; lines by a flat-top window; ${(header.missing * 100).toPrecision(2)} % of the cycles interpolated`));
+    spectrum.draw(arrays, fields());
+    spectrum.list(by("readout"), header, fields());
+    by("summary").replaceChildren(element("span", {}, `Welch, Hann, ${header.averages} averages over ${seconds(header.seconds)}; lines by a flat-top window; ${(header.missing * 100).toPrecision(2)} % of the cycles interpolated`));
   } else if (header.type === "xy" && tab === "xy") {
     const of = (name) => controller.fields.find((field) => field.name === name);
     xy.draw(arrays.x, arrays.y, of(header.fields[0]), of(header.fields[1]));
@@ -197,7 +191,7 @@ function showMore(header, arrays) {
 function showReadout() {
   if (!frame || tab !== "time") return;
   readMs = performance.now();
-  readout(by("readout"), fields(), frame.times, frame.traces, panels.pointer, panels.cursors, make);
+  readout(by("readout"), fields(), frame.times, frame.traces, panels.pointer, panels.cursors);
 }
 
 function choose(name) {
@@ -279,12 +273,12 @@ function jump(direction) {
 }
 
 /** What is seen, as a file of that kind; a scope that is live is frozen first. */
-async function save(path, ending, told) {
+async function save(path, ending, more) {
   if (!frame) return;
   if (view.last === null) freeze();
   const { first, last } = frame.header;
   try {
-    const content = await (await post(path, { ...told, first: Math.max(0, first), last })).blob();
+    const content = await (await post(path, { ...more, first: Math.max(0, first), last })).blob();
     const link = element("a", { href: URL.createObjectURL(content), download: `scope-${last}.${ending}` });
     link.click();
     URL.revokeObjectURL(link.href);
@@ -313,10 +307,7 @@ const connection = new Connection((message) => {
   } else if (message.type === "status" && controller?.recording) {
     connection.drawn();
   } else if (message.type === "status") {
-    by("state").textContent = message.status?.state ?? "NO CONTROLLER";
-    by("where").textContent = message.status?.configuration ?? "";
-    const fault = message.status?.fault_reports.at(-1);
-    notice(message.problem ?? (fault ? `${fault.seen}. ${fault.next_step}` : message.differs ?? ""), Boolean(message.problem ?? fault));
+    showStatus(message);
     connection.drawn();
   } else if (message.type === "problem") {
     notice(message.problem, true);
@@ -377,6 +368,6 @@ new ResizeObserver(() => {
 }).observe(by("plots"));
 themeButton(() => {
   panels.redraw();
-  spectrum.plot?.redraw(false, true);
-  xy.resize();
+  spectrum.redraw();
+  xy.redraw();
 });

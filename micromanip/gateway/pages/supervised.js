@@ -1,19 +1,7 @@
 // What the pages share that let an axis move: who may, where, what is seen meanwhile, and that it ends with the page.
 import { Connection } from "./connection.js";
 import { parsed } from "./frames.js";
-import { by, notice } from "./page.js";
-
-/** Ask the person first; enter means no. */
-export async function isMeant(title, text) {
-  const dialog = by("question");
-  dialog.querySelector("h1").textContent = title;
-  dialog.querySelector("p").textContent = text;
-  dialog.returnValue = "no";
-  dialog.showModal();
-  dialog.querySelector('[value="no"]').focus();
-  await new Promise((resolve) => dialog.addEventListener("close", resolve, { once: true }));
-  return dialog.returnValue === "yes";
-}
+import { by, notice, showStatus } from "./page.js";
 
 /** The cell as this page knows it; its axes are choices of `axis`.
  *
@@ -25,7 +13,7 @@ export class Supervised {
     this.controller = null;
     this.state = "";
     this.operates = false;
-    this.told = { axis, draw, look, arrange, stop };
+    this.page = { axis, draw, look, arrange, stop };
     this.connection = new Connection((message) => this.hear(message), (why) => {
       stop();
       notice(why, true);
@@ -40,7 +28,7 @@ export class Supervised {
   }
 
   hear(message) {
-    const { axis, draw, look, arrange } = this.told;
+    const { axis, draw, look, arrange } = this.page;
     if (message instanceof ArrayBuffer) {
       const [header, arrays] = parsed(message);
       if (header.type === "frame") draw(header, arrays);
@@ -57,10 +45,7 @@ export class Supervised {
       arrange();
     } else if (message.type === "status") {
       this.state = message.status?.state ?? "";
-      by("state").textContent = this.state || "NO CONTROLLER";
-      by("where").textContent = message.status?.configuration ?? "";
-      const fault = message.status?.fault_reports.at(-1);
-      notice(message.problem ?? (fault ? `${fault.seen}. ${fault.next_step}` : message.differs ?? ""), Boolean(message.problem ?? fault));
+      showStatus(message);
       arrange();
       this.connection.drawn();
     } else if (message.type === "problem") {

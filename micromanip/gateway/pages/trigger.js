@@ -39,14 +39,14 @@ export class TriggerForm {
   }
 
   /** As the gateway wants it; null where it is off. */
-  get told() {
+  get query() {
     const e = this.form.elements;
     if (this.mode === "off") return null;
-    const told = { mode: this.mode, kind: e.kind.value, before: Math.min(100, Math.max(0, e.before.valueAsNumber || 0)) / 100 };
-    if (["edge", "window"].includes(told.kind)) told.field = e.field.value;
-    if (told.kind === "edge") Object.assign(told, { slope: e.slope.value, level: e.level.valueAsNumber });
-    if (told.kind === "window") Object.assign(told, { low: e.low.valueAsNumber, high: e.high.valueAsNumber });
-    if (told.kind === "state") told.state = e.state.value;
-    return told;
+    const query = { mode: this.mode, kind: e.kind.value, before: Math.min(100, Math.max(0, e.before.valueAsNumber || 0)) / 100 };
+    if (["edge", "window"].includes(query.kind)) query.field = e.field.value;
+    if (query.kind === "edge") Object.assign(query, { slope: e.slope.value, level: e.level.valueAsNumber });
+    if (query.kind === "window") Object.assign(query, { low: e.low.valueAsNumber, high: e.high.valueAsNumber });
+    if (query.kind === "state") query.state = e.state.value;
+    return query;
   }
 }

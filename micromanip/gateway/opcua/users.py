@@ -1,4 +1,4 @@
-"""Who may do what by OPC UA: the server's own certificate, and those of the people it knows, in a folder.
+"""Who may do what by OPC UA: the server's own certificate, and those of the users it knows, in a folder.
 
 ``server.pem`` and ``server.key`` are made at the first start. A certificate in ``operate`` may give orders, one in
 ``observe`` may look; its file's name, without the ending, is noted in the audit trail. The folders are read whenever
@@ -11,7 +11,8 @@ import contextlib
 import datetime
 import os
 import socket
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -30,18 +31,36 @@ from cryptography.x509.oid import ExtendedKeyUsageOID
 from micromanip.errors import ConfigError, PermissionDenied, system_error
 
 from ..certificates import checked, ends_soon
-from ..telling import Teller
 
 APPLICATION_URI = "urn:micromanip:gateway"
 SCOPES = ("operate", "observe")
 _CERTIFICATE, _KEY = "server.pem", "server.key"
 _ENDINGS = (".pem", ".crt", ".cer", ".der")
 _DAYS = 3650
+_AGAIN_S = 60.0
 _MEND = f"put new ones there, or remove {_CERTIFICATE} and {_KEY}: others are made, which clients have to trust again"
 
 
+class RateLimitedLog:
+    """Lines about what clients do, one a minute at most: a client that asks often can't fill the journal."""
+
+    def __init__(self, say: Callable[[str], None]) -> None:
+        self._say = say
+        self._next_s, self._silent = -1.0, 0
+
+    def event(self, text: str) -> None:
+        """That it has happened; the next line says how many events had none."""
+        now_s = time.monotonic()
+        if now_s < self._next_s:
+            self._silent += 1
+            return
+        more = f" ({self._silent} more since the last line)" if self._silent else ""
+        self._next_s, self._silent = now_s + _AGAIN_S, 0
+        self._say(text + more)
+
+
 @dataclass
-class Person(User):  # type: ignore[misc]
+class CellUser(User):  # type: ignore[misc]
     """Somebody with a session; `operates`: may give orders."""
 
     operates: bool = False
@@ -58,17 +77,17 @@ class Rules(PermissionRuleset):  # type: ignore[misc]
         )
         self._to_operate, self._to_observe, self._speaking = every - {write}, every - {write, call}, speaking
 
-    def check_validity(self, user: Person, action_type_id: Any, _body: Any) -> bool:
+    def check_validity(self, user: CellUser, action_type_id: Any, _body: Any) -> bool:
         """Whether `user` may ask this."""
         self._speaking.set(user)
         return action_type_id in (self._to_operate if user.operates else self._to_observe)
 
 
-class People:
+class Users:
     """Those of a folder; with `strangers_observe` anybody may look."""
 
-    def __init__(self, folder: Path, say: Teller, *, strangers_observe: bool) -> None:
-        self._folder, self._say, self._strangers_observe = folder, say, strangers_observe
+    def __init__(self, folder: Path, log: RateLimitedLog, *, strangers_observe: bool) -> None:
+        self._folder, self._log, self._strangers_observe = folder, log, strangers_observe
 
     def get_user(
         self,
@@ -83,15 +102,15 @@ class People:
                 if known.public_bytes(Encoding.DER) == certificate:
                     now = datetime.datetime.now(datetime.UTC)
                     if not known.not_valid_before_utc <= now <= known.not_valid_after_utc:
-                        self._say.event(
+                        self._log.event(
                             f"OPC UA: {name} was sent away: the certificate is valid from "
                             f"{known.not_valid_before_utc:%Y-%m-%d} to {known.not_valid_after_utc:%Y-%m-%d}"
                         )
                         return None
-                    return Person(UserRole.User, name, operates=scope == "operate")
+                    return CellUser(UserRole.User, name, operates=scope == "operate")
         if self._strangers_observe:
-            return Person(UserRole.User, "somebody")
-        self._say.event(f"OPC UA: a client was sent away whose certificate is not in {self._folder}")
+            return CellUser(UserRole.User, "somebody")
+        self._log.event(f"OPC UA: a client was sent away whose certificate is not in {self._folder}")
         return None
 
     def _known(self) -> Iterator[tuple[str, str, x509.Certificate]]:
@@ -130,7 +149,7 @@ def prepared_folder(folder: Path) -> Own:
         shown = checked(certificate, key, _MEND)
         for scope in SCOPES:
             for file in sorted((folder / scope).iterdir()):
-                _check_person(file)
+                _check_user(file)
     except OSError as problem:
         raise system_error(problem, folder) from problem
     soon = ends_soon(shown)
@@ -153,7 +172,7 @@ def _make(certificate: Path, key: Path) -> None:
         file.write(dump_private_key_as_pem(private))
 
 
-def _check_person(file: Path) -> None:
+def _check_user(file: Path) -> None:
     wanted = f"a certificate, PEM or DER, in a file that ends in {', '.join(_ENDINGS)}"
     if file.suffix not in _ENDINGS:
         raise ConfigError(f"{file}: expected {wanted}")

@@ -21,7 +21,7 @@ _KEPT = 16
 _BEGINS, _LOOKS = {"axis", "loop", "amplitude_um", "seed"}, {"number", "with"}
 
 
-class Measuring:
+class SensitivityMeasurements:
     """The newest measurements of one cell, by all browsers."""
 
     def __init__(self, cell: Cell) -> None:
@@ -29,24 +29,24 @@ class Measuring:
         self._begun: OrderedDict[int, tuple[str, str, Injected]] = OrderedDict()
         self._found: dict[int, Response] = {}
 
-    async def ask(self, name: str, told: Mapping[str, Any]) -> dict[str, Any]:
+    async def ask(self, name: str, query: Mapping[str, Any]) -> dict[str, Any]:
         """Begin a measurement (`axis`, `loop`, `amplitude_um`, `seed`), or see where `number` stands.
 
         Once that is done, what it says `with` earlier ones of the same loop is `found`, or `problem` says why nothing
         can be read off. Raises what the controller answers, UsageError where the request makes no sense.
         """
-        if not set(told) <= (_LOOKS if "number" in told else _BEGINS):
+        if not set(query) <= (_LOOKS if "number" in query else _BEGINS):
             raise UsageError(f"sensitivity takes {', '.join(sorted(_BEGINS))}, or {' and '.join(sorted(_LOOKS))}")
-        if "number" in told:
-            return await self._look(name, told)
-        begun: Injected = await self._cell.order("sensitivity", name, **told)
-        self._begun[begun["number"]] = (str(told["axis"]), str(told.get("loop", "strain")), begun)
+        if "number" in query:
+            return await self._look(name, query)
+        begun: Injected = await self._cell.order("sensitivity", name, **query)
+        self._begun[begun["number"]] = (str(query["axis"]), str(query.get("loop", "strain")), begun)
         while len(self._begun) > _KEPT:
             self._found.pop(self._begun.popitem(last=False)[0], None)
         return {"number": begun["number"], "seconds": begun["seconds"]}
 
-    async def _look(self, name: str, told: Mapping[str, Any]) -> dict[str, Any]:
-        number, others = told["number"], told.get("with", [])
+    async def _look(self, name: str, query: Mapping[str, Any]) -> dict[str, Any]:
+        number, others = query["number"], query.get("with", [])
         if not isinstance(others, list) or len(others) > _KEPT:
             raise UsageError(f"with is a list of up to {_KEPT} numbers of measurements")
         response: Response = await self._cell.order("sensitivity", name, number=number)

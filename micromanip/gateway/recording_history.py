@@ -1,4 +1,4 @@
-"""A recording as the scope's past: short windows are read from the file, long ones shown from its overview."""
+"""A recording as the scope's past: short windows come from the file, long ones from the overview of the file."""
 
 from __future__ import annotations
 
@@ -10,12 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.errors import CheckFailed
-from micromanip.faults import KINDS
 from micromanip.recordings import Telemetry
 
 from .fields import Field
-from .history import Window
-from .levels import Cycles, Values
+from .history import Cycles, Values, Window, blocks_per_point, decimated
 from .overview import open_overview
 
 _ROWS_READ = 10_000
@@ -27,7 +25,7 @@ _GUESSES = 6
 """Pieces that are looked into before the gap is halved instead."""
 
 
-class Filed:
+class RecordedHistory:
     """A whole recording, whose `overview` somebody fills meanwhile."""
 
     def __init__(self, telemetry: Telemetry, fields: Sequence[Field]) -> None:
@@ -52,13 +50,9 @@ class Filed:
 
     @property
     def marks(self) -> list[tuple[int, str, str]]:
-        """Faults as far as they are known, and remarks: cycle, kind (``fault`` or ``mark``) and text."""
-        faults = [(cycle, "fault", _named(number)) for cycle, number in self.overview.faults()]
-        damage = [
-            (first, "damage", f"damaged: {last - first + 1} cycles can't be read ({why.removeprefix(self._prefix)})")
-            for first, last, why in self.overview.damage()
-        ]
-        return sorted(self._remarks + faults + damage)[:_MOST_MARKS]
+        """Remarks, and faults and damage as far as they are known: cycle, kind, text."""
+        found = [(first, kind, text.replace(self._prefix, "")) for first, _, kind, text in self.overview.notes()]
+        return sorted(self._remarks + found)[:_MOST_MARKS]
 
     def index(self, names: Sequence[str]) -> list[int]:
         """Columns of these fields; KeyError where one is unknown."""
@@ -83,8 +77,8 @@ class Filed:
         """From cycle `first` to `last` in at most about `points` points; NaN where the overview has nothing yet."""
         self.overview.wanted[:] = first, last
         shown = self._window(columns, first, last, points)
-        for begin, _, _ in self.overview.damage():
-            if first <= begin <= last:
+        for begin, _, kind, _ in self.overview.notes():
+            if kind == "damage" and first <= begin <= last:
                 shown = _parted(shown, begin)
         return shown
 
@@ -92,7 +86,7 @@ class Filed:
         if last - first < _ROWS_READ:
             cycles, values = self.whole(columns, first, last)
             missing = int(cycles[-1] - cycles[0]) + 1 - len(cycles) if len(cycles) else 0
-            return _points(cycles, values, values, 1, points, missing)
+            return _decimated(cycles, values, values, 1, points, missing)
         levels = self.overview.levels
         level = next((each for each in reversed(levels) if (last - first) // each.per >= points), levels[0])
         cycles, count, low, high = level.taken(columns, first, last)
@@ -102,7 +96,7 @@ class Filed:
             cycles, low, high = cycles[kept], low[:, kept], high[:, kept]
         else:
             missing = 0
-        return _points(cycles, low, high, level.per, points, missing)
+        return _decimated(cycles, low, high, level.per, points, missing)
 
     def _holding(self, cycle: int) -> int:
         """The piece in which the cycle is, or would be: pieces are about as long as one another."""
@@ -138,15 +132,9 @@ class Filed:
         return known
 
 
-def _points(cycles: Cycles, low: Values, high: Values, per: int, points: int, missing: int) -> Window:
-    """Neighbours put together to about so many points, at fixed places."""
-    step = max(1, -(-len(cycles) // max(1, points)))
-    if step > 1:
-        place = cycles // per // step
-        begins = np.flatnonzero(np.diff(place, prepend=place[0] - 1))
-        cycles = cycles[begins]
-        low, high = np.fmin.reduceat(low, begins, axis=1), np.fmax.reduceat(high, begins, axis=1)
-    return Window(cycles, low, high, per * step, missing)
+def _decimated(cycles: Cycles, low: Values, high: Values, per: int, points: int, missing: int) -> Window:
+    step = blocks_per_point(int(cycles[0]), int(cycles[-1]), per, points) if len(cycles) else 1
+    return decimated(cycles, low, high, per, step, missing)
 
 
 def _parted(window: Window, cycle: int) -> Window:
@@ -154,8 +142,3 @@ def _parted(window: Window, cycle: int) -> Window:
     at = int(np.searchsorted(window.cycles, cycle))
     low, high = (np.insert(each, at, np.nan, axis=1) for each in (window.low, window.high))
     return Window(np.insert(window.cycles, at, cycle), low, high, window.rows, window.missing)
-
-
-def _named(fault: int) -> str:
-    kind = KINDS.get(fault)
-    return f"fault {fault}" if kind is None else f"{kind.code} {kind.name}"

@@ -10,7 +10,7 @@ from recordings.damaged import damage
 
 from micromanip.errors import CheckFailed, DeviceUnavailable, UsageError
 from micromanip.gateway.overview_filling import fill, halving
-from micromanip.gateway.viewing import Recorded, view
+from micromanip.gateway.viewing import RecordedSource, view
 from micromanip.host.recording.mcap_file import McapRecording
 from micromanip.recordings import open_telemetry
 from micromanip.rt import states
@@ -45,12 +45,12 @@ def opened(file):
     """With its overview beside it, not in the cache of whoever runs the tests."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(file.parent))
-        return Recorded(open_telemetry(file))
+        return RecordedSource(open_telemetry(file))
 
 
 @pytest.fixture(scope="module")
 def source(tmp_path_factory):
-    file = written(tmp_path_factory.mktemp("filed") / "run.mcap")
+    file = written(tmp_path_factory.mktemp("history") / "run.mcap")
     found = opened(file)
     assert found.recording["rows"] == COUNT
     assert found.history.overview.share == 0.0
@@ -89,9 +89,7 @@ def test_rows_are_found_by_their_cycle_whatever_was_read_before(source):
 
 
 def test_faults_and_remarks_are_marked_at_their_cycle(source):
-    wanted = [(FAULT_CYCLE, "fault", "X-201 STRAIN_INVALID")]
-    if source.recording["file"].endswith(".mcap"):
-        wanted.insert(0, (MARK_CYCLE, "mark", "coolant on (ana)"))
+    wanted = [(MARK_CYCLE, "mark", "coolant on (ana)"), (FAULT_CYCLE, "fault", "X-201 STRAIN_INVALID")]
     assert source.so_far() == {"known": 1.0, "marks": wanted}
     assert (source.recording["first"], source.recording["last"]) == (100, 3050 + COUNT - 2901)
 

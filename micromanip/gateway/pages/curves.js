@@ -1,0 +1,139 @@
+// Curves that are not over time: amplitude densities with their greatest lines, the sensitivity of a loop, x-y.
+import uPlot from "./third_party/uplot/uPlot.esm.js";
+import { cell, colour, element, head, padded, rows, short, swatch, unitText } from "./page.js";
+
+const power = (plot, ticks) => ticks.map((tick) => (tick === null ? "" : tick >= 0.01 && tick < 1e5 ? String(tick) : tick.toExponential(0).replaceAll("-", "−")));
+
+const plain = (plot, ticks) => ticks.map((tick) => String(Number(tick.toPrecision(10))).replace("-", "−"));
+const tall = () => Math.max(280, Math.min(720, window.innerHeight - 310));
+
+/** One plot in `place`, which shows `empty` where it is cleared. */
+class Curves {
+  constructor(place, height, empty = "") {
+    Object.assign(this, { place, height, empty, plot: null });
+  }
+
+  get width() {
+    return Math.max(200, this.place.clientWidth - 12);
+  }
+
+  clear(text = this.empty) {
+    this.plot?.destroy();
+    this.plot = null;
+    this.place.replaceChildren(...(text ? [element("div", { className: "empty" }, text)] : []));
+  }
+
+  /** `data` and `series` as uPlot has them, with colours by name; `labels` of x and y; `more` options of uPlot. */
+  make(data, series, labels, values, more) {
+    this.clear("");
+    const axis = { stroke: () => colour("--faint"), grid: { stroke: () => colour("--grid"), width: 1 }, ticks: { stroke: () => colour("--grid") }, font: "13px system-ui, sans-serif", labelFont: "13px system-ui, sans-serif", labelSize: 18, values };
+    this.plot = new uPlot({
+      width: this.width,
+      height: this.height(),
+      axes: [{ ...axis, label: labels[0], size: 38 }, { ...axis, label: labels[1], size: 70 }],
+      series: [{ label: labels[0] }, ...series.map((one) => ({ width: 1.25, points: { show: false }, ...one, stroke: () => colour(one.colour) }))],
+      ...more,
+    }, data, this.place);
+  }
+
+  /** On two logarithmic axes, over Hz. */
+  makeOverHz(data, series, label, more = {}) {
+    this.make(data, series, ["Hz", label], power, { scales: { x: { time: false, distr: 3 }, y: { distr: 3 } }, ...more });
+  }
+
+  redraw() {
+    this.plot?.redraw(false, true);
+  }
+
+  resize() {
+    this.plot?.setSize({ width: this.width, height: this.plot.height });
+  }
+}
+
+export class SpectrumView extends Curves {
+  constructor(place) {
+    super(place, tall);
+    this.key = "";
+  }
+
+  /** `header` and `arrays` as the gateway sends them; `fields` are {name, unit, colour}. */
+  draw(arrays, fields) {
+    const own = fields.filter((field) => arrays[field.name]);
+    if (!own.length) {
+      this.clear("Too few samples for a spectrum: choose a longer time.");
+      return;
+    }
+    const data = [Array.from(arrays.frequency_Hz.subarray(1)), ...own.map((field) => Array.from(arrays[field.name].subarray(1), (value) => (value > 0 ? value : null)))];
+    const key = own.map((field) => field.name).join();
+    if (this.plot && key === this.key) {
+      this.plot.setData(data);
+      return;
+    }
+    this.key = key;
+    const units = [...new Set(own.map((field) => unitText(field.unit) || "1"))].map((unit) => `${unit}/√Hz`).join(", ");
+    this.makeOverHz(data, own.map((field) => ({ label: field.name, colour: field.colour })), units, { legend: { show: false }, cursor: { drag: { x: true, y: false } } });
+  }
+
+  /** The greatest lines of each trace, into `table`. */
+  list(table, header, fields) {
+    rows(table, [
+      [head("trace"), head("greatest lines: frequency and peak amplitude")],
+      ...fields.filter((field) => header.lines[field.name]).map((field) => {
+        const name = cell("");
+        name.append(swatch(field), field.name);
+        const found = header.lines[field.name].map(([f, a]) => `${short(f)} Hz: ${short(a)} ${unitText(field.unit)}`);
+        return [name, cell(found.join("   ·   ") || "none stands out")];
+      }),
+    ]);
+  }
+}
+
+/** |S| as measured at its lines, and as predicted where there is a model. */
+export class SensitivityPlot extends Curves {
+  constructor(place) {
+    super(place, () => 320, "It is being measured.");
+    new ResizeObserver(() => this.resize()).observe(place);
+  }
+
+  /** `found` as the gateway answers it. */
+  draw(found) {
+    const { frequency_Hz, sensitivity, sensitivity_predicted, measured } = found;
+    const data = [frequency_Hz, sensitivity, sensitivity_predicted ?? frequency_Hz.map(() => null), frequency_Hz.map(() => measured.Ms)];
+    this.makeOverHz(data, [
+      { label: "measured", colour: "--trace-1", width: 1.5, points: { show: true, size: 5, fill: () => colour("--trace-1") } },
+      { label: "predicted", colour: "--trace-2", width: 1.5, dash: [7, 4] },
+      { label: "Ms", colour: "--bad", width: 1.5, dash: [2, 4] },
+    ], "|S|");
+  }
+}
+
+/** One field over another, such as a hysteresis loop. */
+export class XyView extends Curves {
+  constructor(place) {
+    super(place, tall);
+  }
+
+  draw(x, y, xField, yField) {
+    const named = ({ name, unit }) => (unit ? `${name}, ${unitText(unit)}` : name);
+    const facets = ["x", "y"].map((scale) => ({ scale, auto: true }));
+    this.make([null, [x, y]], [{ colour: "--trace-1", facets, paths: polyline }], [named(xField), named(yField)], plain,
+      { mode: 2, legend: { show: false }, cursor: { show: false }, scales: { x: { time: false, range: ends(x) }, y: { range: ends(y) } } });
+  }
+}
+
+function ends(values) {
+  const known = values.filter(Number.isFinite);
+  return known.length ? padded(Math.min(...known), Math.max(...known)) : padded(null, null);
+}
+
+/** Through the points in their order; what is not known is a gap. */
+function polyline(plot, series) {
+  const stroke = new Path2D(), [x, y] = plot.data[series];
+  let drawing = false;
+  for (let i = 0; i < x.length; i++) {
+    const known = Number.isFinite(x[i]) && Number.isFinite(y[i]);
+    if (known) stroke[drawing ? "lineTo" : "moveTo"](plot.valToPos(x[i], "x", true), plot.valToPos(y[i], "y", true));
+    drawing = known;
+  }
+  return { stroke };
+}

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.design.learning.part import SETTLED_S
+from micromanip.design.learning.part import BEYOND_S, SETTLED_S
 from micromanip.rt.record import record
 from micromanip.rt.states import TRACKING
 from micromanip.rt.telemetry import PART_RUNS, PART_TURN, ROW, TOOL
@@ -29,7 +29,7 @@ KEPT = record(
 class MadePart:
     """The `number`-th part of this run, which began in the cycle `begun`, with `tool`.
 
-    Its `rows` (n,) of KEPT track, and end with the part.
+    Its `rows` (n,) of KEPT track, to `BEYOND_S` after the part.
     """
 
     number: int
@@ -38,16 +38,23 @@ class MadePart:
     rows: NDArray[Any]
 
 
+@dataclass(frozen=True)
+class _Open:
+    number: int
+    begun: int
+    tool: int
+
+
 class PartCollector:
     """Takes rows as they come, gives parts."""
 
     def __init__(self, seconds: float, period_s: float) -> None:
         """A part takes `seconds`."""
         self._cycles, self._period_s = round(seconds / period_s), period_s
-        self._before = 2 * round(SETTLED_S / period_s)
+        self._before, self._beyond = 2 * round(SETTLED_S / period_s), round(BEYOND_S / period_s)
         self._rows: list[NDArray[Any]] = []
         self._last: tuple[bool, bool, bool, int] | None = None
-        self._begun: int | None = None
+        self._open: list[_Open] = []
         self.parts = 0
         """Begun so far."""
         self.tool = 0
@@ -66,38 +73,42 @@ class PartCollector:
         for k in np.flatnonzero(began | ended | lost | others):
             self._rows.append(kept[done:k][tracks[done:k]])
             done = int(k)
-            yield from self._whole(int(cycles[k]) - 1)
-            if self._begun is not None:
-                why = "the tool was changed" if others[k] and not began[k] else "it ended"
-                lasted_s = (int(cycles[k]) - self._begun) * self._period_s
-                yield f"part {self.parts} was not finished, {why} after {lasted_s:.2f} s: nothing is learned from it"
-            self._begun = None
+            yield from self._whole(int(cycles[k]))
+            why = "tracking ended" if lost[k] else "the tool was changed" if others[k] and not began[k] else "it ended"
+            yield from self._unfinished(int(cycles[k]), self._cycles + (self._beyond if lost[k] else 0), why)
             if lost[k]:
                 self._rows.clear()
             elif began[k] and tracks[k]:
                 self.parts += 1
-                self._begun, self.tool = int(cycles[k]), int(tools[k])
+                self._open.append(_Open(self.parts, int(cycles[k]), int(tools[k])))
         self._rows.append(kept[done:][tracks[done:]])
         self._last = bool(tracks[-1]), bool(runs[-1]), bool(turn[-1]), int(tools[-1])
-        yield from self._whole(int(cycles[-1]))
+        yield from self._whole(int(cycles[-1]) + 1)
         self.tool = int(tools[-1])
         self._let_go(int(cycles[-1]))
 
     def drop(self) -> None:
         """What is being made is not learned from."""
-        self._begun = None
+        self._open.clear()
 
-    def _whole(self, newest: int) -> Iterator[MadePart]:
-        """The part that is being made, if the rows up to the cycle `newest` are all of it."""
-        if self._begun is None or newest < self._begun + self._cycles - 1:
-            return
-        rows = np.concatenate(self._rows)
-        wanted = (rows["cycle"] >= self._begun - self._before) & (rows["cycle"] < self._begun + self._cycles)
-        yield MadePart(self.parts, self._begun, self.tool, rows[wanted])
-        self._begun = None
+    def _whole(self, cycle: int) -> Iterator[MadePart]:
+        """Parts of which all rows before `cycle` are enough."""
+        for part in [part for part in self._open if part.begun + self._cycles + self._beyond <= cycle]:
+            self._open.remove(part)
+            rows = np.concatenate(self._rows)
+            last = part.begun + self._cycles + self._beyond
+            wanted = (rows["cycle"] >= part.begun - self._before) & (rows["cycle"] < last)
+            yield MadePart(part.number, part.begun, part.tool, rows[wanted])
+
+    def _unfinished(self, cycle: int, least: int, why: str) -> Iterator[str]:
+        """Parts that end in `cycle`, before they have lasted `least` cycles."""
+        for part in [part for part in self._open if cycle - part.begun < least]:
+            self._open.remove(part)
+            lasted_s = (cycle - part.begun) * self._period_s
+            yield f"part {part.number} was not finished, {why} after {lasted_s:.2f} s: nothing is learned from it"
 
     def _let_go(self, newest: int) -> None:
-        oldest = (newest if self._begun is None else self._begun) - self._before
+        oldest = min([part.begun for part in self._open] or [newest]) - self._before
         while self._rows and (not len(self._rows[0]) or self._rows[0]["cycle"][-1] < oldest):
             self._rows.pop(0)
 

@@ -34,14 +34,14 @@ def test_each_part_is_given_once_with_what_is_before_it(batch):
     assert [(part.number, part.begun) for part in parts] == [(1, 300), (2, 300 + CYCLES)]
     assert not said
     for part in parts:
-        assert part.rows["cycle"].tolist() == list(range(part.begun - LOOP_HZ, part.begun + CYCLES))
+        assert part.rows["cycle"].tolist() == list(range(part.begun - LOOP_HZ, part.begun + CYCLES + 10))
 
 
 @pytest.mark.parametrize(
     ("change", "why"),
     [
         ({}, "it ended after 1.00 s"),
-        ({"state": TRACKING + 1}, "it ended after 0.50 s"),
+        ({"state": TRACKING + 1}, "tracking ended after 0.50 s"),
         ({"lines": PART_TURN | PART_RUNS | (3 << TOOL)}, "the tool was changed after 0.50 s"),
     ],
 )
@@ -52,6 +52,13 @@ def test_a_part_that_ends_before_its_time_is_said_and_not_given(change, why):
     parts, said = collected(rows)
     assert not parts
     assert said == [f"part 1 was not finished, {why}: nothing is learned from it"]
+
+
+def test_the_tracker_has_its_time_after_a_part():
+    rows = course(1000, (300, 800))
+    rows["state"][300 + CYCLES + 5 :] = TRACKING + 1
+    parts, said = collected(rows)
+    assert (parts, said) == ([], ["part 1 was not finished, tracking ended after 2.05 s: nothing is learned from it"])
 
 
 def test_rows_before_tracking_was_lost_are_not_of_the_next_part():
@@ -68,5 +75,5 @@ def test_who_begins_to_listen_in_the_middle_of_a_part_gives_none():
 
 def test_missed_rows_are_not_in_a_part_and_do_not_shift_it():
     rows = course(1000, (300, 800))
-    ((part,), _) = collected(np.delete(rows, slice(300 + CYCLES - 5, 300 + CYCLES + 5)))
+    ((part,), _) = collected(np.delete(rows, slice(300 + CYCLES - 5, 300 + CYCLES + 20)))
     assert (part.begun, part.rows["cycle"][-1]) == (300, 300 + CYCLES - 6)

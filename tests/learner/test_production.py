@@ -111,7 +111,7 @@ def forget_y(cell, made):
         ),
         pytest.param(
             PATH_LEFT,
-            ({"channel": "deviation_y", "kind": "scale", "value": 1.3, "at_s": BEGIN_S + 1.5},),
+            ({"channel": "deviation_y", "kind": "scale", "value": 1.15, "at_s": BEGIN_S + 1.5},),
             lambda cell, _: cell.run(0.2), id="changed path",
         ),
     ],

@@ -27,8 +27,9 @@ GRID_HZ = 1000.0
 _PASSED = 0.25
 """Of the grid's rate, where the low pass before it has its corner."""
 _MOST_MISSED, _MOST_LIMITED = 0.05, 0.001
-SETTLED_S = 0.5
-"""So long the loop tracks before a part that is learned from: it has settled."""
+SETTLED_S, BEYOND_S = 0.5, 0.1
+"""So long the loop tracks before a part that is learned from, and has settled; and after it: the tracker is late, and
+the low pass sees beyond both ends."""
 
 
 @dataclass(frozen=True)
@@ -46,8 +47,8 @@ def part_of(
 ) -> Part:
     """The part of `seconds` that began in cycle `begun`, of the axis with that number.
 
-    `rows` (n,) have the columns of telemetry; they begin while the cell tracks, and do not leave TRACKING before the
-    part's end. CheckFailed where nothing can be learned from it.
+    `rows` (n,) have the columns of telemetry; the cell tracks in all of them, to `BEYOND_S` after the part. CheckFailed
+    where nothing can be learned from it.
     """
     own, cycles = rows["axis"][:, axis], rows["cycle"].astype(np.int64)
     if begun - cycles[0] < round(SETTLED_S / period_s):
@@ -64,10 +65,12 @@ def part_of(
     path = CubicSpline(taken_s, own["deviation_um"][fresh][first])
     step = max(1, round(1.0 / (GRID_HZ * period_s)))
     rate_hz = 1.0 / (step * period_s)
-    grid = begin_s + np.arange(round(seconds * rate_hz) * step) * period_s
+    count, beyond = round(seconds * rate_hz), round(BEYOND_S * rate_hz)
+    grid = begin_s + np.arange(-beyond * step, (count + beyond) * step) * period_s
 
     def thinned(x: Array) -> Array:
-        return filtered(x, 1.0 / period_s, partial(low_pass, corner_hz=_PASSED * rate_hz))[::step]
+        passed = filtered(x, 1.0 / period_s, partial(low_pass, corner_hz=_PASSED * rate_hz))
+        return passed[::step][beyond : beyond + count]
 
     # differences first: both sides of them move far while cycles are missed, and they hardly
     error, played = (

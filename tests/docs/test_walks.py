@@ -64,7 +64,7 @@ def difference(shown, printed):
     ("page", "outputs"),
     [
         ("quickstart.md", 3),
-        *further(("linear.md", 4), ("identification.md", 2), ("budget.md", 1), ("preview.md", 1), ("learning.md", 1)),
+        *further(("linear.md", 4), ("identification.md", 2), ("budget.md", 1), ("preview.md", 1)),
     ],
 )
 def test_what_a_page_shows_is_printed(page, outputs, tmp_path):

@@ -14,13 +14,14 @@ from micromanip.learner.part_collector import PartCollector
 from micromanip.rt.states import BEGIN_PART, NO_COMMAND
 from micromanip.settings.check import prepare
 from micromanip.virtual.experiment import VirtualExperiment, with_options
-from micromanip.virtual.switched import DRAWN, simulated_driver, switched
+from micromanip.virtual.switched import simulated_driver, switched
 
 SIMULATED = Path(__file__).parents[2] / "config" / "simulated.yaml"
 BEGIN_S, AFTER_S = 4.5, 1.0
 LOOP_HZ = 10_000
 # the joints swing at 7.76 and 8.24 Hz on y and z; the force is there when the part begins
 EARLY = ("force: {start_s: 5.0,", "force: {start_s: 2.0,")
+DRAWN = ("tracker noise", "force noise", "strain gauge noise", "capacitive sensor noise", "amplifier noise")
 LINES = ("    force: {start_s: 2.0,", "    lines: {}\n    force: {start_s: 2.0,")
 
 

@@ -11,7 +11,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 # Without what Python and pytest keep of a module, each worker of pytest would rewrite all tests once more: 8 s of CPU.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help accuracy fault-to-page run check test compiled collected test-laws test-laws-compiled test-laws-checked test-laws-plain thorough test-system test-vm lint bench mutation check-budget check-preview check-learning soak-machine soak-kill soak-recording soak-watched surprise fault-campaign fuzz-socket fuzz-udp fuzz-ethercat fuzz-workers robustness counterfactual docs site tune clean check-coupling check-tooth
+.PHONY: help accuracy fault-to-page run check test compiled collected test-laws test-laws-compiled test-laws-checked test-laws-plain thorough test-system test-vm lint bench mutation check-budget check-preview soak-machine soak-kill soak-recording soak-watched surprise fault-campaign fuzz-socket fuzz-udp fuzz-ethercat fuzz-workers robustness counterfactual docs site tune clean check-coupling check-tooth
 
 help:             ## this list
 	@grep -hE '^[a-z-]+: .*##|^[a-z-]+:  *##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
@@ -85,9 +85,6 @@ check-coupling: $(READY) ## path errors with coupling ignored, decoupled and not
 
 check-tooth: $(READY) ## path errors where the spindle turns at another speed than was said, fixed and followed, on drawn plants too
 	$(BIN)/python -m tools.check_tooth
-
-check-learning: $(READY) ## five identical parts, learned from one to the next, on 10 cells with drawn plants
-	$(BIN)/python -m tools.check_learning
 
 mutation: compiled ## every mutant of the last gates and of the fault manager must die; the laws' as plain Python
 	NUMBA_DISABLE_JIT=1 $(BIN)/python -m tools.mutation micromanip.rt.laws.limiter micromanip.rt.faults

@@ -69,7 +69,7 @@ def with_a_correction(recording: Recording) -> Recording:
         p, s = parameters["axis"][0, i]["learned"], state["axis"][0, i]["learned"]
         p["number"], p["rows"], p["column"], p["fade_cycles"] = 1, rows, i, 100
         p["limit_um"], p["tolerance_um"], p["cycles_per_s"] = 1.0, 1e6, 1e4
-        s["number"], s["part"], s["begun_cycle"], s["why"], s["level"] = 1, begun, begun, PLAYS, 1.0
+        s["number"], s["part"], s["why"], s["level"] = 1, begun, PLAYS, 1.0
     return dataclasses.replace(recording, parameters=parameters, state=state, samples=samples)
 
 

@@ -180,9 +180,9 @@ class Client:
         """Clear a latched fault; nothing moves."""
         self.request("reset")
 
-    def part_begin(self, tool: int | None = None) -> None:
-        """A part begins now, with the tool of that number where one is told."""
-        self.request("part_begin", **({} if tool is None else {"tool": tool}))
+    def part_begin(self) -> None:
+        """A part begins now."""
+        self.request("part_begin")
 
     def part_end(self) -> None:
         """The part that is being made has ended."""

@@ -19,7 +19,7 @@ def command(config: Path, as_json: bool) -> None:
 
     Exit code 78 with one line FILE:LINE: KEY: what is wrong, for each problem.
     """
-    from micromanip.design.learning.usable import memory_warnings
+    from micromanip.design.learning.memory import memory_warnings
     from micromanip.host.state_directory import memory_folder
     from micromanip.settings.check import prepare
     from micromanip.settings.feedback import strain_loops

@@ -29,26 +29,19 @@ from .results import Pictures, out_option, provenance
 @click.option("--seed", type=Quantity("Seed"), help="Seed of the simulation's noise, instead of the configuration's.")
 @out_option("the figures", default=Path("out/evaluate"), show_default=True)
 @click.option("--own-pid", is_flag=True, help="Each axis' own PID instead of the one tuning that reproduces the paper.")
-@click.option(
-    "--learned", is_flag=True,
-    help="Also E: D on sines that are repeated, with what repeats of the error taken off beforehand.",
-)  # fmt: skip
 @click.option("--figures/--no-figures", default=True, show_default=True, help="Draw the figures.")
 @json_option
 def command(
-    config: Path, only: str | None, seed: int | None, folder: Path, own_pid: bool, learned: bool, figures: bool,
-    as_json: bool,
-) -> None:  # fmt: skip
+    config: Path, only: str | None, seed: int | None, folder: Path, own_pid: bool, figures: bool, as_json: bool
+) -> None:
     """Run configurations A (PID), B (+ affine inverse) and C (+ tanh inverse) at 1, 5 and 10 Hz.
 
-    All three have the one PID that reproduces the paper; a commissioned cell is also run with its own, as D, and with
-    --learned as E.
+    All three have the one PID that reproduces the paper; a commissioned cell is also run with its own, as D.
     """
     from rich.console import Console
     from rich.progress import Progress
 
     from micromanip.design.evaluation import evaluate, evaluate_fast, fast_table, table, with_models
-    from micromanip.design.repeated import repeated
     from micromanip.settings.check import prepare
     from micromanip.virtual.experiment import VirtualExperiment
 
@@ -68,14 +61,9 @@ def command(
         configuration = with_models(prepared.configuration, experiment, bar.console.print)
         known = any(axis.commissioned or axis.actuator for axis in configuration.axes.values())
         tuned = known and not own_pid
-        if learned and not tuned:
-            raise UsageError("--learned needs a commissioned axis, and its own PID is what it has: E is D, repeated")
-        task = bar.add_task(
-            "evaluate", total=(21 if tuned else 15) + (6 if learned else 0) + (5 * len(shown) if figures else 0)
-        )
+        task = bar.add_task("evaluate", total=(21 if tuned else 15) + (5 * len(shown) if figures else 0))
         runs = evaluate(configuration, experiment, own_pid, tuned, progress=lambda: bar.advance(task))
         quick = evaluate_fast(configuration, experiment, own_pid, tuned, progress=lambda: bar.advance(task))
-        again = repeated(configuration, experiment, progress=lambda: bar.advance(task)) if learned else []
         if figures:
             from micromanip.design.figures import draw_all
 
@@ -87,14 +75,12 @@ def command(
     rows = [row for row in table(runs, configuration) if row["axis"] in shown]
     alone = [row for row in table(runs, configuration, feedforward_alone=True) if row["axis"] in shown]
     fast = [row for row in fast_table(quick, configuration) if row["axis"] in shown]
-    again = [row for row in again if row["axis"] in shown]
     if as_json:
         print_json(
             {
                 "rows": rows,
                 "feedforward_alone": alone,
                 "fast": fast,
-                "learned": again,
                 "own_pid": own_pid,
                 "seed": seed,
                 "figures": [str(file) for file in written],
@@ -120,8 +106,6 @@ def command(
         else:
             share = f"{row['true_rms_percent']:.2f} % of the stroke"
             say(f"{what}: sigma {row['true_std_error_um']:.3f} um, {share} (true position)")
-    for row in again:
-        say(_repeated(row))
     if written:
         say(f"{len(written)} figures in {folder}/")
     pictures.require_written()
@@ -169,23 +153,6 @@ def _swinging(rows: list[dict[str, Any]]) -> list[str]:
         "PID is not for this actuator, and the figures say nothing of the models"
         for (axis, config), hertz in found.items()
     ]
-
-
-def _repeated(row: dict[str, Any]) -> str:
-    """A row of E, beside what was asked of it."""
-    if row["refused"] is not None:
-        return (
-            f"E, axis {row['axis']}, {row['frequency_hz']:g} Hz, {row['amplitude_um']:g} um: not played, "
-            f"{row['refused']}"
-        )
-    asked_um, asked = row["asked_true_std_error_um"], row["asked_true_rms_percent"]
-    wanted = f"at most {asked_um:.3f} um" if asked_um is not None else f"at most {asked:.2f} %"
-    reached = f"sigma {row['true_std_error_um']:.4f} um, {row['true_rms_percent']:.3f} % of the stroke (true position)"
-    return (
-        f"E, axis {row['axis']}, {row['frequency_hz']:g} Hz, {row['amplitude_um']:g} um, repeated {row['repetitions']} "
-        f"times with {row['feedback_percent']:.3g} % of the feedback: {reached}, asked {wanted}; "
-        f"{row['floor_um']:.4f} um of it do not repeat"
-    )
 
 
 def _beside(value: str, papers: float | None, digits: int) -> str:

@@ -34,7 +34,6 @@ GROUPS = {
         "disarm": "stop tracking, softly",
         "hold": "freeze the correction",
         "reset": "clear a latched fault",
-        "part": "say that a part begins or ends: to what learns",
         "jog": "move an axis by hand",
         "sensitivity": "margins of a loop, measured while it runs",
         "drift": "whether an axis is still the one that was commissioned",

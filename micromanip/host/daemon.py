@@ -38,7 +38,7 @@ from .control.server import ControlSocket
 from .control.socket_file import Access
 from .control.verbs import Verbs
 from .controller import Controller
-from .learning.keeper import LearningKeeper
+from .learning.service import LearningService
 from .notify import ServiceManager
 from .realtime import NO_NICE, missing_rights
 from .state_directory import state_directory
@@ -272,15 +272,15 @@ class Daemon:
         awaits = self._arming.awaits
         return report(self._controller, self._gathered, self._boxes.report(), links, recording, learning, awaits)
 
-    def _learner(self) -> LearningKeeper | None:
+    def _learner(self) -> LearningService | None:
         """Who learns from part to part, where the configuration says so."""
         wanted = self._prepared.configuration.learning
         if wanted is None:
             return None
         note = partial(self._trail.note, Peer("learning"), "learn")
-        keeper = LearningKeeper(self._controller, wanted, self._verbs.put_again, note, self._say)
-        self._verbs.learning = keeper
-        return keeper
+        service = LearningService(self._controller, wanted, self._verbs.put_again, note, self._say)
+        self._verbs.learning = service
+        return service
 
     def _unrecorded(self) -> str:
         recording = self._recordings.report()

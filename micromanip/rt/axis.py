@@ -19,7 +19,6 @@ from micromanip.rt.laws.learned import add_learned, forget_played
 from micromanip.rt.laws.limiter import limit
 from micromanip.rt.laws.lqg import outer_setpoint
 from micromanip.rt.laws.move import advance_move
-from micromanip.rt.laws.periodic import add_periodic
 from micromanip.rt.laws.pid import pid_output, retune, start_pid, unwind
 from micromanip.rt.laws.reference import (
     JOG,
@@ -62,12 +61,9 @@ def axis_cycle(
         if s["preview_s"] != p["preview_s"] or s["awaited_cycles"] != p["awaited_cycles"]:
             ease_times(p, s)
         track_reference(p, s, now_ns, t_s, samples)
-        if 0 < 2 * p["learned"]["rows"] <= len(samples) - p["learned"]["first"]:
+        if 0 < 2 * p["learned"]["rows"] <= len(samples):
             follows = fraction == 1.0 and may_be_excited(s, phase, fraction)
-            if p["learned"]["repeats"]:
-                add_periodic(p["learned"], s["learned"], s["reference"]["w"], samples, cycle, follows)
-            else:
-                add_learned(p["learned"], s["learned"], s["reference"]["w"], samples, cycle, follows)
+            add_learned(p["learned"], s["learned"], s["reference"]["w"], samples, cycle, follows)
         added_um = 0.0
         if p["excitation"]["lines"] > 0:
             added_um = excitation(p["excitation"], s["excitation"], cycle, may_be_excited(s, phase, fraction))

@@ -5,7 +5,7 @@ part begins in the cycle in which the number changes, and ends with it; a signal
 that signal a part begins and ends by command, and ends where the cell does not track any more.
 
 The signal ``tool`` is the number of the tool in the spindle, 0 for none. One that is not usable, or no such number,
-counts as 0. Without it the tool is what the set of parameters states.
+counts as 0. Without it the tool is 0.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from .record import Record
 from .states import TRACKING
 
 _MOST = 2**31 - 1
-MOST_TOOLS = 2**16 - 1
+_MOST_TOOLS = 2**16 - 1
 """Its number stands in 16 bits of a row."""
 
 
@@ -47,13 +47,13 @@ def said_number(line: Record, most: int) -> int:
 
 @compiled
 def follow_tool(p: Record, s: Record, signals: Any, now_ns: int) -> None:
-    """Take the machine's word for the tool of this cycle, or what was stated."""
+    """Take the machine's word for the tool of this cycle."""
     if p["tool"]["signal"] < 0:
-        s["tool"] = p["stated_tool"]
+        s["tool"] = 0
         return
     read_line(p["tool"], s["tool_line"], signals, now_ns)
-    number = said_number(s["tool_line"], MOST_TOOLS + 1)
-    s["tool"] = number if number <= MOST_TOOLS else 0
+    number = said_number(s["tool_line"], _MOST_TOOLS + 1)
+    s["tool"] = number if number <= _MOST_TOOLS else 0
 
 
 @compiled

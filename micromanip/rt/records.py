@@ -159,7 +159,6 @@ CELL_PARAMETERS = record(
     ("retracted", LINE_PARAMETERS),
     ("part", LINE_PARAMETERS),
     ("tool", LINE_PARAMETERS),
-    ("stated_tool", "i8"),
     ("learned_tool", "i8"),
     ("amplifier_enable", "i8"),
     ("feed_hold", "i8"),

@@ -22,11 +22,11 @@ STRAIN_FRESH, STAGE_FRESH, DEVIATION_FRESH = 1, 2, 4
 STRAIN_CAME, STAGE_CAME, DEVIATION_CAME = 8, 16, 32
 STRAIN_REPEATED, STAGE_REPEATED = 64, 128
 STRAIN_READING, STAGE_READING = 8, 11
-AMPLIFIER_OK, TEMPERATURE_OK, LEARNED_PLAYS = 1 << 14, 1 << 15, 1 << 16
-DEVICE_BELOW, DEVICE_ABOVE = 1 << 17, 1 << 18
+AMPLIFIER_OK, TEMPERATURE_OK = 1 << 14, 1 << 15
+DEVICE_BELOW, DEVICE_ABOVE = 1 << 16, 1 << 17
 """``fresh``: a good sample; one that came, usable or not; it read as the one before; where three bits begin that say
-what a sample that was not usable read; two lines of the amplifier; a learned correction is played; the device was given
-less, or more, than the voltage that was asked for in the cycle before."""
+what a sample that was not usable read; two lines of the amplifier; the device was given less, or more, than the voltage
+that was asked for in the cycle before."""
 NO_NUMBER, LOW_END, BELOW, SAME, ABOVE, HIGH_END, INFINITE, MINUS_INFINITE = range(8)
 """What it read: at or beyond an end of the range, or beside the last good sample."""
 ENABLED, INTERLOCKED, RETRACTED, AMPLIFIER_ON, FEED_HOLD = 1, 2, 4, 8, 16
@@ -128,7 +128,6 @@ def _fresh(p: Record, a: Record, now_ns: int) -> int:
     bits |= _came(a["stage"], p["stage_range_um"], now_ns, STAGE_CAME, STAGE_REPEATED, STAGE_READING)
     bits |= DEVIATION_CAME if a["deviation"]["arrived_ns"] == now_ns else 0
     bits |= AMPLIFIER_OK if is_on(p["amplifier_ok"], a["amplifier_ok"]) else 0
-    bits |= LEARNED_PLAYS if a["learned"]["level"] > 0.0 else 0
     if a["waits"] != 0:
         bits |= DEVICE_BELOW if a["waits"] > 0 else DEVICE_ABOVE
     return bits | (TEMPERATURE_OK if is_on(p["temperature_ok"], a["temperature_ok"]) else 0)

@@ -37,8 +37,6 @@ SWITCHES = (*_OF_CELL, *_OF_PLANT, COUPLING)
 """What can be switched off."""
 NOISE = ("tracker noise", "force", "strain gauge noise", "capacitive sensor noise", "amplifier noise")
 """What is drawn, or comes of the process: without it only path and plant are left."""
-DRAWN = ("tracker noise", "force noise", "strain gauge noise", "capacitive sensor noise", "amplifier noise")
-"""What is drawn: without it only what repeats from run to run is left."""
 _AFTER_FORCE_S, _SETTLED_S = 1.0, 2.0
 _ENTERED_S = 4.0
 """After which the tool is taken to be in where a driver does not say when it comes."""

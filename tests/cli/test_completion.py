@@ -89,13 +89,6 @@ def test_preview_takes_the_axes_of_its_cell(file, tmp_path):
     assert completed("preview", path, "--config", file, "--axis", "u") == ["up"]
 
 
-def test_axes_of_learned_memories(tmp_path):
-    for name in ("x.npz", "x.tool3.npz", "y.npz", "notes.txt"):
-        (tmp_path / name).touch()
-    assert completed("learn", "export", "--memory", tmp_path, "--axis", "") == ["x", "y"]
-    assert completed("learn", "reset", "--memory", tmp_path, "--axis", "") == ["x", "y", "all"]
-
-
 def test_axes_of_the_running_controller(controller):
     assert completed("jog", "--socket", controller, "") == ["x", "y"]
 

@@ -18,7 +18,7 @@ def reached(path, **more):
 
 def printed(own, plants):
     real = RealLoop({axis: {"rms": 0.7} for axis in own}, 20.0, 3, "2 CPUs")
-    return page(own, plants, real, {axis: {"0.5 um of noise: left": 0.3} for axis in own}, 8)
+    return page(own, plants, real, {axis: {"0.5 um of noise: left": 0.3} for axis in own})
 
 
 def cells(text, row):
@@ -52,14 +52,14 @@ def test_the_page_as_it_stands_is_between_bound_and_uncompensated(row):
 
 
 def test_a_sine_that_is_not_borne_has_no_figure_and_small_ones_are_shares_of_the_stroke_too():
-    sine = {"config": "E", "frequency_hz": 50.0, "amplitude_um": 10.0, "refused": None}
+    sine = {"config": "D", "frequency_hz": 50.0, "amplitude_um": 10.0, "refused": None}
     rows = [
         sine | {"true_std_error_um": 0.006, "true_rms_percent": 0.03},
         sine | {"frequency_hz": 1.0, "amplitude_um": 30.0, "true_std_error_um": 0.007, "true_rms_percent": 0.01},
         sine | {"frequency_hz": 100.0, "refused": "axis x: X-216"},
     ]
     assert true_sigma(rows) == {
-        "E 50 Hz, 10 um": 0.006,
-        "E 50 Hz, 10 um, % of the stroke": 0.03,
-        "E 1 Hz, 30 um": 0.007,
+        "D 50 Hz, 10 um": 0.006,
+        "D 50 Hz, 10 um, % of the stroke": 0.03,
+        "D 1 Hz, 30 um": 0.007,
     }

@@ -6,7 +6,6 @@ import re
 import pytest
 
 from micromanip.errors import CheckFailed, ConfigError, DeviceUnavailable, UsageError
-from micromanip.replies import Change
 from micromanip.rt import states
 from micromanip.settings.check import prepare
 from micromanip.settings.commissioned import tuning_hash
@@ -375,23 +374,3 @@ def test_fields_are_checked(cell, verb, fields, message):
     assert cell.controller.commands == cell.controller.swaps == []
     looked_only = verb in ("status", "get", "diff", "audit")
     assert [entry[:2] for entry in cell.entries] == ([] if looked_only else [(verb, False)])
-
-
-def test_a_part_that_is_refused_leaves_the_tool_that_was_stated(cell, monkeypatch):
-    """It was never begun with another one; nor does the audit trail know of that."""
-    stated = [3]
-
-    class Keeper:
-        async def state_tool(self, tool):
-            stated.append(tool)
-            return [Change(key="learning.tool", old=stated[-2], new=tool)] if tool != stated[-2] else []
-
-    async def refuses(command):
-        assert command == states.BEGIN_PART
-        raise CheckFailed("part_begin refused: the state is HOLDING")
-
-    cell.verbs.learning = Keeper()
-    monkeypatch.setattr(cell.controller, "command", refuses)
-    for asked in ({"tool": 5}, {}):
-        refused(cell, CheckFailed, "part_begin refused: the state is HOLDING", "part_begin", **asked)
-        assert stated[-1] == 3, asked

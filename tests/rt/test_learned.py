@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from micromanip.control.learned import FADE_S, Played, fill_learned
+from micromanip.host.learning.handover import FADE_S, fill_learned
 from micromanip.rt.laws.learned import (
     BROKEN_OFF,
     FINISHED,
@@ -20,6 +20,7 @@ from micromanip.rt.laws.learned import (
 )
 from micromanip.rt.laws.reference import REFERENCE_STATES
 from micromanip.rt.record import MAX_AXES
+from micromanip.settings.schema.learning import Learning
 
 from .builders import record
 from .kernels import learned_course
@@ -29,9 +30,10 @@ ROWS = 600
 COLUMN = 1
 
 
-def parameters(rows=ROWS, number=1, limit_um=5.0, tolerance_um=1.0, search_s=0.0):
+def parameters(rows=ROWS, limit_um=5.0):
     p = record(LEARNED_PARAMETERS)
-    fill_learned(p, number, COLUMN, 2 * rows, Played(limit_um, tolerance_um, search_s), LOOP_HZ)
+    learning = Learning(seconds=2.0, limit_um=limit_um, tolerance_um=1.0)
+    fill_learned(p, 1, COLUMN, 2 * rows, learning, LOOP_HZ)
     return p
 
 
@@ -169,16 +171,9 @@ def test_a_part_of_the_right_path_is_played_whole_and_ends_by_itself():
     assert s["apart_um"] == pytest.approx(0.9)
 
 
-def test_a_beginning_that_the_path_tells_is_believed_of_its_own_part_only_and_not_too_late():
-    p, values = parameters(search_s=0.05), 1.0 + wave()
+@pytest.mark.parametrize(("late", "begins"), [(0, True), (99, True), (101, False)])
+def test_nothing_begins_later_in_its_part_than_another_fades_out(late, begins):
     s = state(1000)
-    assert not course(p, values, np.arange(1000, 1100), s).any(), "not known yet"
-    p["begun_cycle"] = 1030
-    played = course(p, values, np.arange(1100, 1400), s)[60:, 0]
-    assert played == pytest.approx(values[1160 - 1030 : 1400 - 1030], abs=1e-12)
-    s = state(5000)
-    assert not course(p, values, np.arange(5000, 5300), s).any(), "that was of another part"
-    assert s["why"] == IDLE
-    p["begun_cycle"] = 5010
-    late = 5000 + int(p["latest_cycles"]) + 1
-    assert not course(p, values, np.arange(late, late + 100), s).any()
+    out = course(parameters(), np.ones(ROWS), 1000 + late + np.arange(200), s)
+    assert out.any() == begins
+    assert s["why"] == (PLAYS if begins else IDLE)

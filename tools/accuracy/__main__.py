@@ -8,13 +8,11 @@ import subprocess
 import sys
 import tempfile
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import yaml
 
 from micromanip.design.parallel import each
-from micromanip.design.repeated import REPETITIONS
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.write import write_atomically
 from tools.running_controller import MICROMANIP
@@ -23,9 +21,8 @@ from .cells import AXIS, FIRST_PLANT, changed, commissioned, drawn, tuned
 from .figures import BEFORE, NOW, PATH_ROWS, SEEN, SEEN_BOUND, UNCOMPENSATED, Reached, Values, causes, played, reached
 from .page import PAGE, RealLoop, page
 
-PLANTS, LEARNED, REAL_S = 100, 20, 20.0
-"""How many plants are drawn (15 s of CPU each); how many of them play sines that repeat (10 s more); how long the real
-loop runs."""
+PLANTS, REAL_S = 100, 20.0
+"""How many plants are drawn (15 s of CPU each); how long the real loop runs."""
 TRACKERS_UM = (0.1, 2.0)
 """Noise of other trackers; the common one has .5 um."""
 
@@ -36,7 +33,7 @@ def own_axes() -> tuple[Configuration, dict[str, Reached]]:
     found = commissioned(factory, factory.configuration)
     if not found.passed:
         raise SystemExit("config/factory.yaml does not pass: see `micromanip commission`; nothing was written")
-    now, as_it_stands = reached(tuned(factory, found.configuration), learning=True), played(before)
+    now, as_it_stands = reached(tuned(factory, found.configuration)), played(before)
     return found.configuration, {
         axis: replace(each, path={row: (each.path | {BEFORE: as_it_stands[axis][NOW]})[row] for row in PATH_ROWS})
         for axis, each in now.items()
@@ -74,26 +71,25 @@ def other_trackers(common: dict[str, Reached]) -> dict[str, Values]:
     }
 
 
-def drawn_plant(seed: int, learned: int) -> Reached | str:
-    """What the plant of `seed` reaches, or why it does not pass; the first `learned` play sines that repeat, too."""
+def drawn_plant(seed: int) -> Reached | str:
+    """What the plant of `seed` reaches, or why it does not pass."""
     what = drawn(changed("factory.yaml", [AXIS]), seed)
-    return what if isinstance(what, str) else reached(what, learning=seed < FIRST_PLANT + learned)[AXIS]
+    return what if isinstance(what, str) else reached(what)[AXIS]
 
 
 def main() -> int:
     """Write the page."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--plants", type=int, default=PLANTS, help="How many plants are drawn.")
-    parser.add_argument("--learned", type=int, default=LEARNED, help="How many of them play sines that repeat.")
     given = parser.parse_args()
     configuration, own = own_axes()
     real, trackers = real_loop(configuration), other_trackers(own)
     seeds, plants = range(FIRST_PLANT, FIRST_PLANT + given.plants), {}
-    for seed, found in zip(seeds, each(partial(drawn_plant, learned=given.learned), seeds, jobs=-1), strict=True):
+    for seed, found in zip(seeds, each(drawn_plant, seeds, jobs=-1), strict=True):
         plants[seed] = found
         told = found if isinstance(found, str) else f"path error {found.path[NOW]:.3f} um"
         sys.stderr.write(f"plant {seed}: {told}\n")
-        write_atomically(PAGE, page(own, plants, real, trackers, REPETITIONS))
+        write_atomically(PAGE, page(own, plants, real, trackers))
     return 0
 
 

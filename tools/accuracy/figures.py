@@ -1,4 +1,4 @@
-"""What a tuned cell reaches: tracked paths, what bounds them, sines of the paper, fast ones and those that repeat."""
+"""What a tuned cell reaches: tracked paths, what bounds them, sines of the paper, and fast ones."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -10,7 +10,6 @@ from micromanip.design import paper
 from micromanip.design.budget.causes import FORCE, PREDICTION, TRACKER
 from micromanip.design.budget.configured import bound_of, cell_of
 from micromanip.design.evaluation import TUNED, evaluate, evaluate_fast, fast_table, table
-from micromanip.design.repeated import repeated
 from micromanip.errors import CheckFailed
 from micromanip.settings.check import Prepared
 from micromanip.virtual.experiment import VirtualExperiment, with_options
@@ -46,14 +45,14 @@ Values = dict[str, float]
 class Reached:
     """Of one axis, um, by row: rms of the path error; causes of it; sigma of the gauge on sines, measured and true.
 
-    `learned` is the true sigma of fast sines and of those that repeat; empty where they were not played.
+    `fast` is the true sigma of fast sines.
     """
 
     path: Values
     causes: Values
     gauge: Values
     true_gauge: Values
-    learned: Values
+    fast: Values
 
     @property
     def bears_the_papers_pid(self) -> bool:
@@ -108,11 +107,11 @@ def sines(prepared: Prepared) -> list[dict[str, Any]]:
         return [row | {"config": TUNED} for row in own if row["config"] == _AS_TUNED]
 
 
-def learned(prepared: Prepared) -> list[dict[str, Any]]:
-    """Rows of `evaluate --learned`: of D those of the fast sines, and all of E."""
+def fast_sines(prepared: Prepared) -> list[dict[str, Any]]:
+    """Rows of `evaluate`: of D those of the fast sines."""
     configuration, experiment = prepared.configuration, VirtualExperiment(prepared)
     fast = fast_table(evaluate_fast(configuration, experiment, tuned=True), configuration)
-    return [row for row in fast if row["config"] == TUNED] + repeated(configuration, experiment)
+    return [row for row in fast if row["config"] == TUNED]
 
 
 def true_sigma(rows: Iterable[dict[str, Any]]) -> Values:
@@ -127,10 +126,10 @@ def true_sigma(rows: Iterable[dict[str, Any]]) -> Values:
     return found
 
 
-def reached(prepared: Prepared, *, learning: bool) -> dict[str, Reached]:
-    """By axis, of a tuned cell that tracks; `learning`: with fast sines and those that repeat, which take longest."""
+def reached(prepared: Prepared) -> dict[str, Reached]:
+    """By axis, of a tuned cell that tracks."""
     tracked, other, rows = played(prepared), played(prepared, FASTER), sines(prepared)
-    again = learned(prepared) if learning else []
+    fast = fast_sines(prepared)
     found = {}
     for axis in prepared.configuration.axes:
         known = causes(prepared, axis)
@@ -141,5 +140,5 @@ def reached(prepared: Prepared, *, learning: bool) -> dict[str, Reached]:
         )
         path = tracked[axis] | {MOVED: other[axis][NOW], BOUND: bound}
         path = {row: path[row] for row in PATH_ROWS if row != BEFORE}
-        found[axis] = Reached(path, known, gauge, true, true_sigma(row for row in again if row["axis"] == axis))
+        found[axis] = Reached(path, known, gauge, true, true_sigma(row for row in fast if row["axis"] == axis))
     return found

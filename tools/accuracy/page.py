@@ -13,16 +13,10 @@ from .figures import COHERENCE_S, LIMITED, NOW, PLAYED_S, PLAYED_SEED, Reached, 
 PAGE = ROOT / "docs" / "reports" / "accuracy.md"
 ASKED = {"D 1": 0.020, "D 5": 0.030, "D 10": 0.035}
 """Of the true position, um: what was aimed at."""
-ASKED_LEARNED = {
+ASKED_FAST = {
     "D 100 Hz, 10 um": 0.12,
     "D 50 Hz, 10 um, % of the stroke": 0.15,
     "D 150 Hz, 10 um, % of the stroke": 0.30,
-    "E 1 Hz, 30 um": 0.010,
-    "E 5 Hz, 30 um": 0.012,
-    "E 10 Hz, 30 um": 0.012,
-    "E 100 Hz, 10 um": 0.020,
-    "E 50 Hz, 10 um, % of the stroke": 0.15,
-    "E 150 Hz, 10 um, % of the stroke": 0.30,
 }
 _PAGE = f"""\
 # Accuracy: what the cell reaches
@@ -82,20 +76,19 @@ True position:
 
 {{true_gauge}}
 
-## Fast sines, and sines that repeat
+## Fast sines
 
 True position, sigma in um, or rms in percent of the stroke, peak to peak, as is usual with scanning microscopes:
-published of one with inversion-based control are .73 and 1.67 % at 50 and 150 Hz. E: D with what repeats of the error
-[learned](learning.md#sines-that-are-repeated), {{repetitions}} repetitions. Of the drawn plants {{learned}}
-of the first play them; one that does not bear a sine is not counted in its row.
+published of one with inversion-based control are .73 and 1.67 % at 50 and 150 Hz. A plant that does not bear a sine is
+not counted in its row.
 
 {{fast}}
 
 ## On other pages
 
-[Parts that repeat](learning.md#how-good-it-is) (`make check-learning`), [budgets beside
-experiments](budget.md#how-good-it-is) (`make check-budget`), [coupled axes](coupling.md) (`make check-coupling`),
-[a tooth at another speed](tooth.md) (`make check-tooth`), [previews](preview.md) (`make check-preview`).
+[Budgets beside experiments](budget.md#how-good-it-is) (`make check-budget`), [coupled axes](coupling.md)
+(`make check-coupling`), [a tooth at another speed](tooth.md) (`make check-tooth`), [previews](preview.md)
+(`make check-preview`).
 """
 
 
@@ -132,7 +125,6 @@ def page(
     plants: Mapping[int, Reached | str],
     real: RealLoop,
     trackers: Mapping[str, Values],
-    repetitions: int,
 ) -> str:
     """The page; `trackers` by axis: what is left and what the bound is, a row for each noise."""
     good = [each for each in plants.values() if isinstance(each, Reached)]
@@ -164,9 +156,7 @@ def page(
         letters=", ".join(f"{letter}: {label}" for letter, label in paper.LABELS.items()),
         gauge="\n".join(lines(first.gauge, {"paper": papers, **columns("gauge")})),
         true_gauge="\n".join(lines(first.true_gauge, {"aim": ASKED, **columns("true_gauge")})),
-        repetitions=repetitions,
-        learned=sum(bool(each.learned) for each in good),
-        fast="\n".join(lines(first.learned, {"aim": ASKED_LEARNED, **columns("learned")})),
+        fast="\n".join(lines(first.fast, {"aim": ASKED_FAST, **columns("fast")})),
     )
     if refused:
         text += "\n".join(["", "## Plants that did not pass", "", *(f"- {k}: {why}" for k, why in refused.items()), ""])

@@ -21,6 +21,9 @@ from micromanip.control.system import System
 from micromanip.design.budget.loop import AxisLaws
 from micromanip.design.loops import draw
 from micromanip.design.loops.monte_carlo import drawn_plant
+from micromanip.errors import CheckFailed
+from micromanip.settings.schema.model import Configuration
+from micromanip.settings.schema.reference import Tracker
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -73,3 +76,15 @@ class Transfer:
         h, row = self.laws.period_s, self.laws.gains.reference
         taken = row[0] + 1j * row[1] * np.sin(omega * h) / h - 2.0 * row[2] * (1.0 - np.cos(omega * h)) / h**2
         return np.asarray(self.laws.around(plant, omega).followed * taken)
+
+
+def way_of(configuration: Configuration, name: str) -> Transfer:
+    """From a correction to the stage of axis `name`. CheckFailed where its laws don't allow of one."""
+    tracker, axis = configuration.reference, configuration.axes[name]
+    if not isinstance(tracker, Tracker):
+        raise CheckFailed(
+            f"only what follows a tracker learns: reference.source is {tracker.source}, it must be signal"
+        )
+    if axis.authority_percent != 100.0:
+        raise CheckFailed(f"axis {name}: authority_percent is {axis.authority_percent:g}: it learns with 100 only")
+    return Transfer(AxisLaws(name, axis, tracker.of(name), configuration.loop.period_ns * 1e-9))

@@ -7,7 +7,6 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, model_validator
 
 from micromanip.quantities import Micrometres, Seed
-from micromanip.rt.part import MOST_TOOLS
 from micromanip.rt.record import MAX_AXES
 from micromanip.settings.injected import AMPLITUDE_UM
 from micromanip.settings.moved import Wanted
@@ -92,12 +91,6 @@ class Forget(Settings):
     """Fields of `learn_reset`."""
 
     axes: tuple[str, ...] = Field(default=(), max_length=MAX_AXES, description="Of these axes; all without one.")
-
-
-class BeginPart(Settings):
-    """Fields of `part_begin`."""
-
-    tool: int | None = Field(default=None, ge=1, le=MOST_TOOLS, description="Number of the tool, where it is told.")
 
 
 class Offer(Settings):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 from collections import deque
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import replace
@@ -21,7 +20,7 @@ from micromanip.settings.schema.base import Settings
 from micromanip.settings.text.source import Source
 
 from ..controller import Controller
-from ..learning.keeper import LearningKeeper
+from ..learning.service import LearningService
 from . import fields
 from .audit import AuditTrail
 from .authority import Peer, Right
@@ -123,7 +122,7 @@ class Verbs:
         self._outcomes: deque[Outcome] = deque()
         self._tuning = Tuning(controller, tell, self._happened)
         self.put_again = self._tuning.put_again
-        self.learning: LearningKeeper | None = None
+        self.learning: LearningService | None = None
         """Where the configuration has it."""
 
     def table(self) -> dict[str, Verb]:
@@ -143,7 +142,7 @@ class Verbs:
             "disarm": self._commanded(states.DISARM),
             "hold": self._commanded(states.HOLD),
             "reset": self._commanded(states.RESET),
-            "part_begin": self._part_begin,
+            "part_begin": self._commanded(states.BEGIN_PART),
             "part_end": self._commanded(states.END_PART),
             "learn_reset": _given(fields.Forget, self._learn_reset),
         }
@@ -155,7 +154,7 @@ class Verbs:
             "get": observing(_given(fields.Get, lambda given: tuning.get(given.keys))),
             "diff": observing(_given(fields.Nothing, lambda _: tuning.diff())),
             "audit": observing(_given(fields.Last, lambda given: asyncio.to_thread(self._trail.last, given.last))),
-            "learn_status": observing(_looking(fields.Nothing, lambda _: self._keeper().status())),
+            "learn_status": observing(_looking(fields.Nothing, lambda _: self._learning().status())),
             "shadow": Verb(self._shadow, _right_to_shadow),
             "sensitivity": operating(self._sensitivity),
             "move": operating(self._move),
@@ -203,23 +202,9 @@ class Verbs:
         return replies.RunningConfiguration(text=source.text, sha256=source.hash)
 
     async def _learn_reset(self, given: fields.Forget) -> tuple[None, Sequence[Change]]:
-        return None, await self._keeper().reset(given.axes)
+        return None, await self._learning().reset(given.axes)
 
-    async def _part_begin(self, request: Request) -> tuple[None, Sequence[Change]]:
-        tool, changed = request.read(fields.BeginPart).tool, []
-        if tool is not None or self.learning is not None:
-            changed = await self._keeper().state_tool(tool or 0)
-        before = self._controller.state
-        try:
-            await self._controller.command(states.BEGIN_PART)
-        except CheckFailed:
-            for change in changed:
-                with contextlib.suppress(CheckFailed):  # why the part was refused matters more
-                    await self._keeper().state_tool(change["old"])
-            raise
-        return None, [*changed, Change(key="state", old=before, new=self._controller.state)]
-
-    def _keeper(self) -> LearningKeeper:
+    def _learning(self) -> LearningService:
         if self.learning is None:
             raise CheckFailed("nothing is learned: the configuration has no section learning")
         return self.learning

@@ -2,16 +2,10 @@
 
 The correction c (um) is a column of rows, one per cycle from the beginning of the part; behind them stands the path
 that it belongs to, in as many rows. Position, speed and acceleration of c are added to the reference's state, so that
-it goes through the same law, and the same limits of set-point and voltage, as the reference itself. It never exceeds
+c goes through the same law, and the same limits of set-point and voltage, as the reference itself. It never exceeds
 ``limit_um``. It begins with the part, ends after it and is broken off as minimum jerk: at once where the reference is
 further than ``tolerance_um`` from the remembered path, looked at in every cycle. A part that was broken off is not
 resumed.
-
-Where the beginning of a part is known to the cycle, ``search_cycles`` is 0. Else the host finds it by the path and
-tells it as ``begun_cycle``; nothing is played before it has: it is believed of the part that began within
-``search_cycles`` of it.
-
-A part whose path repeats without a stop is played to as `periodic.py` says.
 """
 
 from __future__ import annotations
@@ -32,41 +26,29 @@ not that of the memory."""
 LEARNED_PARAMETERS = record(
     ("number", "i8"),
     ("rows", "i8"),
-    ("repeats", "i8"),
-    ("first", "i8"),
     ("column", "i8"),
     ("fade_cycles", "i8"),
-    ("begun_cycle", "i8"),
-    ("search_cycles", "i8"),
-    ("latest_cycles", "i8"),
     ("limit_um", "f8"),
     ("tolerance_um", "f8"),
     ("cycles_per_s", "f8"),
 )
-"""``rows`` 0 is none. ``number`` tells one memory from the next; 0 plays nothing, and ends what is played softly. Later
-than ``latest_cycles`` after its part nothing begins. ``repeats``: the part is a path that repeats, its rows begin with
-``first`` of the samples; ``begun_cycle`` is that of any of its periods then."""
+"""``rows`` 0 is none. ``number`` tells one memory from the next; 0 plays nothing, and ends what is played softly."""
 LEARNED_STATE = record(
     ("part_begun", "i8"),
     ("other_tool", "i8"),
     ("number", "i8"),
     ("part", "i8"),
-    ("begun_cycle", "i8"),
     ("why", "i8"),
-    ("first", "i8"),
-    ("old_first", "i8"),
-    ("old_begun_cycle", "i8"),
     ("level", "f8"),
-    ("changed", "f8"),
     ("apart_um", "f8"),
     ("played_um", "f8"),
 )
 """``part_begun``: the cycle in which the part that runs began, -1 where none does, left here by the cell, as is
-``other_tool``: not 0 where the memory is of another one; ``part`` the last that a correction began with,
-``begun_cycle`` its first row; ``apart_um`` how far the reference was from the path when it was last looked at;
-``played_um`` is what was last added to it, which counts while ``level`` is above 0. Of a
-path that repeats ``part`` is the period that runs, ``first`` its rows, ``old_first`` and ``old_begun_cycle`` what was
-played before that, and ``changed`` (0 to 1) how far the one has taken the place of the other."""
+``other_tool``: not 0 where the memory is of another one; ``part`` is the ``part_begun`` that a correction began with
+last; ``apart_um`` how far the reference was from the path when it was last looked at; ``played_um`` is what was last
+added to the reference, which counts while ``level`` is above 0."""
+_LATEST_FADES = 2
+"""Later in its part nothing begins: a correction that still fades out is over by then."""
 
 
 @compiled
@@ -78,13 +60,12 @@ def _played(p: Record, samples: Any, k: int, level: float) -> float:
 
 @compiled
 def _begin(p: Record, s: Record, cycle: int) -> None:
-    """Begin with a part that has not been played to, once it is known where in it this cycle is."""
+    """Begin with a part that has not been played to."""
     part = s["part_begun"]
-    begun = part if p["search_cycles"] == 0 else p["begun_cycle"]
     if part < 0 or part == s["part"] or p["number"] == 0 or s["level"] > 0.0 or s["other_tool"] != 0:
         return
-    if abs(begun - part) <= p["search_cycles"] and cycle - part <= p["latest_cycles"]:
-        s["part"], s["begun_cycle"], s["number"], s["why"] = part, begun, p["number"], PLAYS
+    if cycle - part <= _LATEST_FADES * p["fade_cycles"]:
+        s["part"], s["number"], s["why"] = part, p["number"], PLAYS
 
 
 @compiled
@@ -100,7 +81,7 @@ def _judge(p: Record, s: Record, w: Any, samples: Any, k: int, allowed: bool) ->
         return PART_ENDED
     if not allowed:
         return BROKEN_OFF
-    s["apart_um"] = abs(position(w) - samples[p["rows"] + max(0, k), p["column"]])
+    s["apart_um"] = abs(position(w) - samples[p["rows"] + k, p["column"]])
     return PLAYS if s["apart_um"] <= p["tolerance_um"] else PATH_LEFT
 
 
@@ -109,7 +90,7 @@ def add_learned(p: Record, s: Record, w: Any, samples: Any, cycle: int, allowed:
     """Add what is played in this cycle to the reference `w`: position, velocity and acceleration."""
     if s["why"] != PLAYS:
         _begin(p, s, cycle)
-    k = cycle - s["begun_cycle"]
+    k = cycle - s["part"]
     if s["why"] == PLAYS:
         s["why"] = _judge(p, s, w, samples, k, allowed)
     step, level = 1.0 / p["fade_cycles"], s["level"]

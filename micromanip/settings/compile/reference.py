@@ -81,13 +81,11 @@ def fill_predictor(r: Any, tracker: AxisTracker) -> None:
 def load_samples(configuration: Configuration, source: Source) -> NDArray[np.float64]:
     """Samples (n, MAX_AXES) in um, one a loop cycle; zeros for any other source.
 
-    What is learned has room in them for a part: a row per cycle for what is played, and one for its path; of a path
-    that repeats twice, as one is played while the next comes.
+    What is learned has room in them for a part: a row per cycle for what is played, and one for its path.
     """
     reference, learning = configuration.reference, configuration.learning
     if learning is not None:
-        halves = 4 if learning.repeats else 2
-        return np.zeros((halves * round(learning.seconds * configuration.loop.rate_hz), MAX_AXES))
+        return np.zeros((2 * round(learning.seconds * configuration.loop.rate_hz), MAX_AXES))
     if not isinstance(reference, File):
         return np.zeros((1, MAX_AXES))
     path = Path(source.path).parent / reference.path

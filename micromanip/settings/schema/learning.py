@@ -6,7 +6,6 @@ from typing import Annotated
 
 from pydantic import Field
 
-from micromanip.control.learned import TOLERANCE_UM
 from micromanip.quantities import Distance
 
 from .base import Settings
@@ -15,8 +14,8 @@ from .base import Settings
 class Learning(Settings):
     """What repeats of the path error over identical parts is learned after each, and played in the next.
 
-    A part begins in the cycle in which the signal `part` says so; without that signal, where `micromanip part begin`
-    was typed and the tracker has seen the path. Only what follows a tracker (`reference.source: signal`) learns.
+    A part begins in the cycle in which the signal `part` says so; without that signal, in which the loop takes
+    `micromanip learn part begin`. Only what follows a tracker (`reference.source: signal`) learns.
     """
 
     folder: str | None = Field(
@@ -26,25 +25,16 @@ class Learning(Settings):
         "the state directory.",
     )
     seconds: Annotated[float, Field(strict=True, ge=2, le=120, allow_inf_nan=False)] = Field(
-        description="How long a part takes, from its beginning; with `repeats` a period."
-    )
-    repeats: bool = Field(
-        default=False,
-        description="The path goes round and round without a stop, from the beginning of the part to its end: each "
-        "period is learned from, and played to.",
+        description="How long a part takes, from its beginning."
     )
     limit_um: Annotated[float, Field(strict=True, gt=0, le=50, allow_inf_nan=False)] = Field(
         default=5.0, description="A correction that would be larger is not played."
     )
     tolerance_um: Distance = Field(
-        default=TOLERANCE_UM,
+        default=5.0,
         description="Where the reference is further from the remembered path, in any cycle, the correction fades out.",
     )
     temperature_K: Annotated[float, Field(strict=True, ge=0.5, le=50, allow_inf_nan=False)] = Field(
         default=2.0,
         description="With the signal `temperature`: what was learned further away than that is kept, and not played.",
-    )
-    search_s: Annotated[float, Field(strict=True, ge=0.05, le=2, allow_inf_nan=False)] = Field(
-        default=0.3,
-        description="Without the signal `part`: the path is looked for so far from where the command came.",
     )

@@ -13,7 +13,6 @@ from micromanip.rt.laws.lqg import outer_setpoint
 from micromanip.rt.laws.move import advance_move
 from micromanip.rt.laws.network import network_output
 from micromanip.rt.laws.notch import notch_output
-from micromanip.rt.laws.periodic import add_periodic
 from micromanip.rt.laws.pid import pid_output, unwind
 from micromanip.rt.laws.reference import extrapolate, position, signal_reference, signal_sample
 from micromanip.rt.laws.resonance import without_resonances
@@ -155,13 +154,6 @@ def learned_course(p: Any, s: Any, samples: Any, cycle: Any, allowed: Any, out: 
     """What of a learned correction is added to position, velocity and acceleration, over the numbers of the cycles."""
     for k in range(len(cycle)):
         add_learned(p, s, out[k], samples, cycle[k], allowed[k])
-
-
-@compiled
-def periodic_course(p: Any, s: Any, samples: Any, cycle: Any, allowed: Any, out: Any) -> None:
-    """What of the correction of a path that repeats is added to position, velocity and acceleration."""
-    for k in range(len(cycle)):
-        add_periodic(p, s, out[k], samples, cycle[k], allowed[k])
 
 
 @compiled

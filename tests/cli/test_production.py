@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from micromanip.rt.states import TRACKING
-from tools.running_controller import SHARED
+from tests.cells import SHARED
 
 from .command import code_of
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from campaigns.simulated_cells import of_axes
 from micromanip.cli.evaluate import _repeated
 from micromanip.design import repeated
 from micromanip.design.evaluation import evaluate_fast, fast_table
@@ -10,14 +11,13 @@ from micromanip.design.repeated import LEARNED
 from micromanip.design.stage_swing import StageSwing
 from micromanip.errors import CheckFailed
 from micromanip.rt.telemetry import ROW
-from tools.accuracy.cells import changed
 
 X216 = "the experiment was ended by a fault: X-216 axis x: limit cycle"
 
 
 @pytest.fixture(scope="module")
 def configuration():
-    return changed("simulated.yaml", ["x", "y"]).configuration
+    return of_axes("simulated.yaml", ["x", "y"]).configuration
 
 
 def swings(x, y):

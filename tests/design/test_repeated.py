@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from campaigns.simulated_cells import of_axes
 from micromanip.design import measured_way, repeated
 from micromanip.design.measured_way import MeasuredWay
 from micromanip.design.repeated import Harmonics
 from micromanip.virtual.experiment import VirtualExperiment
-from tools.accuracy.cells import changed
 
 LINES = len(measured_way._LINES_HZ)
 HERTZ = np.arange(10.0, 1000.0, 10.0)
@@ -71,7 +71,7 @@ def test_sines_of_the_cell_need_little_feedback_and_the_mains_are_not_followed(m
     """Of 10 Hz the fifth harmonic is a line of the mains, which the gauge shows without any motion."""
     monkeypatch.setattr(repeated, "SINES", ((10.0, 30.0), (100.0, 10.0)))
     monkeypatch.setattr(measured_way, "_MEASURED_S", 4.0)
-    prepared = changed("simulated.yaml", ["x"])
+    prepared = of_axes("simulated.yaml", ["x"])
     for row in repeated.repeated(prepared.configuration, VirtualExperiment(prepared), 5):
         assert row["feedback_percent"] < 100.0
         assert row["true_std_error_um"] <= row["asked_true_std_error_um"], row

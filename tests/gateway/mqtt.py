@@ -10,7 +10,7 @@ import threading
 from paho.mqtt.client import Client
 from paho.mqtt.enums import CallbackAPIVersion
 
-from tools.running_controller import until
+from campaigns.running_controller import until
 
 from .beside import free_port
 

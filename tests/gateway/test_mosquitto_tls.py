@@ -10,9 +10,9 @@ pytest.importorskip("paho", reason="the extra sparkplug is not installed")
 
 from cryptography import x509
 
+from campaigns.running_controller import until
 from micromanip.errors import ConfigError
 from micromanip.gateway.sparkplug.options import Tls
-from tools.running_controller import until
 
 from .certificates import LOCAL, authority, certificate
 from .mqtt import MOSQUITTO, Mosquitto

@@ -6,6 +6,7 @@ import time
 import numpy as np
 import pytest
 
+from campaigns.running_controller import until
 from micromanip.errors import CheckFailed
 from micromanip.faults import KINDS
 from micromanip.gateway import runs as runs_module
@@ -20,8 +21,7 @@ from micromanip.rt import states
 from tests.catalogue.test_runs import report
 from tests.cli.played import FAULT
 from tests.design.test_run_figures import recording
-from tools.chromium import PROGRAM, chromium
-from tools.running_controller import until
+from tests.gateway.chromium import PROGRAM, chromium
 
 from .answering import Answering
 from .rings import Played, rows, status

@@ -7,13 +7,13 @@ import pytest
 
 pytest.importorskip("paho", reason="the extra sparkplug is not installed")
 
+from campaigns.running_controller import until
 from micromanip.cli.main import main
 from micromanip.errors import ConfigError, PermissionDenied
 from micromanip.gateway.cell import Cell
 from micromanip.gateway.sparkplug.options import Options, Tls
 from micromanip.gateway.sparkplug.schema import Payload
 from micromanip.gateway.sparkplug.service import Sparkplug
-from tools.running_controller import until
 
 from .beside import Beside, free_port
 from .certificates import LOCAL, certificate

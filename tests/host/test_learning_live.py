@@ -6,10 +6,11 @@ import signal
 import pytest
 from learner.production import BEGIN_S, Production, text
 
+from campaigns.running_controller import until
 from micromanip.client import Client
 from micromanip.design.learning.transfer import DRAWS
 from micromanip.rt import mailbox as w
-from tools.running_controller import changed, until
+from tests.cells import changed
 
 pytestmark = [
     pytest.mark.live,

@@ -7,7 +7,7 @@ from micromanip.host.learning.correction import Correction, Memories
 from micromanip.rt.laws.learned import FINISHED, IDLE, LEARNED_STATE, PLAYS
 from micromanip.settings.check import prepare
 from micromanip.settings.commissioned import tuning_hash
-from tools.running_controller import simulated
+from tests.cells import simulated
 
 
 @pytest.fixture(scope="module")

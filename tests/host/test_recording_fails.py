@@ -14,6 +14,7 @@ import h5py
 import numpy as np
 import pytest
 
+from campaigns.running_controller import until
 from micromanip.client import Client
 from micromanip.errors import MicromanipError
 from micromanip.host.control.socket_file import remove_stale
@@ -23,8 +24,8 @@ from micromanip.host.recording.unclosed import checksum, close_unclosed
 from micromanip.recordings import read_table
 from micromanip.rt.records import CELL_PARAMETERS, CELL_STATE
 from micromanip.rt.telemetry import ROW
+from tests.cells import calm
 from tests.further import further
-from tools.running_controller import calm, until
 
 from .recorded import recorded_rows, recording_of
 

@@ -12,6 +12,7 @@ from contextlib import closing
 import numpy as np
 import pytest
 
+from campaigns.running_controller import until
 from micromanip.client import Client
 from micromanip.errors import CheckFailed, ConfigError
 from micromanip.host.trend.files import TrendFiles
@@ -22,7 +23,7 @@ from micromanip.recordings.trend import MINUTE, SECOND, day_file, read_trend
 from micromanip.rt.states import STATE_NAMES, STRAIN_INVALID, TRACKING
 from micromanip.rt.telemetry import LINK_DOWN, ROW, TEMPERATURE_OK
 from micromanip.settings.check import prepare
-from tools.running_controller import LEISURELY, SIMULATED, until
+from tests.cells import LEISURELY, SIMULATED
 
 NOON_S = 1_795_435_200  # 2026-11-23T12:00:00Z
 PERIOD_NS = 1_000_000

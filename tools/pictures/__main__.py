@@ -28,6 +28,7 @@ from .analysis import analysis_drawings
 from .commissioning import commissioning_drawings
 from .diagrams import DIAGRAMS
 from .house import house
+from .identification import identification_drawings
 from .linear import linear_fit
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -195,6 +196,7 @@ def main() -> None:
         file = PICTURES / f"{name}.svg"
         figure.savefig(file, dpi=110, metadata={"Date": None, "Creator": None})
         sys.stderr.write(f"{file.relative_to(ROOT)}  {file.stat().st_size / 1000:.0f} kB\n")
+    identification_drawings(ROOT / "config" / "factory.yaml", PICTURES)
 
 
 if __name__ == "__main__":

@@ -1,12 +1,9 @@
-"""Draw the pictures of docs/identification.md into docs/pictures: the walk of that page, in virtual time."""
+"""Pictures of docs/identification.md: the walk of that page, in virtual time."""
 
 from __future__ import annotations
 
-import sys
 import tempfile
 from pathlib import Path
-
-import matplotlib as mpl
 
 from micromanip.design.canvas import panels
 from micromanip.design.fit_figures import draw_fit
@@ -17,15 +14,12 @@ from micromanip.recordings import Wanted
 from micromanip.settings.check import prepare
 from micromanip.virtual.experiment import VirtualExperiment
 
-ROOT = Path(__file__).resolve().parents[2]
-PICTURES = ROOT / "docs" / "pictures"
-CONFIG = ROOT / "config" / "factory.yaml"
 AXIS = "x"
 
 
-def record(folder: Path, kind: Kind, seed: int = 1) -> Record:
+def record(config: Path, folder: Path, kind: Kind, seed: int = 1) -> Record:
     """What ``micromanip identify`` records of the axis, read as ``micromanip fit`` reads it."""
-    prepared = prepare(CONFIG)
+    prepared = prepare(config)
     configuration = prepared.configuration
     excitation = design(configuration, AXIS, kind, DEFAULT_SECONDS[kind], seed)
     seconds = len(excitation.samples) / configuration.loop.rate_hz
@@ -44,21 +38,13 @@ def draw_triangle(triangle: Record, file: Path) -> None:
     figure.savefig(file, dpi=90, metadata={"Date": None, "Creator": None})
 
 
-def main() -> None:
-    """Draw everything; the same sources give the same files."""
-    mpl.rcParams["svg.hashsalt"] = "micromanip"
-    PICTURES.mkdir(parents=True, exist_ok=True)
+def identification_drawings(config: Path, pictures: Path) -> None:
+    """Draw all of them into the folder `pictures`."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        draw_triangle(record(folder, "triangle"), PICTURES / "identification_triangle.svg")
-        fitted_to, held_out = record(folder, "multisine"), record(folder, "multisine", seed=2)
+        draw_triangle(record(config, folder, "triangle"), pictures / "identification_triangle.svg")
+        fitted_to, held_out = record(config, folder, "multisine"), record(config, folder, "multisine", seed=2)
         result = fit_record(fitted_to, held_out, Request("pi-tanh", burn_in_s=1.0))
         for file in draw_fit(result, fitted_to, held_out, folder, dpi=90):
             if file.suffix == ".svg" and file.stem != "held_out_residuals":
-                (PICTURES / f"identification_{file.name}").write_bytes(file.read_bytes())
-    for file in sorted(PICTURES.glob("identification_*.svg")):
-        sys.stderr.write(f"{file.relative_to(ROOT)}  {file.stat().st_size / 1000:.0f} kB\n")
-
-
-if __name__ == "__main__":
-    main()
+                (pictures / f"identification_{file.name}").write_bytes(file.read_bytes())

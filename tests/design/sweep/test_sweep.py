@@ -12,13 +12,13 @@ from cli.command import code_of
 from hypothesis import given
 from hypothesis import strategies as st
 
+from campaigns.counterfactual import record, recorded_cell, track
 from micromanip.design.sweep import running
 from micromanip.design.sweep.sharing import on_cluster, on_processes
 from micromanip.design.sweep.space import Dimension, Space, for_axes, read_dimensions
 from micromanip.design.sweep.store import Store
 from micromanip.design.sweep.work import Work
 from micromanip.errors import ConfigError, DeviceUnavailable, UsageError
-from tools.counterfactual import record, recorded_cell, run
 
 from .mortal import Mortal, tried
 
@@ -162,7 +162,7 @@ def test_a_cluster_gives_the_same_results(tmp_path, monkeypatch, fatal):
 def recording(tmp_path_factory):
     cell = recorded_cell()
     file = tmp_path_factory.mktemp("sweep") / "run.mcap"
-    record(cell, run(cell, cell.parameters)[: -5 * 2000], file)
+    record(cell, track(cell, cell.parameters)[: -5 * 2000], file)
     return file
 
 

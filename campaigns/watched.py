@@ -1,8 +1,8 @@
 """A cell at 10 kHz, recorded in full, watched by everything that can watch: nothing is lost, nothing grows.
 
 Three browsers on the scope and a fourth that is frozen, metrics and a `set` each second, two hundred nodes of OPC UA;
-every half minute the gateway is stopped for five seconds (SIGSTOP). Wrong is a gap, a loss, a growth, and a trip that no
-stall of the machine explains.
+every half minute the gateway is stopped for five seconds (SIGSTOP). Wrong is a gap, a loss, a growth, and a trip that
+no stall of the machine explains.
 """
 
 from __future__ import annotations

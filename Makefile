@@ -11,7 +11,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 # Without what Python and pytest keep of a module, each worker of pytest would rewrite all tests once more: 8 s of CPU.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help accuracy fault-to-page run check test compiled collected test-laws test-laws-compiled test-laws-checked test-laws-plain thorough test-system test-vm lint bench mutation check-budget check-preview soak-machine soak-kill soak-recording soak-watched surprise fault-campaign fuzz-socket fuzz-udp fuzz-ethercat fuzz-workers robustness counterfactual docs site tune clean check-coupling check-tooth
+.PHONY: help run check test thorough lint bench campaign docs clean compiled collected test-laws-compiled test-laws-checked test-laws-plain
 
 help:             ## this list
 	@grep -hE '^[a-z-]+: .*##|^[a-z-]+:  *##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
@@ -27,11 +27,12 @@ run: $(READY)     ## the paper's experiment, then 10 s of the real loop at 10 kH
 	$(BIN)/micromanip evaluate config/simulated.yaml --out out/evaluate
 	$(BIN)/micromanip run config/simulated.yaml --duration 10 --socket out/control.sock
 
-lint: $(READY)    ## style, types, who may import whom
+lint: $(READY)    ## style, types, who may import whom, how large the rooms are
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/python -m tools.lines
 
 check: lint       ## for every commit: lint, and the tests that neither wait for processes and links nor compute for long
 	$(TESTS) -n $(shell nproc) -m 'not live and not long and not thorough' tests
@@ -41,13 +42,10 @@ test: $(READY)    ## lint and all tests; the laws compiled, bounds-checked and a
 	$(TESTS) -m 'not thorough' tests --ignore=tests/rt
 
 compiled: $(READY)  # by one process, which types each law once; each worker of pytest would do the same
-	@$(BIN)/python -m tools.compiled
+	@$(BIN)/python -m tests.compiled
 
 collected: $(READY)  # what pytest makes of a new or changed test is kept; each worker would make the same. Errors: later
 	@$(BIN)/pytest --collect-only -qqq tests --ignore=tests/rt >/dev/null || true
-
-test-laws: $(READY) ## the tests of the laws compiled, with bounds checks, and as plain Python
-	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target test-laws-compiled test-laws-plain test-laws-checked
 
 test-laws-compiled: compiled  # by one process, too
 	$(BIN)/pytest tests/rt
@@ -62,85 +60,17 @@ thorough: $(READY) ## what `make test` has fewer of: 60 examples of each search 
 	$(TESTS) --hypothesis-profile=thorough -m 'hypothesis or thorough' tests
 	NUMBA_DISABLE_JIT=1 $(BIN)/pytest --hypothesis-profile=thorough -m '(hypothesis or many_cycles) and not compiled_only' tests/rt
 
-test-system: $(READY) ## the service under a real systemd, on a throw-away copy of this machine; takes root
-	tools/system-tests/scenarios.sh namespace
-
-test-vm: $(READY) ## the same, and SocketCAN, on a PREEMPT_RT kernel in an emulated machine; takes root, fetches 90 MB of Debian
-	tools/system-tests/scenarios.sh vm
-
 bench: $(READY)   ## speed beside references measured in the same run
 	$(BIN)/micromanip bench
 
-check-budget: $(READY) ## the error budget beside virtual experiments with causes switched off, on five cells
-	$(BIN)/python -m tools.check_budget
+campaign: $(READY) ## long experiments, listed; `make campaign NAME=kills ARGS="--count 10 --json"` runs one
+	$(BIN)/python -m campaigns $(NAME) $(ARGS)
 
-accuracy: $(READY) ## what the cell reaches beside paper and bound, on drawn plants too; writes docs/accuracy.md (half an hour)
-	$(BIN)/python -m tools.accuracy
-
-check-preview: $(READY) ## previews of 60 drawn paths beside the same paths played in virtual time
-	$(BIN)/python -m tools.check_preview
-
-check-coupling: $(READY) ## path errors with coupling ignored, decoupled and not there, beside what is predicted of it
-	$(BIN)/python -m tools.check_coupling
-
-check-tooth: $(READY) ## path errors where the spindle turns at another speed than was said, fixed and followed, on drawn plants too
-	$(BIN)/python -m tools.check_tooth
-
-mutation: compiled ## every mutant of the last gates and of the fault manager must die; the laws' as plain Python
-	NUMBA_DISABLE_JIT=1 $(BIN)/python -m tools.mutation micromanip.rt.laws.limiter micromanip.rt.faults
-	$(BIN)/python -m tools.mutation micromanip.bus.safe_state micromanip.host.safe.outputs micromanip.host.safe.bus_rest
-
-fuzz-socket: $(READY) ## a million lines of garbage against the control socket
-	$(BIN)/pytest tests/host/test_garbage.py --garbage 1000000
-
-fuzz-udp: $(READY)  ## ten million datagrams of garbage against the driver udp
-	$(BIN)/pytest -n0 --timeout=3600 tests/drivers/udp -k garbage --garbage 500000
-
-fuzz-ethercat: $(READY) ## a million frames, mails and ESI files of nobody against master, slaves and readers, with bounds checks
-	NUMBA_BOUNDSCHECK=1 $(BIN)/pytest -n0 --timeout=7200 tests/drivers/ethercat/test_garbage.py --garbage 1000000
-
-fuzz-workers: $(READY) ## a million frames and packets of nobody at the compiled halves of canopen and stream, with bounds checks
-	NUMBA_BOUNDSCHECK=1 $(BIN)/pytest -n0 --timeout=7200 tests/drivers/canopen/test_garbage.py tests/drivers/line/test_garbage.py --garbage 1000000
-
-soak-machine: $(READY) ## ten thousand steps of commands, faults, lines and swaps on the cell
-	$(BIN)/pytest -n0 --hypothesis-profile=soak tests/rt/test_cell_machine.py
-
-fault-campaign: $(READY) ## faults of a bus on the whole daemon and a simulated device; writes docs/fault-campaign.md
-	$(BIN)/python -m tools.bus_faults --write
-
-soak-kill: $(READY) ## kill -9 of each process in turn, a hundred times at random moments
-	$(BIN)/python -m tools.kills
-
-soak-watched: $(READY) ## ten minutes recorded in full, with scopes, metrics, OPC UA and a set each second; the loop beside without
-	$(BIN)/python -m tools.watched_soak
-
-fault-to-page: $(READY) ## how long after its cycle a fault is read in a browser, forty times
-	$(BIN)/python -m tools.fault_to_page
-
-soak-recording: $(READY) ## a recorder killed a hundred times, its file read each time; 5 million values a second recorded
-	$(BIN)/pytest -n0 --kills 100 tests/host/test_mcap_recording.py
-	$(BIN)/python -m tools.record_soak
-
-surprise: $(READY) ## a thousand interleavings of commands, kills, stops, cuts and bad files on one device: does it ever jump?
-	$(BIN)/python -m tools.surprise
-
-robustness: $(READY) ## commission 100 cells with drawn plants, and hold their true margins against the claimed ones
-	$(BIN)/python -m tools.robustness
-
-counterfactual: $(READY) ## predictions of 20 drawn tunings on a simulated recording, beside their true re-simulation
-	$(BIN)/python -m tools.counterfactual
-
-tune: $(READY)    ## commission config/factory.yaml, and put the result into the tuned configurations
-	$(BIN)/python -m tools.tune
-
-docs: $(READY)    ## generated pages and pictures
+docs: $(READY)    ## generated pages and pictures; the manual as a site to search, in out/site
 	$(BIN)/python -m micromanip.settings.documents.configuration_page > docs/configuration.md
 	$(BIN)/python -m micromanip.settings.documents.drivers_page > docs/driver-options.md
 	$(BIN)/python -m micromanip.settings.documents.faults_page > docs/faults.md
 	$(BIN)/python -m tools.pictures
-	$(BIN)/python -m tools.pictures.identification
-
-site: $(READY)    ## the manual as a site to search, in out/site
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
 
 clean:            ## remove what the targets above made

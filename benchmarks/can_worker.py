@@ -9,7 +9,6 @@ from __future__ import annotations
 import asyncio
 import os
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Iterator
@@ -23,8 +22,8 @@ from micromanip.host.controller import Controller
 from micromanip.host.workers import Workers
 from micromanip.settings.check import Prepared, prepare
 
-from .plan import Plan
-from .results import Result
+from .exchange import partner, python
+from .runner import Plan, Result
 
 _PAIRS, _SECONDS = 3, 4.0
 _REPORT_S = 1.0
@@ -63,12 +62,8 @@ def _used_s(workers: Workers) -> float:
 
 
 def _bare(channel: str) -> float:
-    with _python("-m", "benchmarks.can_bare", channel, str(_SECONDS)) as process:
-        assert process.stdout is not None
-        said = process.stdout.read()
-    if process.returncode != 0:
-        raise CheckFailed(f"bare python-can ended with {process.returncode}")
-    return float(said)
+    with partner("bare", channel, _SECONDS) as said:
+        return float(said)
 
 
 @contextmanager
@@ -81,19 +76,11 @@ def _played(examples: Path) -> Iterator[tuple[Path, str]]:
         example = (examples / "can.yaml").read_text()
         configuration.write_text(example.replace("channel: can0\n", f"channel: {channel}\n"))
         command = "import sys; from micromanip.cli.main import main; sys.exit(main())"
-        with _python("-c", command, "simulate-device", str(configuration), stderr=subprocess.PIPE) as device:
+        with python("-c", command, "simulate-device", str(configuration), stderr=subprocess.PIPE) as device:
             try:
                 assert device.stderr is not None
-                if not device.stderr.readline().startswith(b"READY"):
+                if not device.stderr.readline().startswith("READY"):
                     raise CheckFailed("simulate-device did not start")
                 yield configuration, channel
             finally:
                 device.terminate()
-
-
-def _python(*arguments: str, stderr: int | None = None) -> subprocess.Popen[bytes]:
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    root = Path(__file__).parent.parent
-    return subprocess.Popen(
-        [sys.executable, *arguments], stdout=subprocess.PIPE, stderr=stderr, cwd=root, env=environment
-    )

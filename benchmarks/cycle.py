@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 from micromanip.settings.check import prepare
 
 from .agreement import require_agreement
-from .plan import Plan
 from .recording import Outcome, Player, Recording, ours, record_tracking, twin_player
-from .results import Result
+from .runner import Plan, Result
 from .twin import require_covered
 
 _BEGUN_S, _COMPARED_CYCLES = 0.1, 4000

@@ -19,9 +19,8 @@ from micromanip.settings.check import Prepared, prepare, prepared
 from micromanip.settings.text.source import Source
 
 from .cycle import REPEATS, STRETCH_CYCLES, TRACKING_S, timed
-from .plan import Plan
 from .recording import Outcome, Recording, ours, record_tracking
-from .results import Result
+from .runner import Plan, Result
 
 
 def run(plan: Plan) -> list[Result]:

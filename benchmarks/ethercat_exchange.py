@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import ctypes
 import os
-import subprocess
-import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -27,8 +25,8 @@ from micromanip.rt.records import SIGNAL
 from micromanip.rt.wire.records import SIGNED
 from micromanip.settings.check import prepare
 
-from .plan import Plan
-from .results import Result, Skipped
+from .exchange import partner
+from .runner import Plan, Result, Skipped
 from .twin import compile_c
 
 _PERIOD_NS, _CYCLES = 500_000, 2000
@@ -131,15 +129,7 @@ def _terminals(interface: str, c: Any) -> Iterator[None]:
     """They answer at the far end of a veth pair of their own."""
     inputs_at = c["receive"]["number"]["at"][: c["receive"]["numbers"]].min()
     numbers = inputs_at, c["terminals"], c["working_counter_at"], c["working_counter"], c["status_at"]
-    command = [sys.executable, "-m", "benchmarks.ethercat_partner", interface, *(str(int(n)) for n in numbers)]
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    root = Path(__file__).parent.parent
-    with subprocess.Popen(command, stdout=subprocess.PIPE, cwd=root, env=environment, text=True) as process:
-        try:
-            assert process.stdout is not None
-            if (said := process.stdout.readline().strip()) != "up":
-                raise Skipped(said or "the process that plays the terminals did not start")
-            yield
-        finally:
-            process.terminate()
-            process.wait()
+    with partner("terminals", interface, *(int(n) for n in numbers)) as said:
+        if said != "up":
+            raise Skipped(said)
+        yield

@@ -17,8 +17,7 @@ from micromanip.host.statistics import durations
 from micromanip.settings.check import Prepared, prepare
 from micromanip.status_reply import Durations
 
-from .plan import Plan
-from .results import Result, Skipped
+from .runner import Plan, Result, Skipped
 
 _PERCENTILES = {"p50": 0.5, "p99": 0.99, "p99_9": 0.999, "p99_99": 0.9999}
 

@@ -9,8 +9,7 @@ import numpy as np
 from micromanip.settings.check import prepare
 from micromanip.virtual.experiment import VirtualExperiment
 
-from .plan import Plan
-from .results import Result
+from .runner import Plan, Result
 
 _BLOCKS, _BLOCK_S = 7, 1.0
 

@@ -7,16 +7,25 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numba
 import numpy as np
+from numba import types
 from numpy.typing import NDArray
 
+from micromanip.rt.cell import cell_cycle
+from micromanip.rt.jit import Compiler
 from micromanip.rt.records import CELL_STATE, MAX_AXES, MAX_OUTPUTS, MAX_SIGNALS, SIGNAL
-from micromanip.rt.telemetry import ROW
+from micromanip.rt.signatures import OUTPUTS, PARAMETERS, ROWS, SAMPLES, STATES, WORDS
+from micromanip.rt.states import NO_COMMAND
+from micromanip.rt.telemetry import ROW, write_row
+from micromanip.rt.transitions import begin_cycle
 from micromanip.settings.check import Prepared
 from micromanip.virtual.experiment import VirtualExperiment
 
-from .replay import replay
 from .twin import compile_twin
+
+_compiled = Compiler(__file__)
+_SIGNAL_LOG = types.Array(numba.from_dtype(SIGNAL), 2, "C")
 
 
 @dataclass(frozen=True)
@@ -48,6 +57,29 @@ class Outcome:
 
 Player = Callable[[Recording, Outcome, int], None]
 """Replays a recording so many times into an outcome."""
+
+
+@_compiled.entry(types.void(PARAMETERS, STATES, STATES, _SIGNAL_LOG, WORDS, OUTPUTS, SAMPLES, ROWS, types.int64))
+def replay(
+    parameters: Any,
+    first: Any,
+    state: Any,
+    signals: Any,
+    periods: Any,
+    outputs: Any,
+    samples: Any,
+    rows: Any,
+    repeats: int,
+) -> None:
+    """Run all cycles of the log `signals` (cycles, MAX_SIGNALS), `repeats` times from the state `first`; a row each."""
+    p, s = parameters[0], state[0]
+    for _ in range(repeats):
+        state[0] = first[0]
+        for k in range(len(signals)):
+            now_ns = (s["cycle"] + periods[k]) * p["period_ns"]
+            begin_cycle(s, periods[k] - 1)
+            cell_cycle(p, s, signals[k], outputs, samples, NO_COMMAND, now_ns)
+            write_row(p, s, signals[k], rows[k], now_ns, 0, 0, periods[k])
 
 
 def record_tracking(prepared: Prepared, seconds: float, cycles: int) -> Recording:

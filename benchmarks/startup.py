@@ -10,9 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from .plan import Plan
 from .processes import COMMAND, Observed, observe, reference
-from .results import Result
+from .runner import Plan, Result
 
 _WARM_RUNS = 5
 _IMPORTS = "import numba, numpy"

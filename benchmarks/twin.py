@@ -13,7 +13,7 @@ from micromanip.rt.laws import feedforward, reference, shaping
 from micromanip.rt.states import STAGE
 
 from .layout import write_header
-from .results import Skipped
+from .runner import Skipped
 
 _FLAGS = ("-std=gnu99", "-O3", "-march=native", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC")
 

@@ -1,0 +1,1 @@
+"""What `make docs` and `make lint` run on the source tree."""

@@ -35,20 +35,19 @@ def command(only: tuple[str, ...], pairs: int, lateness_s: float, as_json: bool)
     cycle: three axes beside the same cycle in plain C. cycle_laws: with every law switched on, beside the configuration
     as it is. lateness: wake-ups of the loop process beside cyclictest.
     offline: simulation beside real time. startup: command to READY, and memory, beside Python's own.
-    hysteresis_gradient: derivatives of a hysteresis model beside loops in NumPy. can_frames: frames a second of the
-    driver canbus in Python and compiled, and can_worker: use of a CPU by the worker of config/can.yaml, each beside
-    bare python-can. modbus_transactions: of the driver modbus beside the bare library. line_rates: frames, lines and
-    packets of the driver line beside bare pyserial and sockets. ethercat_exchange: of the driver ethercat beside the
-    same in C.
+    can_frames: frames a second of the driver canbus in Python and compiled, and can_worker: use of a CPU by the worker
+    of config/can.yaml, each beside bare python-can. modbus: transactions of the driver modbus beside the bare library.
+    line: frames, lines and packets of the driver line beside bare pyserial and sockets. ethercat_exchange: of the
+    driver ethercat beside the same in C.
 
     Where the machine lacks what one of them needs (gcc, cyclictest, rights), that is said and it is skipped. Ends with
     1 where one finds the controller itself wrong; the others are measured all the same.
     """
     root = source_tree()
-    runner, plan = (importlib.import_module(f"benchmarks.{name}") for name in ("runner", "plan"))
+    runner = importlib.import_module("benchmarks.runner")
     with steps() as bar:
         tell = bar.say if bar.console.is_terminal else partial(say, err=True)
-        settings = plan.Plan(root / "config" / "paper.yaml", pairs, lateness_s, tell)
+        settings = runner.Plan(root / "config" / "paper.yaml", pairs, lateness_s, tell)
         document = runner.run(settings, only).document()
     print_answer(document, _table, as_json)
     if document["failed"]:

@@ -5,8 +5,7 @@ import json
 import pytest
 
 from benchmarks import cycle, ethercat_exchange, offline
-from benchmarks.plan import Plan
-from benchmarks.results import Result, Skipped
+from benchmarks.runner import Plan, Result, Skipped
 from micromanip.cli.bench import source_tree
 from micromanip.errors import CheckFailed
 

@@ -11,11 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from campaigns.running_controller import MICROMANIP, PATIENCE_S, TAG, command_line, descriptor_of, tagged, until
 from micromanip.cli.main import main
 from micromanip.host.shared_memory import STATUS, Segment
 from micromanip.rt import mailbox as w
 from micromanip.rt.states import TRACKING
-from tools.running_controller import MICROMANIP, PATIENCE_S, TAG, changed, command_line, descriptor_of, tagged, until
+from tests.cells import changed
 
 from . import command
 

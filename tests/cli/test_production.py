@@ -8,7 +8,7 @@ import pytest
 
 from micromanip.recordings import open_telemetry
 from micromanip.rt.states import TRACKING
-from tools.running_controller import SHARED
+from tests.cells import SHARED
 
 from .command import code_of
 

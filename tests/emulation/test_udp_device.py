@@ -8,6 +8,7 @@ import pytest
 from drivers.called import Called
 from testbus.loop_in_thread import LoopInThread
 
+from campaigns.running_controller import until
 from micromanip.bus.errors import IdentityMismatch
 from micromanip.bus.safe_state import VOLTAGE, SafeOutput
 from micromanip.driver.wire import DOWN, TAKEN
@@ -15,7 +16,6 @@ from micromanip.emulation.devices import Devices
 from micromanip.settings.check import validate
 from micromanip.settings.text.source import Source
 from micromanip.settings.wiring.places import build_driver
-from tools.running_controller import until
 
 from .emulated import CONFIG
 from .lines import free_port

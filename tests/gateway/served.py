@@ -7,7 +7,7 @@ import threading
 
 import uvicorn
 
-from tools.running_controller import until
+from campaigns.running_controller import until
 
 
 def follow(played):

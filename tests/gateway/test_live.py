@@ -13,10 +13,11 @@ from contextlib import suppress
 import pytest
 from websockets.sync.client import connect
 
+from campaigns.running_controller import Running, until
 from micromanip.client import Client
 from micromanip.gateway.frames import parsed
-from tools.running_controller import LEISURELY, WAITING, Running, changed, until
-from tools.running_gateway import RunningGateway
+from tests.cells import LEISURELY, WAITING, changed
+from tests.gateway.running_gateway import RunningGateway
 
 pytestmark = [pytest.mark.live, pytest.mark.xdist_group("loop")]
 OPEN_TO_WRITE = "import os, sys; os.close(os.open(f'/proc/self/fd/{sys.argv[1]}', os.O_RDWR))"

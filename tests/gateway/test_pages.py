@@ -6,6 +6,7 @@ import time
 import numpy as np
 import pytest
 
+from campaigns.running_controller import until
 from micromanip.errors import CheckFailed
 from micromanip.gateway.app import Gateway
 from micromanip.gateway.guard import Origins
@@ -15,8 +16,7 @@ from micromanip.gateway.viewing import AnonymousTokens, RecordedCell
 from micromanip.recordings import open_telemetry
 from micromanip.rt import states
 from tests.cli.played import FAULT
-from tools.chromium import PROGRAM, chromium
-from tools.running_controller import until
+from tests.gateway.chromium import PROGRAM, chromium
 
 from .answering import Answering
 from .rings import Played, rows, status

@@ -2,7 +2,7 @@
 
 import pytest
 
-from tools.running_controller import until
+from campaigns.running_controller import until
 
 HELD_V, LARGEST_STEP_V = 60.0, 1.0 + 2e-4
 """Half a volt a millisecond, at 500 Hz, as the wire resolves it."""

@@ -2,9 +2,9 @@
 
 import os
 
-from tools.bus_faults.cells import free_port, patient_can_cell
-from tools.running_controller import changed
-from tools.surprise.cells import CELLS
+from campaigns.cells import CELLS
+from campaigns.fault_cells import free_port, patient_can_cell
+from tests.cells import changed
 
 HELD_V, PARK_V, RANGE_V = 60.0, 0.0, (-20.0, 100.0)
 SLEW_V_PER_S, RAMP_S = 500.0, 0.3

@@ -1,4 +1,4 @@
-"""Some of the faults of `make fault-campaign`, of each kind one: all detected, undone, and nothing left behind.
+"""Some of the faults of the campaign `faults`, of each kind one: all detected, undone, and nothing left behind.
 
 The times that the campaign judges on a machine of its own are not judged here.
 """
@@ -8,9 +8,8 @@ from dataclasses import replace
 
 import pytest
 
-from tools.bus_faults.campaign import campaign
-from tools.bus_faults.cases import CAN
-from tools.bus_faults.cells import PATIENT_WATCHDOG_MS, patient_can_cell
+from campaigns.fault_cells import PATIENT_WATCHDOG_MS, patient_can_cell
+from campaigns.faults import campaign, cases
 
 TRIED = (
     "10 % of all frames dropped",
@@ -27,8 +26,8 @@ TRIED = (
 @pytest.mark.thorough  # each fault on the driver alone: tests/drivers/canbus; the daemon's way to rest: test_steps.py
 @pytest.mark.xdist_group("loop")
 def test_faults_of_a_bus(tmp_path):
-    cases = tuple(replace(case, within_ms=math.inf) for case in CAN if case.name in TRIED)
-    assert len(cases) == len(TRIED)
-    outcomes = list(campaign(tmp_path, patient_can_cell(), cases, PATIENT_WATCHDOG_MS))
-    assert len(outcomes) == len(cases) + 1
+    chosen = [replace(case, within_ms=math.inf) for case in cases("canbus") if case.fault in TRIED]
+    assert len(chosen) == len(TRIED)
+    outcomes = list(campaign(tmp_path, patient_can_cell(), chosen, PATIENT_WATCHDOG_MS))
+    assert len(outcomes) == len(chosen) + 1
     assert [(outcome.name, outcome.wrong) for outcome in outcomes if outcome.wrong] == []

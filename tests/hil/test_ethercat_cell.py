@@ -2,9 +2,9 @@
 
 import pytest
 
+from campaigns.bench import Bench
+from campaigns.running_controller import until
 from tests.emulation.ethercat.wire import veth
-from tools.bus_faults.bench import Bench
-from tools.running_controller import until
 
 from .held_cell import CELL, LARGEST_STEP_V, at_rest_after_a_fault, held
 

@@ -8,11 +8,11 @@ from contextlib import contextmanager
 
 import pytest
 
+from campaigns.bench import Bench
+from campaigns.emulated_device import Device
+from campaigns.fault_cells import gcs_cell, line_cell
+from campaigns.running_controller import until
 from tests.cli.command import code_of
-from tools.bus_faults.bench import Bench
-from tools.bus_faults.cells import gcs_cell, serial_cell
-from tools.emulated_device import Device
-from tools.running_controller import until
 
 pytestmark = pytest.mark.live  # processes
 
@@ -133,7 +133,7 @@ def test_after_a_run_and_a_typing_error_the_outputs_come_to_park_within_the_slew
 
 
 def test_the_feed_stays_held(tmp_path, safe_outputs):
-    with left_behind(tmp_path / "bench", slow(serial_cell())) as bench:
+    with left_behind(tmp_path / "bench", slow(line_cell())) as bench:
         until(lambda: nothing_comes(bench), "the last frames of the killed controller don't end")
         code, out, err = safe_outputs(bench.running.config, bench.running.folder)
         assert (code, err) == (0, "")

@@ -10,9 +10,9 @@ from contextlib import contextmanager
 
 import pytest
 
+from campaigns.bench import Bench
+from campaigns.running_controller import until
 from tests.further import further
-from tools.bus_faults.bench import Bench
-from tools.running_controller import until
 
 from .step_cells import BUSES, CUTS, HELD_V, PARK_V, RAMP_S, RANGE_V, SERIAL_LINE, step_cell, step_V
 
@@ -55,7 +55,7 @@ def figures(bench):
 
 def terminal(bus):
     """What the device's name leads to now; None on another bus."""
-    return os.path.realpath(SERIAL_LINE) if bus == "serial" else None
+    return os.path.realpath(SERIAL_LINE) if bus == "line" else None
 
 
 def taken(path):
@@ -90,11 +90,11 @@ def test_no_step_whatever_is_cut_stopped_or_killed(tmp_path, bus):
         bench.device.order(inject=CUTS[bus], for_s=BREAK_S)
         until(lambda: bench.link()["outputs"] == "unknown", lambda: bench.link())
         assert voltage(bench) > 0.5 * HELD_V
-        others = taken(path) if bus == "serial" else []  # so that it comes back under another one
+        others = taken(path) if bus == "line" else []  # so that it comes back under another one
         until(lambda: bench.running.state == "FAULT", lambda: bench.running.last_words())
         time.sleep(BREAK_S)
         assert went_well(bench, bus)["min"] == pytest.approx(PARK_V, abs=RESOLVED_V)
-        assert (terminal(bus) != path) == (bus == "serial")
+        assert (terminal(bus) != path) == (bus == "line")
         for descriptor in others:
             os.close(descriptor)
 

@@ -4,9 +4,9 @@ import time
 
 import pytest
 
-from tools.bus_faults.bench import Bench
-from tools.bus_faults.cells import free_port
-from tools.running_controller import Running, until
+from campaigns.bench import Bench
+from campaigns.fault_cells import free_port
+from campaigns.running_controller import Running, until
 
 from .held_cell import CELL, LARGEST_STEP_V, at_rest_after_a_fault, held
 

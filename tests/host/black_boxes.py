@@ -5,8 +5,8 @@ import subprocess
 import numpy as np
 import pytest
 
+from campaigns.running_controller import MICROMANIP, until
 from micromanip.host.trips.store import Box, trips
-from tools.running_controller import MICROMANIP, until
 
 
 def folder(cell):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tools.running_controller import Running, command_line, until
+from campaigns.running_controller import Running, command_line, until
 
 
 @pytest.hookimpl(tryfirst=True)  # before pytest-xdist looks for the groups
@@ -52,7 +52,7 @@ def run(tmp_path):
 
 @pytest.fixture
 def kills(request):
-    """How often a recorder is killed: three times, or as `make soak-recording` says."""
+    """How often a recorder is killed: three times, or as the campaign `recorder` says."""
     return request.config.getoption("--kills")
 
 

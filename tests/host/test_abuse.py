@@ -5,11 +5,12 @@ from contextlib import ExitStack, suppress
 
 import pytest
 
+from campaigns.running_controller import reset, until
 from micromanip.client import Client
 from micromanip.errors import CheckFailed, UsageError
 from micromanip.rt import mailbox as w
 from micromanip.rt.states import ARM
-from tools.running_controller import LEISURELY, SLOW, reset, until
+from tests.cells import LEISURELY, SLOW, Talk
 
 from .whole_module import tracking_until_the_end
 
@@ -37,17 +38,17 @@ def cell(tracking):
     assert tracking.state == "TRACKING"
     assert tracking.control["words"][w.COMMAND] == ARM
     assert tracking.control["words"][w.VERSION] == 1
-    with tracking.talk() as talk:
+    with Talk(tracking.socket) as talk:
         assert talk.ask(STATUS)["result"]["state"] == "TRACKING"
 
 
 def test_nonsense(cell):
-    with cell.talk() as talk:
+    with Talk(cell.socket) as talk:
         for line in (b"arm!", b"\xff\x00", b"[[[[", b'{"version": 9, "verb": "disarm"}', b'{"version": 1, "verb": 1}'):
             answer = talk.ask(line)
             assert answer["ok"] is False
             assert answer["exit_code"] == 64
-    with cell.talk() as talk:
+    with Talk(cell.socket) as talk:
         with suppress(BrokenPipeError):  # the connection is closed before all of it is taken
             talk.send(b"x" * 1_000_000)
         assert talk.hear()["error"] == "a request is at most 65536 bytes long"
@@ -70,7 +71,7 @@ def test_two_hundred_connections(cell):
     assert soft > 500 or hard > 500, "too few descriptors for this test"
     before = cell.descriptors
     with ExitStack() as stack:
-        talks = [stack.enter_context(cell.talk()) for _ in range(200)]
+        talks = [stack.enter_context(Talk(cell.socket)) for _ in range(200)]
         for talk in talks[::2]:
             talk.send(STATUS[:10])
         assert all(talk.ask(STATUS)["ok"] for talk in talks[1::2])
@@ -91,11 +92,11 @@ def fill(talk):
 
 def test_client_that_never_reads(cell):
     """Its answers pile up for itself only: others are served, and the host's memory stays as it is."""
-    with cell.talk() as deaf:
+    with Talk(cell.socket) as deaf:
         deaf.socket.setblocking(False)
         fill(deaf)
         resident = cell.resident_bytes
-        with cell.talk() as other:
+        with Talk(cell.socket) as other:
             for _ in range(50):
                 assert other.ask(STATUS)["ok"]
         fill(deaf)
@@ -106,7 +107,7 @@ def test_clients_that_hang_up(cell):
     """In the middle of a request, and of the answer."""
     before = cell.descriptors
     for k in range(50):
-        with cell.talk() as talk:
+        with Talk(cell.socket) as talk:
             talk.send(STATUS[: k % 20] if k % 2 else (STATUS + b"\n") * 20)
     until(lambda: cell.descriptors <= before, lambda: f"{cell.descriptors} descriptors are open, before {before}")
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from campaigns.running_controller import until
 from micromanip.client import Client
 from micromanip.errors import CheckFailed
 from micromanip.host import arm_on_start as module
@@ -15,7 +16,7 @@ from micromanip.host.controller import Controller
 from micromanip.rt import mailbox as w
 from micromanip.rt import states
 from micromanip.settings.check import prepare
-from tools.running_controller import QUICK, changed, simulated, until
+from tests.cells import QUICK, changed, simulated
 
 from .standin import Cell
 

@@ -6,9 +6,10 @@ from contextlib import suppress
 import numpy as np
 import pytest
 
+from campaigns.running_controller import until
 from micromanip.client import Client
 from micromanip.errors import CheckFailed, DeviceUnavailable
-from tools.running_controller import LEISURELY, QUICK, WAITING, calm, changed, rows_of, simulated, until
+from tests.cells import LEISURELY, QUICK, WAITING, calm, changed, rows_of, simulated
 
 
 @pytest.mark.thorough  # in virtual time: tests/virtual/test_arming.py

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 from micromanip_drivers.simulated.records import CONTEXT
 
+from campaigns.running_controller import descriptor_of, until
 from micromanip.host.shared_memory import Segment
 from micromanip.host.trips.store import Box, trips
 from micromanip.rt import mailbox as w
 from micromanip.rt.states import FAULT, HOLDING, HOST_DEAD, OFF, OVERRUNS, RAMPING, TRACKING
-from tools.running_controller import LEISURELY, SLOW, WAITING, calm, changed, descriptor_of, rows_of, until
+from tests.cells import LEISURELY, SLOW, WAITING, calm, changed, rows_of
 
 from .black_boxes import assert_whole, box_of, explained, folder
 

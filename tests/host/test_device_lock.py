@@ -14,12 +14,12 @@ from pathlib import Path
 import pytest
 from pydantic import BaseModel
 
+from campaigns.fault_cells import ring_cell
 from micromanip.bus.cyclic import CyclicDriver
 from micromanip.bus.device_lock import DeviceLocks
 from micromanip.errors import ConfigError, DeviceUnavailable, PermissionDenied
 from micromanip.settings.check import prepare
-from tools.bus_faults.ethercat_cells import ring_cell
-from tools.running_controller import LEISURELY, LOCKS_ELSEWHERE, WAITING, changed
+from tests.cells import LEISURELY, LOCKS_ELSEWHERE, WAITING, changed
 
 BENCH = ("driver: simulated,", "driver: simulated, device: bench,")
 

@@ -1,15 +1,17 @@
 """Thousands of lines of garbage against a running controller: errors for answers, and nothing else happens.
 
-``--garbage N`` says how many (``make fuzz-socket``: a million).
+``--garbage N`` says how many (the campaign ``fuzz-socket``: a million).
 """
 
 import json
 
 import pytest
 
+from campaigns.running_controller import Running
 from micromanip.rt import mailbox as w
-from tools.garbage import lines
-from tools.running_controller import LEISURELY, WAITING, Running, changed
+from tests.cells import LEISURELY, WAITING, Talk, changed
+
+from .garbage import lines
 
 pytestmark = pytest.mark.live  # a running controller
 
@@ -34,7 +36,7 @@ def test_garbage(waiting, request):
     count = request.config.getoption("--garbage")
     saved = waiting.config.read_text()
     kinds = set()
-    with waiting.talk() as talk:
+    with Talk(waiting.socket) as talk:
         batch = []
         for number, line in enumerate(lines(seed=5, count=count), start=1):
             batch.append(line)

@@ -13,8 +13,8 @@ from micromanip.cli.main import main
 from micromanip.errors import CheckFailed, DeviceUnavailable
 from micromanip.host.service import layout, plan
 from micromanip.host.service.steps import Run
-from tools.running_controller import SLOW as ARMING
-from tools.running_controller import changed
+from tests.cells import SLOW as ARMING
+from tests.cells import changed
 
 EXAMPLES = Path(__file__).parents[2] / "config"
 SLOW = changed(ARMING, ("arm_on_start: true", "arm_on_start: false"))

@@ -7,10 +7,11 @@ import pytest
 from click.testing import CliRunner
 from learner.production import BEGIN_S, Production, text
 
+from campaigns.running_controller import until
 from micromanip.cli.learn import command
 from micromanip.client import Client
 from micromanip.rt import mailbox as w
-from tools.running_controller import changed, until
+from tests.cells import changed
 
 pytestmark = [
     pytest.mark.live,

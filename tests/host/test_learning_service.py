@@ -27,7 +27,7 @@ from micromanip.rt.states import (
 )
 from micromanip.settings.check import prepare
 from micromanip.settings.commissioned import tuning_hash
-from tools.running_controller import simulated
+from tests.cells import simulated
 
 SECONDS = 2.0
 

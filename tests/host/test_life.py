@@ -5,9 +5,10 @@ import signal
 
 import pytest
 
+from campaigns.running_controller import until
 from micromanip.client import Client
 from micromanip.errors import CheckFailed, DeviceUnavailable
-from tools.running_controller import LEISURELY, WAITING, changed, until
+from tests.cells import LEISURELY, WAITING, changed
 
 
 @pytest.fixture

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from campaigns.running_controller import PATIENCE_S, until
 from micromanip.cli.main import cli
 from micromanip.client import Client
 from micromanip.control.injection import FADE_S, LEAD_S, PERIOD_S, PERIODS
 from micromanip.errors import CheckFailed
-from tools.running_controller import PATIENCE_S, calm, until
+from tests.cells import calm
 
 from .whole_module import tracking_until_the_end
 

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from campaigns.running_controller import until
 from micromanip.cli.main import cli
 from micromanip.client import Client
 from micromanip.errors import CheckFailed, ConfigError
 from micromanip.rt import mailbox as w
-from tools.running_controller import calm, rows_of, until
+from tests.cells import calm, rows_of
 
 from .whole_module import tracking_until_the_end
 

@@ -6,8 +6,9 @@ import signal
 
 import pytest
 
+from campaigns.running_controller import until
 from micromanip.client import Client
-from tools.running_controller import QUICK, SHARED, WAITING, changed, until
+from tests.cells import QUICK, SHARED, WAITING, changed
 
 from .standin import jogging
 

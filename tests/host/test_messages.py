@@ -8,7 +8,7 @@ import time
 import pytest
 
 from micromanip.cli.messages import Printer, _Descriptor
-from tools.running_controller import LEISURELY
+from tests.cells import LEISURELY
 
 GONE_ON_CYCLES = 500
 """At 200 Hz 2.5 s: more than the loop lives without a sign of life of its host."""

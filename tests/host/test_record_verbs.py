@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from campaigns.running_controller import until
 from micromanip.client import Client
 from micromanip.errors import CheckFailed, UsageError
 from micromanip.host.recording.window import FAULT, MARK, OVERRUN, Window
@@ -16,7 +17,7 @@ from micromanip.recordings import open_telemetry
 from micromanip.replay import replay
 from micromanip.rt.records import CELL_STATE
 from micromanip.rt.telemetry import ROW
-from tools.running_controller import calm, until
+from tests.cells import calm
 
 from .standin import Cell
 

@@ -11,13 +11,14 @@ from pathlib import Path
 
 import pytest
 
+from campaigns.running_controller import until
 from micromanip.client import Client
 from micromanip.errors import MicromanipError
 from micromanip.host.control.socket_file import remove_stale
 from micromanip.host.recording.recording import require_new_file
 from micromanip.recordings import open_telemetry
+from tests.cells import calm
 from tests.further import further
-from tools.running_controller import calm, until
 
 from .recorded import recorded_rows, recording_of
 

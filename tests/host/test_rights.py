@@ -5,7 +5,7 @@ import shutil
 
 import pytest
 
-from tools.running_controller import LEISURELY, SLOW, WAITING, changed
+from tests.cells import LEISURELY, SLOW, WAITING, changed
 
 RIGHTS = "-sys_nice,-ipc_lock,-sys_resource"
 

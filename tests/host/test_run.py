@@ -5,8 +5,9 @@ import math
 
 import pytest
 
+from campaigns.running_controller import Running
 from micromanip.cli.main import main
-from tools.running_controller import QUICK, WAITING, Running, simulated
+from tests.cells import QUICK, WAITING, simulated
 
 pytestmark = pytest.mark.realtime  # path errors of a real loop
 

@@ -21,7 +21,7 @@ from micromanip.host.safe.plan import SafePlan, plan_of
 from micromanip.host.safe.snapshot import write
 from micromanip.settings.text.source import Source
 from micromanip.settings.wiring.places import Wiring
-from tools.running_controller import SLOW, changed
+from tests.cells import SLOW, changed
 
 from .test_bus_rest import OUTPUTS, RAMP_S, SAFE, Bus
 

@@ -15,7 +15,7 @@ from micromanip.host.safe.plan import plan_of
 from micromanip.host.safe.snapshot import NotUsable, SnapshotKeeper, path_of, read, write
 from micromanip.settings.check import prepare
 from micromanip.settings.text.source import Source
-from tools.running_controller import SLOW, changed
+from tests.cells import SLOW, changed
 
 OURS = {0, os.geteuid()}
 CAN = Path(__file__).parents[2] / "config"

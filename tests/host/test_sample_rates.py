@@ -6,12 +6,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from campaigns.running_controller import until
 from micromanip.client import Client
 from micromanip.host.sample_rates import SampleRates
 from micromanip.host.shared_memory import STATUS
 from micromanip.rt.telemetry import ROW
 from micromanip.settings.check import prepare
-from tools.running_controller import QUICK, simulated, until
+from tests.cells import QUICK, simulated
 
 SIMULATED = Path(__file__).parents[2] / "config" / "simulated.yaml"
 STRAIN, STAGE, DEVIATION = 1, 2, 4

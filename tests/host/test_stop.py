@@ -9,11 +9,12 @@ from contextlib import suppress
 import numpy as np
 import pytest
 
+from campaigns.running_controller import as_from_a_terminal, until
 from micromanip.rt import mailbox as w
 from micromanip.rt.phases import PARKING
 from micromanip.rt.states import RAMPING
+from tests.cells import Talk, calm, rows_of, simulated
 from tests.further import further
-from tools.running_controller import as_from_a_terminal, calm, rows_of, simulated, until
 
 from .recorded import recorded_rows, recording_of
 
@@ -105,7 +106,7 @@ def test_sigterm_with_a_recording_and_clients_on_the_line(run):
     until(lambda: recording_of(cell)["rows"] > 1000, cell.last_words)
     found = recording_of(cell)
     assert (found["file"], found["state"], found["message"]) == ("run.mcap", "recording", None)
-    with cell.talk() as idle, cell.talk() as busy, cell.talk() as deaf:
+    with Talk(cell.socket) as idle, Talk(cell.socket) as busy, Talk(cell.socket) as deaf:
         assert busy.ask(b'{"version": 1, "verb": "status"}')["result"]["state"] == "TRACKING"
         deaf.socket.setblocking(False)
         with suppress(BlockingIOError):  # it asks for more than it reads, and does not hold up the end

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from campaigns.running_controller import PATIENCE_S
 from micromanip.errors import CheckFailed
 from micromanip.host.controller import Controller
 from micromanip.host.recording.mcap_file import McapRecording
@@ -20,7 +21,7 @@ from micromanip.rt.states import ARM, STOP, TRACKING
 from micromanip.rt.telemetry import ROW
 from micromanip.settings.check import prepare
 from micromanip.settings.compile.cell import compile_cell
-from tools.running_controller import PATIENCE_S, QUICK, WAITING, rows_of, simulated
+from tests.cells import QUICK, WAITING, rows_of, simulated
 
 pytestmark = pytest.mark.realtime  # path errors of a real loop
 

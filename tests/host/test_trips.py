@@ -7,11 +7,12 @@ import signal
 import numpy as np
 import pytest
 
+from campaigns.running_controller import reset, until
 from micromanip.client import Client
 from micromanip.errors import CheckFailed
 from micromanip.host.trips.store import Box, trips
 from micromanip.rt.states import RAMPING, TRACKING
-from tools.running_controller import LEISURELY, calm, reset, until
+from tests.cells import LEISURELY, calm
 
 from .black_boxes import assert_whole, box_of, explained, folder
 

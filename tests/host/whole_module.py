@@ -2,7 +2,8 @@
 
 import contextlib
 
-from tools.running_controller import Running, changed
+from campaigns.running_controller import Running
+from tests.cells import changed
 
 PATIENT = "host: {silent_ms: 10000}"
 """On a machine that is busy with other tests the host may be late; a test that is tried again needs the cell alive."""

@@ -2,8 +2,8 @@
 
 import pytest
 
+from campaigns.counterfactual import record, recorded_cell, track
 from micromanip.recordings import open_telemetry
-from tools.counterfactual import record, recorded_cell, run
 
 
 @pytest.fixture(scope="package")
@@ -11,5 +11,5 @@ def recorded(tmp_path_factory):
     """The cell, and its recording from before arming on."""
     cell = recorded_cell()
     file = tmp_path_factory.mktemp("counterfactual") / "run.mcap"
-    record(cell, run(cell, cell.parameters), file)
+    record(cell, track(cell, cell.parameters), file)
     return cell, open_telemetry(file)

@@ -9,6 +9,7 @@ import pytest
 from cli.command import code_of
 from scipy.signal import lfilter
 
+from campaigns.counterfactual import CONFIG, Compared, compared
 from micromanip.errors import CheckFailed, UsageError
 from micromanip.replay.comparable import recorded_configuration, require_comparable
 from micromanip.replay.comparison import first_mismatch
@@ -16,7 +17,6 @@ from micromanip.replay.counterfactual import Rerun, predict
 from micromanip.replay.fitting import fit_models
 from micromanip.replay.window import take_window
 from micromanip.rt.states import TRACKING
-from tools.counterfactual import CONFIG, Compared, compared
 
 from .tuned import tuned
 
@@ -52,7 +52,7 @@ def test_the_recorded_tuning_is_what_was_recorded(recorded, cut):
         assert found.limits == found.recorded_limits
 
 
-@pytest.mark.thorough  # two of the twenty of `make counterfactual`
+@pytest.mark.thorough  # two of the twenty of the campaign
 def test_the_error_of_drawn_tunings_is_predicted():
     refused, *found = compared(number=2, seed=7, draws=6)
     assert refused >= 0

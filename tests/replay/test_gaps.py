@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from cli.command import code_of
 
+from campaigns.counterfactual import record, recorded_cell, track
 from micromanip.errors import CheckFailed
 from micromanip.recordings import open_telemetry
 from micromanip.replay.counterfactual import SETTLE_S, Rerun, predict
 from micromanip.replay.fitting import fit_models
 from micromanip.replay.window import take_window
-from tools.counterfactual import record, recorded_cell, run
 
 from .tuned import tuned
 
@@ -23,7 +23,7 @@ def stalled(tmp_path_factory):
     """The cell, and its recording with stalls."""
     cell = recorded_cell()
     file = tmp_path_factory.mktemp("gaps") / "run.mcap"
-    record(cell, run(cell, cell.parameters, STALLS), file)
+    record(cell, track(cell, cell.parameters, STALLS), file)
     return cell, open_telemetry(file)
 
 
@@ -56,7 +56,7 @@ def test_the_truth_is_within_the_range_where_it_counts(stalled, rerun, values):
     cell, _ = stalled
     parameters = tuned(cell, {f"axes.{axis}.{key}": value for axis in "xyz" for key, value in values.items()})
     found = predict(rerun, parameters, draws=6)
-    rows = run(cell, parameters, STALLS)
+    rows = track(cell, parameters, STALLS)
     truth = rerun.figures(rows[rows["cycle"] >= rerun.window.rows["cycle"][0]][: len(rerun.window.rows)])
     assert (found.expected.low_um <= truth).all()
     assert (truth <= found.expected.high_um).all()

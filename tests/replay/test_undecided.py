@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
+from campaigns.counterfactual import track
 from micromanip.replay.counterfactual import Rerun, predict
 from micromanip.replay.fitting import fit_models
 from micromanip.replay.outcomes import Outcome, ranges, undecided
 from micromanip.replay.window import take_window, tooth_caveats
 from micromanip.rt.laws.tooth import NO_GAIN
 from micromanip.rt.states import OUTRUN, TOOTH_LOST
-from tools.counterfactual import run
 
 from .tuned import tuned
 
@@ -39,7 +39,7 @@ def observing(cell, oscillation_um):
 
 def truly(cell, rerun, parameters):
     """Figures and outcome of the same cell simulated anew."""
-    rows = run(cell, parameters)
+    rows = track(cell, parameters)
     return rerun.outcome(rows[rows["cycle"] >= rerun.window.rows["cycle"][0]][: len(rerun.window.rows)])
 
 

@@ -1,6 +1,6 @@
 """Anything in any order: commands, sensor faults, lines, overruns, swaps; what must hold in every single cycle.
 
-``make thorough`` takes 1,600 steps, ``make soak-machine`` ten thousand.
+``make thorough`` takes 1,600 steps, the campaign ``machine`` ten thousand.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""The last gate before any output, in volts. `make mutation` shows that no change of it goes unnoticed here."""
+"""The last gate before any output, in volts. The campaign `mutation` shows that no change of it goes unnoticed here."""
 
 import ast
 import json

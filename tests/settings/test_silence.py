@@ -2,9 +2,9 @@
 
 import pytest
 
+from campaigns.fault_cells import patient_can_cell
 from micromanip.errors import ConfigError
 from micromanip.settings.check import prepare
-from tools.bus_faults.cells import patient_can_cell
 
 STANDS = "reference: {source: hold, offset_um: 60}"
 
@@ -18,7 +18,7 @@ def complaint(folder, faults):
 
 def test_a_time_of_few_periods_is_refused_with_its_place(tmp_path):
     said = complaint(tmp_path, "{link: {loop_silent_ms: 9.9}}")
-    assert "cell.yaml:22: faults.link.loop_silent_ms: 9.9 ms are 4.95 periods of the loop" in said
+    assert "cell.yaml:23: faults.link.loop_silent_ms: 9.9 ms are 4.95 periods of the loop" in said
     assert said.endswith("give it 10 ms or more (5 periods)")
 
 

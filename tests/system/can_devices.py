@@ -8,7 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from tools.running_controller import until
+from campaigns.running_controller import until
 
 from .machine import CONFIG, PROGRAM, ok
 from .vcan import CHANNEL

@@ -9,7 +9,7 @@ import time
 
 import pytest
 
-from tools.running_controller import WAITING, calm, changed
+from tests.cells import WAITING, calm, changed
 
 from .machine import PROGRAM, UNIT, Service, done, ok
 from .vcan import set_link

@@ -1,4 +1,4 @@
-"""The gateway's unit under a real systemd: run by ``make test-system`` on a throw-away machine, never on this one."""
+"""The gateway's unit under a real systemd: run by the campaign ``systemd``, on a throw-away machine."""
 
 import json
 import stat
@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tools.running_controller import until
+from campaigns.running_controller import until
 
 from .machine import PROGRAM, done, ok
 

@@ -5,10 +5,10 @@ import os
 import subprocess
 from pathlib import Path
 
+from campaigns.running_controller import command_line, descriptor_of, until
 from micromanip.host.shared_memory import RING, STATUS, Segment
 from micromanip.rt import mailbox as w
 from micromanip.rt.states import STATE_NAMES
-from tools.running_controller import command_line, descriptor_of, until
 
 PROGRAM = "/opt/micromanip/bin/micromanip"
 UNIT = "micromanip.service"
@@ -35,7 +35,7 @@ class Service:
     """micromanip.service, and the memory of its controller."""
 
     def __init__(self):
-        assert MARK.exists(), "this installs and breaks services: only by `make test-system` or `make test-vm`"
+        assert MARK.exists(), "this installs and breaks services: only by the campaigns `systemd` and `vm`"
         self._descriptors = []
 
     def start(self):

@@ -1,4 +1,4 @@
-"""The service under a real systemd: run by ``make test-system`` on a throw-away machine, never on this one."""
+"""The service under a real systemd: run by the campaign ``systemd`` on a throw-away machine, never on this one."""
 
 import json
 import os
@@ -13,9 +13,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from campaigns.running_controller import until
 from micromanip.rt import mailbox as w
 from micromanip.rt.states import RAMPING, TRACKING
-from tools.running_controller import rows_of, until
+from tests.cells import rows_of
 
 from .machine import CONFIG, PROGRAM, UNIT, done, ok
 

@@ -6,7 +6,7 @@ import subprocess
 import tempfile
 from pathlib import Path
 
-from tools.running_controller import until
+from campaigns.running_controller import until
 
 from .machine import ok
 

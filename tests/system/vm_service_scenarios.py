@@ -1,4 +1,4 @@
-"""The whole service on PREEMPT_RT and SocketCAN, with a foreign device, then a played one: run by ``make test-vm``.
+"""The whole service on PREEMPT_RT and SocketCAN, with a foreign device, then a played one: run by the campaign ``vm``.
 
 Rights, limits and what follows what; no timing: an emulated machine has none. Each scenario goes on where the one
 before it ended, for a start takes an emulated processor minutes.
@@ -14,7 +14,8 @@ from pathlib import Path
 import cantools
 import pytest
 
-from tools.running_controller import command_line, rows_of, until
+from campaigns.running_controller import command_line, until
+from tests.cells import rows_of
 
 from .can_devices import CACHE, DATABASE, OPERATOR, PATIENCE_S, EmulatedDevice, ForeignDevice
 from .machine import CONFIG, PROGRAM, UNIT, done, ok

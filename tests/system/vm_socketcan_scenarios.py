@@ -1,4 +1,4 @@
-"""The driver `canbus` on a kernel's SocketCAN, with can-utils and cantools as witnesses: run by ``make test-vm``."""
+"""The driver `canbus` on a kernel's SocketCAN, with can-utils and cantools as witnesses: run by the campaign ``vm``."""
 
 import os
 import random

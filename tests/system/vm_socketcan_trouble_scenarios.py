@@ -1,4 +1,4 @@
-"""The driver `canbus` where SocketCAN is in trouble: down, gone, overrun, in error: run by ``make test-vm``."""
+"""The driver `canbus` where SocketCAN is in trouble: down, gone, overrun, in error: run by the campaign ``vm``."""
 
 from contextlib import contextmanager
 

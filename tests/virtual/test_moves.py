@@ -9,7 +9,7 @@ from micromanip.rt.states import ARM, DISARM, HOLD, HOLDING
 from micromanip.settings.check import prepare
 from micromanip.settings.moved import Held, Wanted, planned_move
 from micromanip.virtual.experiment import VirtualExperiment
-from tools.running_controller import calm
+from tests.cells import calm
 
 SIMULATED = Path(__file__).parents[2] / "config" / "paper.yaml"
 pytestmark = pytest.mark.long

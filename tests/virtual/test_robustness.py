@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from micromanip_drivers.simulated.options import BoucWen, Plant, SecondMode
 
+from campaigns.drawn_plants import REACH_UM, drawn_cell, drawn_plant, with_plant
+from campaigns.robustness import AXIS, CONFIG, commission_drawn
+from campaigns.true_plant import small_slope, true_plant
 from micromanip.design.experiment import EXCITED, parked, with_reference
 from micromanip.design.identification import variant
 from micromanip.design.response import measure, multisine
 from micromanip.settings.check import prepare
 from micromanip.virtual.experiment import VirtualExperiment
-from tools.robustness.campaign import AXIS, CONFIG, commission_drawn
-from tools.robustness.family import REACH_UM, drawn_cell, drawn_plant, with_plant
-from tools.robustness.truth import small_slope, true_plant
 
 CENTRE_V = 75.0
 QUIET = {"strain_noise_nm": 1.0, "strain_hum_nm": 0.0, "creep_per_operator": 0.005, "damping": 0.02}
@@ -70,7 +70,7 @@ def test_the_truth_is_what_the_simulation_does(prepared, plant):
     assert np.quantile(np.abs(ratio / middle - 1.0), 0.95) < (0.2 if plant.bouc_wen else 0.08)
 
 
-@pytest.mark.thorough  # two of the hundred of `make robustness`
+@pytest.mark.thorough  # two of the hundred of the campaign
 @pytest.mark.parametrize("seed", [7, 11])
 def test_a_plant_that_got_false_margins(prepared, seed):
     """With order 8 from 4 s of noise its strain or outer loop had 71 and 63 % of a margin that was claimed."""

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from micromanip_drivers.simulated.options import Plant
 
+from campaigns.true_plant import small_slope, true_plant
 from micromanip.control.injection import MISSED
 from micromanip.control.margins import margins
 from micromanip.control.outer_gains import outer_gains
@@ -21,7 +22,6 @@ from micromanip.settings.check import prepare
 from micromanip.settings.injected import plan_excitation
 from micromanip.virtual.cell import VirtualCell
 from micromanip.virtual.experiment import VirtualExperiment
-from tools.robustness.truth import small_slope, true_plant
 
 pytestmark = pytest.mark.long
 SIMULATED = Path(__file__).parents[2] / "config" / "simulated.yaml"

@@ -103,7 +103,7 @@ def test_the_outer_loop_damps_the_resonance(tmp_path):
     assert np.abs(held).max() < np.abs(ringing).max()
 
 
-@pytest.mark.thorough  # `make tune` has put the same into simulated.yaml, which the first two tests are about
+@pytest.mark.thorough  # the campaign `tune` has put the same into simulated.yaml, which the first two tests are about
 @pytest.mark.parametrize(("predict", "times"), [(False, 30.0), (True, 100.0)], ids=["held", "predicted"])
 def test_a_cell_that_was_commissioned_from_factory_values(commissioned, predict, times):
     """The same figures with nothing but what `commission` has found about the untuned cell."""

@@ -57,7 +57,7 @@ OTHERS = [
 @pytest.fixture(scope="module", params=["nominal", *OTHERS])
 def commissioned(request):
     """A make, and its axis x as `commission` tunes it, under the limits that the factory's file has."""
-    if request.param == "nominal":  # commissioned by `make tune`
+    if request.param == "nominal":  # commissioned by the campaign `tune`
         axis = prepare(FOLDER / "simulated.yaml").configuration.axes["x"]
         return request.param, axis.model_copy(update={"mode": "stage"})
     prepared = made(prepare(FOLDER / "factory.yaml"), request.param)

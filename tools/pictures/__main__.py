@@ -27,6 +27,7 @@ from micromanip.virtual.experiment import VirtualExperiment, with_options
 from .design_figures import analysis_drawings, commissioning_drawings
 from .diagrams import DIAGRAMS
 from .house import house
+from .identification import identification_drawings
 
 ROOT = Path(__file__).resolve().parents[2]
 PICTURES = ROOT / "docs" / "pictures"
@@ -191,6 +192,7 @@ def main() -> None:
         file = PICTURES / f"{name}.svg"
         figure.savefig(file, dpi=110, metadata={"Date": None, "Creator": None})
         sys.stderr.write(f"{file.relative_to(ROOT)}  {file.stat().st_size / 1000:.0f} kB\n")
+    identification_drawings(ROOT / "config" / "factory.yaml", PICTURES)
 
 
 if __name__ == "__main__":

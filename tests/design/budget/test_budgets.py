@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from campaigns.budget import compared
 from micromanip.cli.commission import _budgeted
 from micromanip.design.budget.causes import FORCE, PREDICTION, STAGE, TRACKER
 from micromanip.design.budget.configured import HYSTERESIS, SATURATION, budget_of, cell_of
@@ -16,7 +17,6 @@ from micromanip.rt.states import READY
 from micromanip.settings.check import prepare
 from micromanip.virtual.experiment import VirtualExperiment, with_options
 from micromanip.virtual.switched import NOISE, play_without
-from tools.check_budget import compared
 
 CONFIG = Path(__file__).parents[3] / "config"
 SECONDS = 4.0
@@ -54,7 +54,7 @@ def by_name(budget):
 
 @pytest.mark.thorough  # what is computed beside what is recorded: the next test
 def test_computed_causes_are_what_switching_them_off_takes_away(prepared):
-    """4 s of 1/f-like noise know a variance to some 15 %; `make check-budget` plays 30 s of five cells."""
+    """4 s of 1/f-like noise know a variance to some 15 %; the campaign `budget` plays 30 s of five cells."""
     for axis, cause, computed, played in compared(prepared, SECONDS, seed=3):
         if played > 0.1:
             assert computed == pytest.approx(played, rel=0.15), (axis, cause)

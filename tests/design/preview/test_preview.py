@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from campaigns.path import compare
 from micromanip.design.preview.seen import on_grid, recorded_path
 from micromanip.errors import CheckFailed
 from micromanip.recordings.path_deviation import PathDeviation
 from micromanip.rt.states import ARMING, TRACKING
 from micromanip.rt.telemetry import DEVIATION_FRESH
 from micromanip.settings.check import prepare
-from tools.check_preview import compare
 
 CONFIG = Path(__file__).parents[3] / "config"
 

@@ -8,7 +8,7 @@ import pytest
 from micromanip_drivers.canbus import socketcan
 from micromanip_drivers.canbus.socketcan import KernelReader
 
-from tools.running_controller import until
+from campaigns.running_controller import until
 
 
 @pytest.fixture

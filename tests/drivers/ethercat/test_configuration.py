@@ -9,11 +9,11 @@ from micromanip_drivers.ethercat.driver import Ethercat
 from micromanip_drivers.ethercat.image import Image
 from pydantic import ValidationError
 
+from campaigns.fault_cells import drive_cell
 from micromanip.bus.ethercat.frames import unframed
 from micromanip.bus.ethercat.registers import AL_STATUS, ARMW, BRD, DC_SYSTEM, LRW, NOP
 from micromanip.errors import ConfigError
 from micromanip.settings.check import prepare
-from tools.bus_faults.ethercat_cells import drive_cell
 
 from .bench import AMPLIFIER, ANALOGUE, GAUGE, PERIOD_NS, PINS_IN, PINS_OUT, options
 from .drive_bench import DRIVE, drive

@@ -1,4 +1,5 @@
-"""Frames, mails and files of nobody: at master, slaves, SDOs, ESI reader. `make fuzz-ethercat` tries a million at each.
+"""Frames, mails and files of nobody: at master, slaves, SDOs, ESI reader. The campaign `fuzz-ethercat` tries
+a million at each.
 
 What is asserted holds whatever came: no crash and no read outside of a buffer (with NUMBA_BOUNDSCHECK=1 such a one is
 an error), nothing written besides where it belongs, no output changed, and a refusal in one line where one is due.

@@ -1,19 +1,23 @@
 """What `simulate-device` plays of a cell whose lines are pins of digital terminals."""
 
+import re
+
 import pytest
 
+from campaigns.fault_cells import ethercat_cell
 from micromanip.bus.cyclic import call_context
 from micromanip.bus.ethercat.al_states import OP, SAFEOP, WATCHDOG
 from micromanip.bus.ethercat.registers import AL_CODE, WATCHDOG_SM
 from micromanip.emulation.ethercat.controller import number, put_number
 from micromanip.emulation.ethercat.terminal import DIGITAL_OUTPUTS
-from tools.bus_faults.ethercat_cells import CELL
 
 from .test_drive_device import Cell
 from .wire import until, veth
 
 pytestmark = [pytest.mark.live, pytest.mark.compiled_only, pytest.mark.xdist_group("ethercat")]
 
+CELL = ethercat_cell()
+LOCK = "    lock: {time_constant_ms: 100, within_us: 150}\n"
 ENABLE = "              amplifier_enable: {index: 0x7001, subindex: 1, type: uint8, switch: true}\n"
 STATE = CELL[CELL.index("        inputs:\n          state:") : CELL.index("      gauge:")]
 PINS = """\
@@ -32,10 +36,11 @@ PINS = """\
 
 @pytest.fixture
 def cell(tmp_path):
-    text = CELL.replace("    WAY\n", "").replace(ENABLE, "").replace(STATE, "").replace("      gauge:\n", PINS)
+    text = CELL.replace(LOCK, "").replace(ENABLE, "").replace(STATE, "").replace("      gauge:\n", PINS)
     with veth("ecy") as (here, _):
         file = tmp_path / "cell.yaml"
-        file.write_text(text.replace("INTERFACE", here).replace("silence_ms: 50", "silence_ms: 140"))
+        text = re.sub("interface: .*", f"interface: {here}", text)
+        file.write_text(text.replace("silence_ms: 50", "silence_ms: 140"))
         made = Cell(file)
         try:
             made.driver.begin(made.context)

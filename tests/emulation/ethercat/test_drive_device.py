@@ -6,12 +6,12 @@ import time
 import pytest
 from micromanip_drivers.ethercat.records import CONTEXT
 
+from campaigns.fault_cells import drive_cell
 from micromanip.emulation.devices import Devices
 from micromanip.emulation.ethercat.drive import ENABLED, FAULT, SWITCH_ON_DISABLED
 from micromanip.settings.check import prepare
 from tests.drivers.called import Called
 from tests.testbus.loop_in_thread import LoopInThread
-from tools.bus_faults.ethercat_cells import drive_cell
 
 from .wire import until, veth
 

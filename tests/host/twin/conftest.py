@@ -38,7 +38,7 @@ def scene(tracking):
 @pytest.fixture(scope="package")
 def twin(tmp_path_factory):
     from benchmarks.recording import twin_player
-    from benchmarks.results import Skipped
+    from benchmarks.runner import Skipped
 
     try:
         return twin_player(tmp_path_factory.mktemp("twin"))

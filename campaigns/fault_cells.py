@@ -1,0 +1,108 @@
+"""Cells for the campaign of faults: examples of config/ on ports of their own, and axes held at a slow rate."""
+
+import os
+import re
+import socket
+from string import Template
+
+from .report import CONFIGURATIONS, ROOT
+
+CONFIG = ROOT / "config"
+
+PATIENT_WATCHDOG_MS = 300.0
+
+_LOCK = "lock: {time_constant_ms: 100, within_us: 150}"
+"""The deadlines are locked to the first terminal's clock."""
+
+
+def example(name, *changes):
+    """The example called `name`, not armed; each (pattern, replacement) done once."""
+    text = (CONFIG / name).read_text(encoding="utf-8")
+    for pattern, replacement in ((r"arm_on_start: true ", "arm_on_start: false"), *changes):
+        text, count = re.subn(pattern, replacement, text)
+        assert count == 1, f"{name}: {pattern} is there {count} times"
+    return text
+
+
+def can_cell():
+    """CAN FD at 2 kHz, with a watch over the agreement of the sensors.
+
+    It is off among the limits of a simulation: a stall of the machine would be taken for it too.
+    """
+    return example(
+        "can.yaml",
+        (r"channel: can0\n", f"channel: faults-{os.getpid()}\n"),
+        (r"database: can/", f"database: {CONFIG}/can/"),
+        (r"(?m)^(    strain: \{coast_ms.*)$", r"\1\n    disagreement: {ratio: 3.0e+4}"),
+    )
+
+
+def canopen_cell():
+    """CANopen at 1 kHz, three nodes."""
+    text = example("canopen.yaml", (r"channel: can0\n", f"channel: faults-{os.getpid()}\n"))
+    return text.replace("eds: can/", f"eds: {CONFIG}/can/")
+
+
+def modbus_cell():
+    """Modbus TCP at 500 Hz."""
+    return example("modbus.yaml", (r"port: 5020", f"port: {free_port()}"))
+
+
+def line_cell():
+    """A board on a serial line at 2 kHz."""
+    return example("serial.yaml", (r"/tmp/micromanip-board", f"/tmp/micromanip-faults-{os.getpid()}"))
+
+
+def gcs_cell():
+    """A GCS controller over TCP at 100 Hz, a tracker over UDP."""
+    ports = f"port: {free_port(socket.SOCK_DGRAM)}, listen: {free_port(socket.SOCK_DGRAM)}"
+    return example("gcs.yaml", (r"port: 50000", f"port: {free_port()}"), (r"port: 5500, listen: 7001", ports))
+
+
+def udp_cell():
+    """A device that the loop itself exchanges datagrams with, each cycle at 10 kHz."""
+    return example("udp.yaml", (r"port: 4840", f"port: {free_port(socket.SOCK_DGRAM)}"))
+
+
+def patient_can_cell():
+    """An axis held on a bus of 200 Hz."""
+    names = {"inputs": "Sensors.", "outputs": "Voltages.", "age_us": 200000}
+    database = CONFIG / "can" / "manipulator.dbc"
+    return assembled("held", "can", database=database, channel=f"patient-{os.getpid()}", **names)
+
+
+def ethercat_cell():
+    """An axis held on a line of three terminals."""
+    return _ethercat("l", _LOCK, "amplifier")
+
+
+def ring_cell():
+    """The same terminals, led back to a second interface."""
+    return _ethercat("r", f"return_interface: ecr{os.getpid()}b\n    {_LOCK}", "amplifier")
+
+
+def drive_cell():
+    """A drive (CiA 402) in place of the amplifier."""
+    text = _ethercat("d", "clocks: true", "drive").replace("start: {", "start: {enable_s: 0.3, ")
+    return text.replace("switches: {", "switches: {amplifier_reset: {driver: cell}, ")
+
+
+def _ethercat(kind, way, first):
+    names = {"inputs": "", "outputs": "", "age_us": 100000, "interface": f"ec{kind}{os.getpid()}"}
+    return assembled("held", "ethercat", first=_read(first), way=way, **names)
+
+
+def assembled(cell, driver, **names):
+    """The file `cell` with that of its driver, `names` filled in."""
+    return Template(Template(_read(cell)).safe_substitute(driver=_read(driver))).substitute(names)
+
+
+def _read(name):
+    return (CONFIGURATIONS / f"{name}.yaml").read_text(encoding="utf-8")
+
+
+def free_port(kind=socket.SOCK_STREAM):
+    """A port that nobody has just now."""
+    with socket.socket(socket.AF_INET, kind) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]

@@ -1,0 +1,358 @@
+"""The watched bench: one device that stays up, a wire before it, an oracle, and controllers that come and go."""
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import threading
+import time
+import uuid
+from contextlib import suppress
+
+from micromanip.client import Client
+from micromanip.errors import DeviceUnavailable, MicromanipError
+from micromanip.host.trips.store import Box, trips
+
+from .cells import NO_WATCHDOG_MS
+from .emulated_device import Device
+from .oracle import SHOWN, Oracle, Violation
+from .running_controller import MICROMANIP, PARK, TAG, Running, command_line, tagged
+from .taps import Arrivals
+
+_LOOK_S = 0.05
+_GONE_S, _START_S, _BACK_S = 40.0, 400.0, 25.0
+_AGAIN_S = 0.02
+_ASTRAY_CYCLES = 60
+"""So many cycles in a row a loop may not track without its outputs."""
+_WITH_THE_LOOP = ("at rest", "following")
+"""Outputs that are where the loop has them."""
+_SAID_SAFE = "at their safe value"
+MODULES = {"loop": "host.loop_process", "recorder": "host.recording.recorder", "black box": "host.trips.process"}
+MODULES["worker"] = "bus.worker_process"
+
+
+class WatchedBench:
+    """Device, wire, oracle, and the controller of the moment."""
+
+    def __init__(self, folder, cell):
+        self.folder, self.cell = folder, cell
+        self.tag = uuid.uuid4().hex
+        place = cell.place(folder)
+        (folder / "device.yaml").write_text(cell.text(place))
+        self.device = Device(folder / "device.yaml", self.tag, NO_WATCHDOG_MS)
+        self.arrivals = Arrivals()
+        self.wire = cell.wire(place, folder, self.arrivals)
+        self.text = cell.text(self.wire.place)
+        self.config = folder / "cell.yaml"
+        self.config.write_text(self.text)
+        self._trips, self._known = folder / "trips", set()
+        self.oracle = Oracle(self.arrivals, cell.bounds(self.text))
+        self.running = None
+        self.starts = 0
+        self.found = []
+        """Violations beside those of the oracle, since the last interleaving."""
+        self.notes = []
+        """What happened: (CLOCK_MONOTONIC in ns, text)."""
+        self._timers, self._jobs = [], []
+        self._ending = threading.Event()
+        self._observer = threading.Thread(target=self._observe, daemon=True)
+        self._observer.start()
+
+    # -- the controller ---------------------------------------------------------------------------------------------
+
+    @property
+    def alive(self):
+        """Whether there is a controller's host."""
+        return self.running is not None and self.running.process.poll() is None
+
+    @property
+    def socket(self):
+        return self.folder / "control.sock"
+
+    def client(self):
+        return Client(self.socket)
+
+    def note(self, text):
+        self.notes.append((time.monotonic_ns(), text))
+
+    def wrong(self, rule, what):
+        """A rule was broken."""
+        self.found.append(Violation(rule, what))
+
+    def start(self):
+        """Start a controller and wait until it is READY or has ended; nothing where there is one."""
+        if self.alive:
+            return
+        self.let_go()
+        self.starts += 1
+        record = self.folder / f"run-{self.starts}.mcap"
+        with suppress(FileNotFoundError):
+            (self.folder / f"run-{self.starts - 1}.mcap").unlink()
+        text = self.config.read_bytes()
+        places = ("--socket", str(self.socket), "--record", str(record), "--trips", str(self._trips))
+        self.running = Running(self.folder, None, *places, config=self.config)
+        end = time.monotonic() + _START_S
+        while self.alive and time.monotonic() < end:
+            with suppress(MicromanipError, TimeoutError), self.client() as client:
+                if client.status()["state"] == "READY":
+                    self.note("a controller is READY")
+                    self.file_in_force(text)
+                    return
+            time.sleep(0.1)
+        self.note(f"the start ended with {self.running.process.poll()}: {self.running.said[-300:]}")
+
+    def file_in_force(self, text):
+        """The controller has taken over a file, or may have; one that isn't valid changes nothing that is allowed."""
+        self._allow(self.cell.bounds(text.decode(errors="replace")))
+
+    def set_in_force(self, changes):
+        """It has accepted `set`."""
+        self._allow(self.cell.bounds_after(self.oracle.bounds, changes))
+
+    def _allow(self, bounds):
+        if bounds is not None and bounds != self.oracle.bounds:
+            self.oracle.change(bounds, time.monotonic_ns())
+
+    def let_go(self):
+        """Of a controller that has ended; says what was wrong with its end."""
+        if self.running is None:
+            return
+        running, self.running = self.running, None
+        code = running.process.wait()
+        end = time.monotonic() + _GONE_S
+        while tagged(running.tag) and time.monotonic() < end:
+            time.sleep(_AGAIN_S)
+        if left := [command_line(pid) for pid in tagged(running.tag)]:
+            self.wrong("left", f"processes {_GONE_S:g} s after the host ended with {code}: {left}")
+            running.kill()
+        said, out = running.said, running.out
+        self.note(f"the controller ended with {code}")
+        if code not in (0, 1, 69, 78, -signal.SIGKILL):
+            self.wrong("crash", f"exit code {code}: {said[-600:]}")
+        if "Traceback" in said or "bug:" in said:
+            at = max(said.find("Traceback"), said.find("bug:"))
+            self.wrong("crash", said[at : at + 1500])
+        now_ns = time.monotonic_ns()
+        with suppress(ValueError):
+            report = json.loads(out)
+            if "error" not in report:
+                self._believe(report, now_ns, now_ns, "the report at its end")
+        running.release()
+
+    def _believe(self, status, from_ns, to_ns, whence):
+        """Note what a report says of the outputs."""
+        if status["state"] in ("READY", "OFF"):
+            elsewhere = [link["outputs"] for link in status["links"].values() if link["outputs"] not in _WITH_THE_LOOP]
+            who = f"{whence} says state {status['state']}" + (f", outputs {elsewhere[0]}" if elsewhere else "")
+            self.oracle.claim(from_ns, to_ns, who, SHOWN if elsewhere and status["state"] == "OFF" else "claim")
+        for name, link in status["links"].items():
+            if link["outputs"] == "at rest":
+                self.oracle.claim(from_ns, to_ns, f"{whence} says outputs of {name} at rest")
+
+    def _observe(self):
+        """Ask and listen all the time, in a thread of its own."""
+        client, heard, away = None, (None, 0), None
+        while not self._ending.wait(_LOOK_S):
+            running = self.running
+            if running is not None:
+                if heard[0] is not running:
+                    heard = (running, 0)
+                said = running.said
+                if _SAID_SAFE in said[heard[1] :]:
+                    now_ns = time.monotonic_ns()
+                    self.oracle.claim(now_ns, now_ns, f"the controller said {_SAID_SAFE!r}")
+                heard = (running, len(said))
+            from_ns = time.monotonic_ns()
+            try:
+                client = client or self.client()
+                status = client.status()
+            except (MicromanipError, TimeoutError, OSError, ValueError):
+                with suppress(Exception):
+                    client.close()
+                client = away = None
+                continue
+            self._believe(status, from_ns, time.monotonic_ns(), "status")
+            away = self._follow(status, away)
+        if client is not None:
+            client.close()
+
+    def _follow(self, status, away):
+        """A loop that tracks has its outputs; returns the cycle since which it has not, None where it has."""
+        outputs = [link["outputs"] for link in status["links"].values()]
+        if status["state"] not in ("TRACKING", "HOLDING") or set(outputs) == {"following"}:
+            return None
+        away = status["cycles"] if away is None else away
+        if status["cycles"] - away > _ASTRAY_CYCLES:
+            self.wrong("astray", f"{status['state']} for {status['cycles'] - away} cycles, its outputs are {outputs}")
+        return away
+
+    # -- what lasts -------------------------------------------------------------------------------------------------
+
+    def later(self, ms, action):
+        """Do something after a while, whatever happens meanwhile."""
+        timer = threading.Timer(ms * 1e-3, action)
+        timer.start()
+        self._timers.append(timer)
+
+    def freeze(self, who, ms):
+        """Stop a process for a while; False where there is none."""
+        pid = self.device.process.pid if who == "device" else self.process(who)
+        if pid is None:
+            return False
+        with suppress(ProcessLookupError):
+            os.kill(pid, signal.SIGSTOP)
+        self.later(ms, lambda: _go_on(pid))
+        return True
+
+    def process(self, who):
+        """Its number; None where it doesn't live."""
+        if self.running is None:
+            return None
+        if who == "host":
+            return self.running.process.pid if self.alive else None
+        return self.running.child_of(f"micromanip.{MODULES[who]}")
+
+    def park(self, wait_s):
+        """Start the command; what it says at its end is a claim."""
+        job = threading.Thread(target=self._park, args=(wait_s,))
+        job.start()
+        self._jobs.append(job)
+        return job
+
+    def _park(self, wait_s):
+        done = subprocess.run(
+            [str(MICROMANIP), *PARK, str(self.config), "--wait", str(wait_s)],
+            capture_output=True,
+            check=False,
+            cwd=self.folder,
+            env=os.environ | {TAG: self.tag, "XDG_STATE_HOME": str(self.folder)},
+        )
+        now_ns = time.monotonic_ns()
+        out, err = done.stdout.decode(errors="replace"), done.stderr.decode(errors="replace")
+        self.note(f"park ended with {done.returncode}: {(out + err).strip()[:300]}")
+        if done.returncode == 0:
+            self.oracle.claim(now_ns, now_ns, "park ended with 0")
+        elif done.returncode not in (1, 69, 78):
+            self.wrong("crash", f"park ended with {done.returncode}: {err[-600:]}")
+        if "Traceback" in err:
+            self.wrong("crash", f"park: {err[-1500:]}")
+
+    def fresh_boxes(self):
+        """Whole black boxes since the last call."""
+        boxes = {file: Box.load(file) for file in trips(self._trips) if file not in self._known}
+        whole = {file: box for file, box in boxes.items() if box.meta["complete"]}
+        self._known.update(whole)
+        return [*whole.values()]
+
+    def wait_for_what_lasts(self):
+        """Stops and cuts are over, commands have ended."""
+        for each in (*self._timers, *self._jobs):
+            each.join()
+        self._timers, self._jobs = [], []
+
+    # -- back to the beginning --------------------------------------------------------------------------------------
+
+    def bring_back(self):
+        """By documented means: the file mended, the link whole, a controller in READY with that file in force."""
+        self.wait_for_what_lasts()
+        self.wire.mend()
+        with suppress(AssertionError):
+            self.device.order(device="clear")
+        self.config.write_text(self.text)
+        end = time.monotonic() + _BACK_S
+        while (refused := self._ready(end)) is None:
+            try:
+                refused = self._reloaded()
+                break
+            except DeviceUnavailable as problem:  # it was killed only just now: what `_ready` asked had not heard of it
+                self.note(f"reload: {problem}")
+        if refused is not None:
+            self.wrong("return", refused)
+            self._anew()
+        while not self.oracle.at_rest() and time.monotonic() < end:
+            time.sleep(_AGAIN_S)
+        if not self.oracle.at_rest():
+            self.wrong("return", f"READY, but the device is at {self.arrivals.volts()}")
+            self._anew()
+        time.sleep(_AGAIN_S)
+
+    def _ready(self, end):
+        """Reset, disarm or start until it is READY with its link up; the reason where that never comes."""
+        verbs = {"FAULT": "reset", "TRACKING": "disarm", "HOLDING": "disarm", "ARMING": "disarm"}
+        refused, restarts = "nothing was refused", 0
+        while time.monotonic() < end:
+            if not self.alive:
+                restarts += 1
+                if restarts > 3:
+                    break
+                self.start()
+                end = max(end, time.monotonic() + _BACK_S / 2) if self.alive else end
+                continue
+            try:
+                with self.client() as client:
+                    status = client.status()
+                    links = status["links"].values()
+                    if any(link["link"] == "latched" for link in links):
+                        self.note("its link is given up, which a restart mends")
+                        self.running.end()
+                        continue
+                    if status["state"] == "READY" and all(link["link"] == "up" for link in links):
+                        return None
+                    if status["state"] in verbs:
+                        getattr(client, verbs[status["state"]])()
+            except (MicromanipError, TimeoutError) as problem:
+                refused = str(problem)
+            time.sleep(_AGAIN_S)
+        return f"it does not come back to READY: {refused}; {self._last_words()}"
+
+    def _reloaded(self):
+        """Take over the mended file: what was set meanwhile is undone; the reason where it isn't."""
+        try:
+            with self.client() as client:
+                client.reload()
+        except DeviceUnavailable:
+            raise
+        except (MicromanipError, TimeoutError) as problem:
+            return f"READY, but it does not take over the good file: {problem}"
+        self.file_in_force(self.text.encode())
+        return None
+
+    def _anew(self):
+        """What documented means did not mend: everything is killed, so that the next interleaving begins clean."""
+        if self.running is not None:
+            self.running.kill()
+            with contextlib.suppress(Exception):
+                self.let_go()
+        with suppress(FileNotFoundError):
+            self.socket.unlink()
+        self.park(0).join()
+        self.start()
+
+    def _last_words(self):
+        try:
+            with self.client() as client:
+                status = client.status()
+            state = f"state {status['state']}, faults {status['faults']}, links {status['links']}"
+        except (DeviceUnavailable, TimeoutError, MicromanipError) as problem:
+            state = str(problem)
+        return f"{state}; {self.running.said[-600:] if self.running else ''}"
+
+    def end(self):
+        """Stop everything; what is left behind."""
+        try:
+            self.wait_for_what_lasts()
+            if self.alive:
+                self.running.end()
+            self.let_go()
+        finally:
+            self._ending.set()
+            self._observer.join()
+            self.wire.close()
+            self.device.end()
+        return [command_line(pid) for pid in tagged(self.tag)]
+
+
+def _go_on(pid):
+    with suppress(ProcessLookupError):
+        os.kill(pid, signal.SIGCONT)

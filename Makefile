@@ -21,8 +21,6 @@ $(READY): pyproject.toml constraints.txt
 	@$(PYTHON) -m venv $(VENV) || { echo "the module venv is missing: apt-get install python3-venv"; exit 1; }
 	# a third of what is installed is ever imported: who imports a module first compiles it
 	$(BIN)/pip install --quiet --disable-pip-version-check --no-compile --constraint constraints.txt --editable '.[all]'
-	# its client wants an older paho-mqtt; its decoder, which the tests hold ours against, wants none
-	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --no-deps pysparkplug
 	@touch $(READY)
 
 run: $(READY)     ## the paper's experiment, then 10 s of the real loop at 10 kHz on the simulated cell

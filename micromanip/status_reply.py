@@ -157,18 +157,6 @@ class Link(TypedDict):
     cpu_s: float
 
 
-class TrendKept(TypedDict):
-    """Where a trend is kept, the beginning of its newest row (UTC) and for how long that row has been over.
-
-    Both are None before the first row of this run; `message` says why nothing is kept any more, else it is None.
-    """
-
-    folder: str
-    newest: str | None
-    age_s: float | None
-    message: str | None
-
-
 class AxisLearning(TypedDict):
     """Learning of an axis: the generation of its memory, None where it has none, and whether it may be played.
 
@@ -204,8 +192,8 @@ class Status(TypedDict):
 
     `axes` is what each axis does now; `path_error_um` are figures since tracking began; `faults` are those that are
     latched, for people, `fault_reports` the same as data, the one that ends the run last;
-    `shadow` says where a candidate tuning stands; `recording` is None where nothing is recorded, `trend` where none is
-    kept, `learning` where nothing is learned; `arming_awaits` is what `arm_on_start` waits for, None where it does not.
+    `shadow` says where a candidate tuning stands; `recording` is None where nothing is recorded, `learning` where
+    nothing is learned; `arming_awaits` is what `arm_on_start` waits for, None where it does not.
     """
 
     state: str
@@ -227,6 +215,5 @@ class Status(TypedDict):
     trips: list[Trip]
     links: dict[str, Link]
     recording: Recorded | None
-    trend: TrendKept | None
     learning: LearningStatus | None
     arming_awaits: list[str] | None

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
@@ -16,27 +15,14 @@ from micromanip.extras import required
 from .options import StrictCommand, config_argument, socket_option
 from .prose import say
 
-if TYPE_CHECKING:
-    from micromanip.gateway.sparkplug.options import Options as SparkplugOptions
-
 _TOKENS, _OPCUA = "gateway-tokens", "gateway-opcua"
 
 
-def _in_state_directory(name: str = "") -> Path:
+def _in_state_directory(name: str) -> Path:
     """That of the service, else the user's own."""
     from micromanip.host.state_directory import state_directory
 
     return state_directory() / name
-
-
-def _sparkplug(file: Path) -> SparkplugOptions:
-    """ConfigError with the line and the key that is wrong."""
-    from micromanip.gateway.sparkplug.options import Options
-    from micromanip.settings.load import validate_section
-    from micromanip.settings.text.source import Source
-
-    source = Source.read(file)
-    return validate_section(source, (), Options, source.data).beside(file.parent)
 
 
 @click.command(
@@ -46,8 +32,7 @@ def _sparkplug(file: Path) -> SparkplugOptions:
 Example: micromanip gateway config/simulated.yaml
          micromanip gateway cell.yaml --listen 0.0.0.0:8443 --tls-certificate cell.pem --tls-key cell.key
          micromanip gateway cell.yaml --behind-proxy https://cell.example
-         micromanip gateway cell.yaml --opcua 127.0.0.1:4840
-         micromanip gateway cell.yaml --sparkplug sparkplug.yaml""",
+         micromanip gateway cell.yaml --opcua 127.0.0.1:4840""",
 )
 @config_argument
 @click.option(
@@ -71,19 +56,6 @@ Example: micromanip gateway config/simulated.yaml
     type=click.Path(path_type=Path, file_okay=False),
     help=f"Certificates for OPC UA, made at the first start.  [default: {_OPCUA} in the state directory]",
 )
-@click.option(
-    "--runs",
-    type=click.Path(path_type=Path, file_okay=False),
-    multiple=True,
-    metavar="FOLDER",
-    help="Show what was recorded there on the page Runs, beside what `micromanip runs` knows; again for more.",
-)
-@click.option(
-    "--sparkplug",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Publish to a broker by MQTT Sparkplug B, as this YAML says (extra `sparkplug`).  [default: off]",
-)
 def command(
     config: Path,
     listen: str,
@@ -94,8 +66,6 @@ def command(
     behind_proxy: str | None,
     opcua: str | None,
     opcua_folder: Path | None,
-    runs: tuple[Path, ...],
-    sparkplug: Path | None,
 ) -> None:
     """Show the running cell in browsers: a page of the cell, a scope, and metrics for Prometheus.
 
@@ -116,9 +86,6 @@ def command(
         behind_proxy,
         opcua,
         opcua_folder or _in_state_directory(_OPCUA),
-        None if sparkplug is None else _sparkplug(sparkplug),
-        _in_state_directory(),
-        runs,
     )
     leave_cpu(_loop_cpu(config))
     serve(options, lambda line: say(line, err=True))

@@ -43,9 +43,8 @@ GROUPS = {
         "view": "a recording on the scope, in browsers",
         "report": "a recorded run as one page",
         "compare": "two recorded runs side by side, and whether they differ",
-        "replay": "a recorded run again: bit for bit, or under other tunings",
-        "trend": "figures of each second and minute, kept for months",
-        "runs": "recordings, trips, reports and tunings, found again",
+        "replay": "a recorded run again: bit for bit, or under another tuning",
+        "recording": "the recordings of a folder",
         "explain": "a trip in plain words, from its black box",
         "audit": "who asked for what, and when",
     },
@@ -65,6 +64,7 @@ GROUPS = {
         "identify": "play a safe excitation on one axis and record it",
         "fit": "models from a recording",
         "learn": "what repeats of the path error from part to part, and a correction for it",
+        "sweep": "thousands of tunings tried on recordings, the best of them",
         "analyse": "describing function, margins and robustness, with a verdict",
         "budget": "what the path error is made of, and what would make it smaller",
         "preview": "whether the stage reaches a path, before a part is mounted",
@@ -87,6 +87,7 @@ _TOGETHER = {
     "orders": ("arm", "disarm", "hold", "reset"),
     "parameters": ("get", "set", "diff", "save", "reload"),
     "candidate": ("shadow", "promote", "withdraw"),
+    "recording_list": ("recording",),
 }
 """Commands that share a module; every other has one of its own, by its name."""
 _USAGE = 64

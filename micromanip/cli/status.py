@@ -10,7 +10,7 @@ from pathlib import Path
 import click
 
 from micromanip.client import Client
-from micromanip.errors import DeviceUnavailable, UsageError
+from micromanip.errors import UsageError
 
 from .options import Quantity, StrictCommand, json_option, print_json, socket_option
 from .prose import say
@@ -26,43 +26,21 @@ _REFRESH_S = 0.2
 @socket_option
 @json_option
 def command(watch: bool, every_s: float, socket_path: Path, as_json: bool) -> None:
-    """What the running controller does: its state, what each axis does, its timing and path error.
-
-    Where it keeps a trend, also how old its newest row is, and the path error of the last 24 hours. Where no controller
-    answers, that is told of the newest trend that is known here.
-    """
+    """What the running controller does: its state, what each axis does, its timing and path error."""
     if watch and as_json:
         raise UsageError("--watch goes on and --json is one document: use one of them")
-    with _connected(socket_path) as client:
+    with Client(socket_path) as client:
         if watch:
             with contextlib.suppress(KeyboardInterrupt):
                 _watch(client, every_s)
             return
         report = client.status()
-    kept = report.get("trend")  # a controller of an older version has not heard of it
     if as_json:
-        from .kept_trend import with_last_day
-
-        print_json(report if kept is None else {**report, "trend": with_last_day(kept)})
+        print_json(report)
         return
     from .live import status
 
     status(report)
-    if kept is not None:
-        from .kept_trend import told
-        from .tables import out_console
-
-        out_console().print(told(kept), highlight=False, markup=False, style="bold red" if kept["message"] else "")
-
-
-def _connected(socket_path: Path) -> Client:
-    try:
-        return Client(socket_path)
-    except DeviceUnavailable as problem:
-        from .kept_trend import told_of_the_last
-
-        last = told_of_the_last()
-        raise problem if last is None else DeviceUnavailable(f"{problem}; {last}") from None
 
 
 def _watch(client: Client, every_s: float) -> None:

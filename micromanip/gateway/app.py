@@ -27,14 +27,13 @@ from .measuring import Measuring
 from .metrics import Metrics
 from .recording import save
 from .response import response_of
-from .runs import POLICY, Runs
 from .saving import lines
 from .session import MESSAGE_BYTES, Session
 from .tokens import Token, Tokens
 from .views import number
 
 PAGES = Path(__file__).with_name("pages")
-PATHS = {"cell": "/", "scope": "/scope", "margins": "/margins", "moves": "/moves", "runs": "/runs"}
+PATHS = {"cell": "/", "scope": "/scope", "margins": "/margins", "moves": "/moves"}
 """Where each page is; their names stand in this order above each."""
 ORDERS = ("arm", "hold", "disarm", "reset")
 MOVE_FIELDS = {"axis", "kind", "by_um", "returns", "way_s", "rest_s", "amplitude_um", "frequency_Hz", "to_Hz"}
@@ -58,22 +57,17 @@ class Gateway:
         differs: Callable[[], str | None],
         beside: Beside = contextlib.nullcontext,
         home: str = "cell",
-        runs: Runs | None = None,
         expiries: Callable[[], Mapping[str, float]] = dict,
     ) -> None:
         """`differs` says so where the controller runs another configuration than was expected, else None.
 
         What `beside` gives is entered as long as the pages are served; `home` is the page that the address alone shows.
-        Without `runs` there are none to be found; `expiries` are those of `Metrics`.
+        `expiries` are those of `Metrics`.
         """
-        self._runs = runs
         self._cell, self._tokens, self._differs, self._beside = cell, tokens, differs, beside
         self._measuring = Measuring(cell)
         routes = [
             *(Route(path, _page(home if path == "/" else name)) for name, path in PATHS.items()),
-            Route("/runs/report/{ticket}", self._report),
-            Route("/api/runs", self._find_runs, methods=["POST"]),
-            Route("/api/runs/report", self._ticket, methods=["POST"]),
             Route("/api/status", self._status),
             Route("/api/order", self._order, methods=["POST"]),
             Route("/api/sensitivity", self._sensitivity, methods=["POST"]),
@@ -136,25 +130,6 @@ class Gateway:
         self._known(request)
         told = await _body(request)
         return JSONResponse(response_of(self._source(), told))
-
-    def _known_runs(self) -> Runs:
-        if self._runs is None:
-            raise UsageError("there is no catalogue here")
-        return self._runs
-
-    async def _find_runs(self, request: Request) -> Response:
-        self._known(request)
-        return JSONResponse(await self._known_runs().find(await _body(request)))
-
-    async def _ticket(self, request: Request) -> Response:
-        self._known(request)
-        return JSONResponse({"address": f"/runs/report/{await self._known_runs().report(await _body(request))}"})
-
-    async def _report(self, request: Request) -> Response:
-        page = self._known_runs().page(request.path_params["ticket"])
-        if page is None:
-            return PlainTextResponse("this address was good for a minute; open the report again\n", 404)
-        return Response(page, media_type="text/html", headers={"content-security-policy": POLICY})
 
     async def _csv(self, request: Request) -> Response:
         self._known(request)

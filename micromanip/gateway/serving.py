@@ -23,14 +23,11 @@ from .certificates import InUse, checked, ends_soon, is_for, names
 from .fields import fields
 from .guard import Origins
 from .history import History
-from .runs import Runs
 from .session import MESSAGE_BYTES
-from .sparkplug.options import Options as SparkplugOptions
 from .tokens import of_file
 
 if TYPE_CHECKING:
     from .opcua.service import OpcUa
-    from .sparkplug.service import Sparkplug
 
 _STOP_S = 2
 _MOST_AXES = ["x", "y", "z"]
@@ -40,10 +37,7 @@ _EVERY = ("0.0.0.0", "::")
 
 @dataclass(frozen=True)
 class Options:
-    """What the command line says; `listen` and `opcua` are HOST:PORT, `behind_proxy` the address that people open.
-
-    `state` is the state directory, with the catalogue; `runs` are folders that it is to know, too.
-    """
+    """What the command line says; `listen` and `opcua` are HOST:PORT, `behind_proxy` the address that people open."""
 
     config: Path
     control: Path
@@ -54,9 +48,6 @@ class Options:
     behind_proxy: str | None = None
     opcua: str | None = None
     opcua_folder: Path = Path("gateway-opcua")
-    sparkplug: SparkplugOptions | None = None
-    state: Path | None = None
-    runs: tuple[Path, ...] = ()
 
 
 def serve(options: Options, say: Callable[[str], None]) -> None:
@@ -82,9 +73,6 @@ def serve(options: Options, say: Callable[[str], None]) -> None:
         )
 
     opcua = None if options.opcua is None else _opcua(options.opcua, options.opcua_folder, cell, in_use, say)
-    sparkplug = None if options.sparkplug is None else _sparkplug(options.sparkplug, cell, say)
-
-    runs = None if options.state is None else Runs(options.state, options.runs)
     with listening(host, port, "--listen") as socket_:
         address = options.behind_proxy or f"{origins.scheme}://{shown(called, socket_.getsockname()[1])}"
 
@@ -96,9 +84,6 @@ def serve(options: Options, say: Callable[[str], None]) -> None:
                 if opcua is not None:
                     await stack.enter_async_context(opcua.serving())
                     say(f"OPC UA at {opcua.url}; certificates in {options.opcua_folder}")
-                if sparkplug is not None:
-                    await stack.enter_async_context(sparkplug.serving())
-                    say(f"MQTT Sparkplug B as {sparkplug.name}")
                 say(f"cell page at {address}/, scope at {address}/scope; tokens in {options.tokens}; Ctrl-C ends it")
                 yield
 
@@ -106,7 +91,7 @@ def serve(options: Options, say: Callable[[str], None]) -> None:
             say(f"made new tokens in {options.tokens}: one to observe, one to operate")
         memory_MB = History(fields(_MOST_AXES)).nbytes / 1e6
         say(f"the history of an hour takes {memory_MB:.0f} MB with three axes, all of it once there is a controller")
-        gateway = Gateway(cell, tokens, origins, differs, beside, runs=runs, expiries=in_use.expiries)
+        gateway = Gateway(cell, tokens, origins, differs, beside, expiries=in_use.expiries)
         run(gateway, socket_, options.certificate, options.key)
 
 
@@ -142,12 +127,6 @@ def _opcua(listen: str, folder: Path, cell: Cell, in_use: InUse, say: Callable[[
         say(made.own.warning)
     in_use.add(made.own.certificate, made.own.shown)
     return made
-
-
-def _sparkplug(options: SparkplugOptions, cell: Cell, say: Callable[[str], None]) -> Sparkplug:
-    with required("--sparkplug", "sparkplug"):
-        from .sparkplug.service import Sparkplug
-    return Sparkplug(cell, options, say)
 
 
 def _digest(config: Path) -> str:

@@ -18,7 +18,7 @@ from micromanip.status_reply import AxisValues, Value
 from .controller import Controller
 from .windows import DIGITS, Array, Windows
 
-QUANTITIES = ("position_um", "setpoint_um", "strain_um", "voltage_V", "headroom_V", "error_um")
+_QUANTITIES = ("position_um", "setpoint_um", "strain_um", "voltage_V", "headroom_V", "error_um")
 """In the order of the columns here."""
 _JOINTS = ("joint_1_Hz", "joint_2_Hz", "joint_3_Hz")
 _SECOND_S, _MINUTE_S = 1.0, 60.0
@@ -39,13 +39,12 @@ class AxesValues:
     def __init__(self, controller: Controller) -> None:
         self._controller = controller
         self._names = list(controller.prepared.configuration.axes)
-        self._windows = Windows(len(self._names) * len(QUANTITIES))
+        self._windows = Windows(len(self._names) * len(_QUANTITIES))
 
-    def add(self, rows: Any) -> Array:
-        """Take in rows of the telemetry ring; their `QUANTITIES` (rows, axes x quantities), NaN where not known."""
-        values = _known(rows, self._parameters).reshape(len(rows), len(self._names) * len(QUANTITIES))
+    def add(self, rows: Any) -> None:
+        """Take in rows of the telemetry ring."""
+        values = _known(rows, self._parameters).reshape(len(rows), len(self._names) * len(_QUANTITIES))
         self._windows.add(rows["time_ns"], values)
-        return values
 
     def report(self, latest: Any | None, now_ns: int) -> dict[str, AxisValues]:
         """Figures by axis at `now_ns`, CLOCK_MONOTONIC; `latest` is the newest row of the ring, None without any."""
@@ -82,10 +81,10 @@ class AxesValues:
     def _now(self, i: int, latest: Any | None, now_ns: int) -> list[tuple[float | None, str | None]]:
         """Each quantity of axis `i`, or None and why it is not known."""
         if latest is None:
-            return [(None, "the loop has not turned yet")] * len(QUANTITIES)
+            return [(None, "the loop has not turned yet")] * len(_QUANTITIES)
         silent_s = (now_ns - int(latest["time_ns"])) * 1e-9
         if silent_s > _SILENT_S:
-            return [(None, f"stale: the loop has stood still for {silent_s:.1f} s")] * len(QUANTITIES)
+            return [(None, f"stale: the loop has stood still for {silent_s:.1f} s")] * len(_QUANTITIES)
         values = _known(latest.reshape(1), self._parameters)[0, i]
         if np.isfinite(values).all():
             return [(round(float(value), DIGITS), None) for value in values]
@@ -137,8 +136,8 @@ def _known(rows: Any, axes: Any) -> Array:
     loops = axes["mode"] != VOLTAGE
     closed = (phase == CLOSED) & loops
     voltage = row["voltage_V"]
-    values = np.empty((*row.shape, len(QUANTITIES)))
-    position, setpoint, strain, _, _, error = (values[:, :, k] for k in range(len(QUANTITIES)))
+    values = np.empty((*row.shape, len(_QUANTITIES)))
+    position, setpoint, strain, _, _, error = (values[:, :, k] for k in range(len(_QUANTITIES)))
     position[:] = np.where(_is_young(row, axes, "stage"), row["stage_um"], np.nan)
     strain[:] = np.where(_is_young(row, axes, "strain"), row["strain_um"], np.nan)
     setpoint[:] = np.where(_DRIVES[phase] & loops, row["setpoint_um"], np.nan)

@@ -43,7 +43,6 @@ from .notify import ServiceManager
 from .realtime import NO_NICE, missing_rights
 from .state_directory import state_directory
 from .statistics import Gathered, report
-from .trend.keeper import TrendKeeper
 from .workers import Workers
 
 _HEARTBEAT_S = 0.02
@@ -93,9 +92,7 @@ class Daemon:
         self._controller = Controller(prepared, options.socket, locks, process)
         self._workers = Workers(prepared, self._controller.segments, self._controller.offsets, locks, say)
         self._controller.adopted = self._workers.adopt
-        wanted = prepared.configuration.trend
-        self._trend = None if wanted is None else TrendKeeper(prepared, wanted, say)
-        self._gathered = Gathered(self._controller, self._trend)
+        self._gathered = Gathered(self._controller)
         self._boxes = BlackBox(self._controller, options.trips or default_folder(), options.kept_trips, say)
         self._trail = AuditTrail(state_directory(), say)
         self._snapshot = SnapshotKeeper(prepared, state_directory(), say)
@@ -189,8 +186,6 @@ class Daemon:
             await self._end_recording()
             if self._learning is not None:
                 await self._learning.end()
-            if self._trend is not None:
-                await self._trend.end()
 
     def _in_force(self, source: Source) -> None:
         """Another configuration has come into force: who keeps what runs follows."""

@@ -1,4 +1,4 @@
-"""Where a controller keeps what outlives it: its audit trail, its trips, its trend, what it has learned."""
+"""Where a controller keeps what outlives it: its audit trail, its trips, what it has learned."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from micromanip.settings.schema.learning import Learning
-    from micromanip.settings.schema.trend import Trend
 
 
 def state_directory() -> Path:
@@ -28,13 +27,5 @@ def state_directory() -> Path:
 
 def memory_folder(wanted: Learning, configuration: Path) -> Path:
     """Where the memories are that `wanted`, in the file `configuration`, speaks of."""
-    return _below(configuration, wanted.folder, "learned")
-
-
-def trend_folder(wanted: Trend, configuration: Path) -> Path:
-    """The same of the days of a trend."""
-    return _below(configuration, wanted.folder, "trend")
-
-
-def _below(configuration: Path, folder: str | None, usual: str) -> Path:
-    return state_directory() / usual if folder is None else configuration.absolute().parent / folder
+    folder = wanted.folder
+    return state_directory() / "learned" if folder is None else configuration.absolute().parent / folder

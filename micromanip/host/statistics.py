@@ -24,14 +24,12 @@ from micromanip.status_reply import (
     Recorded,
     SignalFigures,
     Status,
-    TrendKept,
 )
 
 from .axis_values import AxesValues
 from .controller import Controller
 from .ring import RingReader
 from .sample_rates import SampleRates
-from .trend.keeper import TrendKeeper
 
 _ROLES = (("strain", 1), ("stage", 2), ("deviation", 4))
 _MOST_ROWS = 1 << 15
@@ -43,27 +41,20 @@ _OCTAVES = 40
 
 
 class Gathered:
-    """What the host takes out of the telemetry ring: signals, axes, a trend; each row is read once."""
+    """What the host takes out of the telemetry ring: signals, axes; each row is read once."""
 
-    def __init__(self, controller: Controller, trend: TrendKeeper | None = None) -> None:
+    def __init__(self, controller: Controller) -> None:
         self._reader = RingReader(controller.ring)
         self.signals = SignalStatistics(controller)
         self.rates = SampleRates(controller)
         self._axes = AxesValues(controller)
-        self._trend = trend
 
     def gather(self) -> None:
         """Take in the rows since the last call."""
         rows = self._reader.read(_MOST_ROWS)
         self.signals.add(rows)
         self.rates.add(rows)
-        quantities = self._axes.add(rows)
-        if self._trend is not None:
-            self._trend.add(rows, quantities)
-
-    def trend(self) -> TrendKept | None:
-        """How far the trend is; None where none is kept."""
-        return None if self._trend is None else self._trend.report()
+        self._axes.add(rows)
 
     def axes(self) -> dict[str, AxisValues]:
         """What each axis does now."""
@@ -186,7 +177,6 @@ def report(
         "trips": list(trips),
         "links": dict(links or {}),
         "recording": recording,
-        "trend": gathered.trend(),
         "learning": learning,
         "arming_awaits": arming_awaits if state == "READY" else None,  # the loop may arm before its host knows
     }

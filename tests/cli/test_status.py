@@ -5,7 +5,6 @@ import os
 import pty
 import subprocess
 import sys
-from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
@@ -14,9 +13,7 @@ from micromanip.cli.live import figures, state_line
 from micromanip.cli.main import main
 from micromanip.cli.run import _judge
 from micromanip.errors import CheckFailed
-from micromanip.rt.states import STATE_NAMES, STRAIN_INVALID
 
-from .command import code_of
 from .played import FAULT, Played, status
 
 RED = "\x1b[1;31m"
@@ -28,53 +25,6 @@ def played(tmp_path):
     controller.status = status("FAULT", [FAULT]) | {"links": {}, "shadow": "none", "recording": None}
     yield controller
     controller.close()
-
-
-HEAD = "time,seconds,cycles,overruns,link_down_cycles,state,fault,error_um_x_rms,error_um_y_rms"
-
-
-def kept_trend(folder, minutes=1500, fault=0):
-    """Minutes up to 2026-11-02T01:00 UTC; in the last day, 1440 of them, x has 0.1, 0.2, .. um in turn of five."""
-    folder.mkdir(parents=True)
-    days = {}
-    for k in range(minutes):
-        at = datetime(2026, 11, 2, 1, tzinfo=UTC) - timedelta(minutes=minutes - k)
-        error = 9.0 if minutes - k > 1440 else 0.1 * (1 + k % 5)
-        last = fault if k == minutes - 1 else 0
-        row = f"{at:%Y-%m-%dT%H:%M:%S},60,600000,0,0,{STATE_NAMES.index('TRACKING')},{last},{error},nan\n"
-        days[f"{at:%Y-%m-%d}"] = days.get(f"{at:%Y-%m-%d}", f"{HEAD}\n") + row
-    for day, text in days.items():
-        (folder / f"{day}-minutes.csv").write_text(text)
-    return folder
-
-
-def test_where_a_trend_is_kept_its_age_and_the_last_day_are_told(played, tmp_path, capsys):
-    kept = {"folder": str(kept_trend(tmp_path / "trend")), "newest": "2026-11-02T00:59:58", "age_s": 0.8}
-    played.status |= {"trend": kept | {"message": None}}
-    main(["status", "--socket", str(played.path)])
-    line = " ".join(capsys.readouterr().out.split("trend: ")[1].split())
-    assert "newest row 0.8 s old; last 24 h, 1440 min of them: path error x 0.30 um, median of the minutes' rms" in line
-    main(["status", "--socket", str(played.path), "--json"])
-    day = json.loads(capsys.readouterr().out)["trend"]["last_day"]
-    assert (day["minutes"], day["error_um"]["y"], day["state"]) == (1440, None, "TRACKING")
-    assert day["error_um"]["x"] == pytest.approx(0.3)
-    played.status |= {"trend": kept | {"folder": str(tmp_path / "empty"), "message": "no space left"}}
-    main(["status", "--socket", str(played.path)])
-    assert "trend: no space left" in capsys.readouterr().out
-    main(["status", "--socket", str(played.path), "--json"])
-    assert json.loads(capsys.readouterr().out)["trend"]["last_day"] is None
-
-
-def test_of_a_stopped_controller_the_newest_trend_is_told(tmp_path, capsys, monkeypatch):
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
-    monkeypatch.delenv("STATE_DIRECTORY", raising=False)
-    assert code_of("status", "--socket", str(tmp_path / "none.sock")) == 69
-    assert "trend" not in capsys.readouterr().err
-    kept_trend(tmp_path / "micromanip" / "trend", fault=STRAIN_INVALID)
-    assert code_of("status", "--socket", str(tmp_path / "none.sock")) == 69
-    said = capsys.readouterr().err
-    assert "no controller answers" in said
-    assert "(2026-11-02 01:00 UTC) in TRACKING with X-201; last 24 h, 1440 min of them: path error x 0.30 um" in said
 
 
 def on_a_terminal(controller, **environment):

@@ -7,19 +7,14 @@ import numpy as np
 import pytest
 
 from micromanip.errors import CheckFailed
-from micromanip.faults import KINDS
-from micromanip.gateway import runs as runs_module
 from micromanip.gateway.app import Gateway
 from micromanip.gateway.guard import Origins
 from micromanip.gateway.overview_filling import fill
-from micromanip.gateway.runs import Runs
 from micromanip.gateway.tokens import Token, Tokens
 from micromanip.gateway.viewing import Everybody, RecordedCell
 from micromanip.recordings import open_telemetry
 from micromanip.rt import states
-from tests.catalogue.test_runs import report
 from tests.cli.played import FAULT
-from tests.design.test_run_figures import recording
 from tools.chromium import PROGRAM, chromium
 from tools.running_controller import until
 
@@ -28,7 +23,6 @@ from .rings import Played, rows, status
 from .served import follow, served
 from .test_filed import FAULT_CYCLE, written
 from .test_filed import opened as filed
-from .test_runs import hasty
 
 pytestmark = [pytest.mark.live, pytest.mark.skipif(PROGRAM is None, reason="chromium is not installed")]
 DO = "d" * 24
@@ -50,16 +44,10 @@ def tracking(played):
 
 
 @pytest.fixture(scope="module")
-def address(played, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("recorded")
-    recording(folder / "bad.mcap", amplitude=2.0, fault=3, marks=["coolant off"])
-    report(folder / "report.html", [True, False])
-    runs = Runs(tmp_path_factory.mktemp("state"), [folder])
+def address(played):
     tokens = Tokens([Token("ana", "operate", DO)])
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(runs_module, "_command", hasty)
-        with served(Gateway(played.cell, tokens, Origins(), lambda: None, runs=runs)) as found:
-            yield found
+    with served(Gateway(played.cell, tokens, Origins(), lambda: None)) as found:
+        yield found
 
 
 @pytest.fixture(scope="module")
@@ -211,30 +199,6 @@ def test_the_keyboard_alone_arms_and_reads_the_scope(browser, address, played, m
     assert browser.until(f"document.querySelectorAll('#readout td').length > 9 && {narrow}")
     browser("Emulation.setDeviceMetricsOverride", width=1280, height=900, deviceScaleFactor=1, mobile=False)
     browser.value("localStorage.removeItem('fields')")
-    in_order(browser, address)
-
-
-def test_runs_are_found_and_a_report_is_opened(browser, address):
-    signed_in(browser, address, "/runs")
-    browser.until("document.querySelectorAll('article').length === 2")
-    browser.until("!document.getElementById('count').textContent.includes('looking')")
-    browser.value("document.dispatchEvent(new KeyboardEvent('keydown', {key: 'j'}))")
-    assert browser.value("document.activeElement.tagName") == "ARTICLE"
-    for width in (390, 1280):
-        browser("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=False)
-        assert browser.value("document.documentElement.scrollWidth <= innerWidth"), f"it fits at {width}"
-    browser.value(
-        f"{{ const f = document.getElementById('question').elements; f.fault.value = '{KINDS[3].code}'; "
-        "f.fault.dispatchEvent(new Event('input', {bubbles: true})) }"
-    )
-    browser.until("document.querySelectorAll('article').length === 1")
-    assert "coolant off" in browser.value("document.querySelector('article').textContent")
-    browser.value("window.open = () => (window.tab = {}); document.querySelector('article button').click()")
-    report_address = browser.until("window.tab.location")
-    assert browser.value("document.getElementById('notice').hidden")
-    browser("Page.navigate", url=address + report_address)
-    browser.until("document.readyState === 'complete' && document.title.includes('bad.mcap')")
-    assert browser.value("getComputedStyle(document.body).fontFamily") != ""
     in_order(browser, address)
 
 

@@ -69,9 +69,8 @@ assert not before
     assert loaded(program, ["numba", "scipy.linalg"]) == ["numba", "scipy.linalg"]
 
 
-@pytest.mark.parametrize("module", ["micromanip.catalogue.refreshing", "micromanip.gateway.serving"])
-def test_who_only_shows_loads_no_scipy(module):
-    assert loaded(f"import {module}", ("numba", "scipy")) == []
+def test_who_only_shows_loads_no_scipy():
+    assert loaded("import micromanip.gateway.serving", ("numba", "scipy")) == []
 
 
 def test_a_worker_ramps_its_outputs_to_rest_without_one():

@@ -12,7 +12,7 @@ from matplotlib.patches import Rectangle
 import micromanip
 
 ROOMS = (
-    *("cli", "gateway", "catalogue", "learner", "driver", "client", "host", "design"),
+    *("cli", "gateway", "learner", "driver", "client", "host", "design"),
     *("virtual", "emulation", "conformance", "replay", "settings", "control", "recordings", "testbus"),
     *("bus", "faults", "rt"),
 )

@@ -113,7 +113,6 @@ function showRun(status) {
     [cell("period"), cell(`${status.period_ns / 1000} µs`)],
     [cell("parameter version"), cell(String(status.parameter_version))],
     [cell("candidate tuning"), cell(status.shadow)],
-    [cell("trend"), cell(status.trend ? status.trend.message ?? (status.trend.newest ? `newest row ${figure(status.trend.age_s, 1)} s old` : "no row yet") : "none", status.trend?.message ? "unknown" : "")],
     [cell("recording"), cell(recording ? `${recording.state}, ${count(recording.rows)} rows, ${count(recording.dropped)} dropped` : "none")],
   ]);
 }

@@ -35,7 +35,6 @@ from .frame import Frame
 from .key import AtRest, LargerIsWeaker, Live, NewStart, WiderIsWeaker
 from .learning import Learning
 from .reference import Reference, Tracker
-from .trend import Trend
 
 
 class Loop(Settings):
@@ -290,9 +289,6 @@ class Configuration(Settings):
         min_length=1, max_length=MAX_AXES, description="The axes of the manipulator."
     )
     control: NewStart[Control] = Control()
-    trend: NewStart[Trend | None] = Field(
-        default=None, description="Figures of each second and minute for months; {} for all defaults, null: none."
-    )
     learning: NewStart[Learning | None] = Field(
         default=None, description="Learn from part to part what of the path error repeats, and play it; null: neither."
     )

@@ -1,0 +1,116 @@
+"""``micromanip recording list``: the recordings of a folder, by the heads of the files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from .options import StrictCommand, StrictGroup, json_option, print_answer
+from .prose import say
+
+if TYPE_CHECKING:
+    from micromanip.recordings import Telemetry
+    from micromanip.recordings.telemetry import Piece
+
+_HEAD = ("recording", "begun (UTC)", "s", "axes", "configuration", "MB", "ended", "marks")
+_HASH = 12
+
+
+@click.command("list", cls=StrictCommand, epilog="Example: micromanip recording list /var/lib/micromanip/recordings")
+@click.argument("folder", type=click.Path(path_type=Path, exists=True, file_okay=False), required=False)
+@json_option
+def command(folder: Path | None, as_json: bool) -> None:
+    """What FOLDER has of recordings, the newest first; without FOLDER those that `record start` made for this user.
+
+    Each file's head and end are read, not its rows. A file that can't be read is listed with the reason.
+    """
+    from micromanip.host.recording.recordings import default_folder
+
+    folder = default_folder() if folder is None else folder
+    files = [file for file in folder.glob("*") if file.suffix.lower() == ".mcap" and not file.name.startswith(".")]
+    rows = sorted(map(_row, files), key=lambda row: (row["began"], row["name"]), reverse=True)
+    print_answer({"folder": str(folder), "recordings": rows}, _show, as_json)
+
+
+recording = StrictGroup(
+    "recording", commands=[command], epilog="Example: micromanip recording list out", help="The recordings of a folder."
+)
+
+
+def _row(file: Path) -> dict[str, Any]:
+    """One recording as JSON has it: `began` as ISO 8601, UTC; what is not known is None."""
+    from micromanip.errors import CheckFailed
+    from micromanip.recordings import open_telemetry
+
+    about = file.lstat()
+    row: dict[str, Any] = {
+        "name": file.name, "began": _utc(about.st_mtime), "seconds": None, "axes": None, "sha256": None,
+        "bytes": about.st_size, "ended": None, "marks": [], "problem": None,
+    }  # fmt: skip
+    try:
+        telemetry = open_telemetry(file)
+    except CheckFailed as problem:
+        return row | {"problem": str(problem).removeprefix(f"{file}: ")}
+    if telemetry.marks:
+        row["began"] = datetime.fromisoformat(telemetry.marks[0]["time"]).astimezone(UTC).isoformat(timespec="seconds")
+    return row | {
+        "seconds": _seconds(telemetry),
+        "axes": telemetry.axes,
+        "sha256": telemetry.sha256,
+        "ended": _ended(telemetry),
+        "marks": [mark["text"] for mark in telemetry.marks[1:]],
+        "problem": telemetry.damage() or None,
+    }
+
+
+def _utc(unix_s: float) -> str:
+    return datetime.fromtimestamp(unix_s, UTC).isoformat(timespec="seconds")
+
+
+def _ended(telemetry: Telemetry) -> str:
+    if telemetry.end.get("complete"):
+        return "in order"
+    return str(telemetry.end.get("problem") or "broken off, or still being written")
+
+
+def _seconds(telemetry: Telemetry) -> float | None:
+    """From the first cycle that can be read to the end of the last one."""
+    pieces = telemetry.pieces()
+    first, last = _cycle(pieces, 0), _cycle(reversed(pieces), -1)
+    return None if first is None or last is None else (last - first + 1) * telemetry.period_ns * 1e-9
+
+
+def _cycle(pieces: Iterable[Piece], place: int) -> int | None:
+    """The first or last cycle of the first piece that can be read."""
+    from micromanip.errors import CheckFailed
+
+    for piece in pieces:
+        try:
+            cycles = piece(["cycle"])["cycle"]
+        except CheckFailed:
+            continue
+        if len(cycles):
+            return int(cycles[place])
+    return None
+
+
+def _show(document: dict[str, Any]) -> None:
+    from rich.markup import escape
+
+    from .tables import Figures, out_console
+
+    if not document["recordings"]:
+        say(f"{document['folder']}: no recording (.mcap) in it")
+        return
+    table = Figures(*_HEAD)
+    for row in document["recordings"]:
+        ended = "; ".join(filter(None, [row["ended"], row["problem"]]))
+        seconds = "" if row["seconds"] is None else f"{row['seconds']:.1f}"
+        cells = [row["name"], row["began"][:19], seconds, " ".join(row["axes"] or ()), (row["sha256"] or "")[:_HASH],
+                 f"{row['bytes'] / 1e6:.1f}", ended, "; ".join(row["marks"])]  # fmt: skip
+        table.add_row(*map(escape, cells))
+    out_console().print(table)

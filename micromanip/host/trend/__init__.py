@@ -1,1 +1,0 @@
-"""Figures of each second and minute, to files that are kept for months."""

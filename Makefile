@@ -69,7 +69,7 @@ test-vm: $(READY) ## the same, and SocketCAN, on a PREEMPT_RT kernel in an emula
 	tools/system-tests/scenarios.sh vm
 
 bench: $(READY)   ## speed beside references measured in the same run
-	$(BIN)/micromanip bench
+	$(BIN)/micromanip system bench
 
 check-budget: $(READY) ## the error budget beside virtual experiments with causes switched off, on five cells
 	$(BIN)/python -m tools.check_budget

@@ -29,14 +29,14 @@ class Result:
 
 @dataclass
 class Report:
-    """Everything that one ``micromanip bench`` found out."""
+    """Everything that one ``micromanip system bench`` found out."""
 
     results: list[Result] = field(default_factory=list)
     skipped: dict[str, str] = field(default_factory=dict)
     failed: dict[str, str] = field(default_factory=dict)
 
     def document(self) -> dict[str, Any]:
-        """As ``bench --json`` prints it, four digits."""
+        """As ``system bench --json`` prints it, four digits."""
         return {
             "results": [{k: _rounded(v) for k, v in asdict(result).items()} for result in self.results],
             "skipped": [{"name": name, "reason": reason} for name, reason in self.skipped.items()],

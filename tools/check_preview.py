@@ -1,4 +1,4 @@
-"""``make check-preview``: what `micromanip preview` says of drawn paths, beside the same paths played in virtual time.
+"""``make check-preview``: what `analyse path` says of drawn paths, beside the same paths played in virtual time.
 
 A path is a slow sine and a joint's oscillation on each axis, amplitude and speed drawn. Where the preview says that it
 fits, no limit may hold while it is played. Where it does not, a limit must hold in the first stretch that it names, and

@@ -1,4 +1,4 @@
-"""`micromanip simulate-device` in a process of its own, told by lines what to do."""
+"""`micromanip device simulate` in a process of its own, told by lines what to do."""
 
 import json
 import os
@@ -16,7 +16,7 @@ class Device:
         self.folder = config.parent
         self._err = (self.folder / "device.err").open("wb")
         self.process = subprocess.Popen(
-            [*prefix, str(MICROMANIP), "simulate-device", str(config), "--commands", "--watchdog", str(watchdog_ms)],
+            [*prefix, str(MICROMANIP), "device", "simulate", str(config), "--commands", "--watchdog", str(watchdog_ms)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._err,

@@ -1,4 +1,4 @@
-"""``micromanip learn``: what repeats of the path error from part to part, and a correction that takes it off."""
+"""``micromanip learn``: a part begins or ends; what was learned of the parts so far, and how it is forgotten."""
 
 from __future__ import annotations
 
@@ -12,24 +12,12 @@ import click
 from micromanip.client import Client
 from micromanip.errors import CheckFailed, UsageError, system_error
 
-from .axes import axis_option, chosen_axes
-from .axis_names import complete_axis
-from .learned import memory_answer, print_memories, print_running, print_trials, update_answer, update_sentence
-from .options import (
-    Quantity,
-    StrictCommand,
-    StrictGroup,
-    config_argument,
-    json_option,
-    prepare_and_warn,
-    print_answer,
-    print_json,
-    socket_option,
-)
-from .prose import say
+from .axes import axis_option, one_axis_option
+from .echo import echo
+from .learned import memory_answer, print_memories, print_running
+from .options import Quantity, StrictCommand, client_command, emit_answer, emit_json, json_option, socket_option
 
 if TYPE_CHECKING:
-    from micromanip.design.learning.learner import Learner
     from micromanip.design.learning.memory import Memory
 
 memory_option = click.option(
@@ -40,74 +28,39 @@ running_or_memory_option = click.option(
     "--memory", "folder", type=click.Path(path_type=Path, file_okay=False), metavar="DIR",
     help="Folder of the memories.  [default: those of the running controller]",
 )  # fmt: skip
-limit_option = click.option(
-    "--limit", "limit_um", type=Quantity("Distance", least=0.01, most=50.0), default=5.0, show_default=True,
-    metavar="UM", help="A correction that would be larger is not applied.",
+
+
+def _show_part(answer: dict[str, Any]) -> None:
+    echo("a part begins" if answer["part"] == "begin" else "the part has ended")
+
+
+@click.command("part", cls=StrictCommand, epilog="Example: micromanip learn part begin --tool 3")
+@click.argument("what", type=click.Choice(["begin", "end"]))
+@click.option(
+    "--tool", type=Quantity("Count", most=65_535), metavar="N",
+    help="With begin, the tool in the spindle: what was learned with it is played.  [default: none is told]",
 )  # fmt: skip
+@client_command(_show_part)
+def part(what: str, tool: int | None) -> Callable[[Client], dict[str, Any]]:
+    """Tell the running controller that a part begins or ends now: the tracker's path says when exactly.
 
-
-@click.group("learn", cls=StrictGroup, epilog="Example: micromanip learn try config/simulated.yaml")
-def command() -> None:
-    """Learn from part to part what of the path error repeats, and a correction for it.
-
-    docs/learning.md explains it.
+    At its end, also where it was broken off, what is played for it fades out. Not where the configuration has the
+    signal `part`: then the machine says it.
     """
+    if what == "end" and tool is not None:
+        raise UsageError("--tool goes with `begin`")
+
+    def order(client: Client) -> dict[str, Any]:
+        if what == "begin":
+            client.part_begin(tool)
+        else:
+            client.part_end()
+        return {"accepted": True, "part": what}
+
+    return order
 
 
-@command.command(
-    "update",
-    cls=StrictCommand,
-    epilog="Example: micromanip learn update part1.mcap part2.mcap --memory out/learned --begin 2 --seconds 8",
-)
-@click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="RECORDING...")
-@memory_option
-@axis_option
-@click.option(
-    "--begin", "begin_s", type=Quantity("SecondsOrZero"), metavar="S",
-    help="When the part begins, after tracking has.  [default: as in the memory]",
-)  # fmt: skip
-@click.option(
-    "--seconds", type=Quantity("Seconds"), metavar="S", help="How long the part takes.  [default: as in the memory]"
-)
-@click.option(
-    "--search", "search_s", type=Quantity("SecondsOrZero", most=60.0), default=0.5, show_default=True, metavar="S",
-    help="The path is looked for so far from where it began before.",
-)  # fmt: skip
-@click.option(
-    "--tolerance", "tolerance_um", type=Quantity("Distance"), metavar="UM",
-    help="How far it may be from the memory's path, rms.  [default: 1 %, at least .5]",
-)  # fmt: skip
-@limit_option
-@json_option
-def update(
-    files: tuple[Path, ...], folder: Path, only: str, begin_s: float | None, seconds: float | None, search_s: float,
-    tolerance_um: float | None, limit_um: float, as_json: bool,
-) -> None:  # fmt: skip
-    """Learn from recordings, one part in each, in their order.
-
-    A part that is worse than the one before, beyond doubt, leads back to what was played before it. Whatever does not
-    belong to the memory (another cell, tuning or path, a part that was not finished) is refused, and changes nothing.
-    """
-    from micromanip.design.learning.learner import Learner
-
-    from .progress import steps
-    from .results import results_folder
-
-    learner = Learner(folder, limit_um, search_s, tolerance_um)
-    told: list[dict[str, Any]] = []
-    try:
-        with results_folder(folder, "--memory"), steps() as bar:
-            for file in files:
-                told += _learn_from(file, only, learner, begin_s, seconds, bar.say)
-    finally:  # of what was learned before something is refused, too
-        if not as_json:
-            for each in told:
-                say(update_sentence(each))
-    if as_json:
-        print_json({"updates": told})
-
-
-@command.command("status", cls=StrictCommand, epilog="Example: micromanip learn status --memory out/learned")
+@click.command("status", cls=StrictCommand, epilog="Example: micromanip learn status --memory out/learned")
 @running_or_memory_option
 @socket_option
 @json_option
@@ -115,16 +68,16 @@ def status(folder: Path | None, socket_path: Path, as_json: bool) -> None:
     """What each axis has learned, from how many parts, at which frequencies; without --memory the running cell's."""
     if folder is None:
         with Client(socket_path) as client:
-            print_answer(client.learn_status(), print_running, as_json)
+            emit_answer(client.learn_status(), print_running, as_json)
         return
     found = [memory_answer(memory) for memory in _memories(folder)]
     if as_json:
-        print_json({"memory": str(folder), "axes": found})
+        emit_json({"memory": str(folder), "axes": found})
         return
     print_memories(found)
 
 
-@command.command("reset", cls=StrictCommand, epilog="Example: micromanip learn reset --memory out/learned --axis x")
+@click.command("reset", cls=StrictCommand, epilog="Example: micromanip learn reset --memory out/learned --axis x")
 @running_or_memory_option
 @axis_option
 @socket_option
@@ -139,7 +92,7 @@ def reset(folder: Path | None, only: str, socket_path: Path, as_json: bool) -> N
     if folder is None:
         with Client(socket_path) as client:
             client.learn_reset(*([] if only == "all" else [only]))
-        print_answer({"accepted": True}, lambda _: say("forgotten; what was played has faded out"), as_json)
+        emit_answer({"accepted": True}, lambda _: echo("forgotten; what was played has faded out"), as_json)
         return
     if only == "all":
         files = [
@@ -150,17 +103,17 @@ def reset(folder: Path | None, only: str, socket_path: Path, as_json: bool) -> N
     for file in files:
         remove_memory(file)
     if as_json:
-        print_json({"removed": [str(file) for file in files]})
+        emit_json({"removed": [str(file) for file in files]})
     else:
         for file in files:
-            say(f"removed {file}")
+            echo(f"removed {file}")
 
 
-@command.command(
+@click.command(
     "export", cls=StrictCommand, epilog="Example: micromanip learn export --memory out/learned --axis x --to x.csv"
 )
 @memory_option
-@click.option("--axis", required=True, shell_complete=complete_axis, help="The axis.")
+@one_axis_option
 @click.option("--tool", type=Quantity("Count", most=65535), metavar="N", help="Of this tool.  [default: of none]")
 @click.option("--to", "--out", "file", type=click.Path(path_type=Path), required=True, metavar="FILE", help="CSV file.")
 @json_option
@@ -183,50 +136,9 @@ def export(folder: Path, axis: str, tool: int | None, file: Path, as_json: bool)
     except OSError as problem:
         raise system_error(problem, file) from None
     if as_json:
-        print_json({"file": str(file), "rows": len(memory.path_um)})
+        emit_json({"file": str(file), "rows": len(memory.path_um)})
     else:
-        say(f"wrote {file}")
-
-
-@command.command("try", cls=StrictCommand, epilog="Example: micromanip learn try config/simulated.yaml --parts 5")
-@config_argument
-@click.option("--parts", type=Quantity("Count", least=2, most=50), default=5, show_default=True, help="Parts in a row.")
-@click.option(
-    "--seconds", type=Quantity("Seconds", least=2.0, most=600.0), default=8.0, show_default=True, metavar="S",
-    help="How long each takes, once the tool is in.",
-)  # fmt: skip
-@click.option("--seed", type=Quantity("Seed"), default=1, show_default=True, help="Draws the noise of each part.")
-@limit_option
-@json_option
-def try_(config: Path, parts: int, seconds: float, seed: int, limit_um: float, as_json: bool) -> None:
-    """Make identical parts on a simulated cell in virtual time, which learns from each, and say what is left."""
-    from micromanip.design.learning.trial import trial
-
-    from .progress import steps
-
-    prepared = prepare_and_warn(config)
-    with steps() as bar:
-        found = trial(prepared, parts, seconds, seed, limit_um, bar.say)
-    if as_json:
-        axes = [axis.document() for axis in found]
-        print_json({"config": str(config), "seconds": seconds, "seed": seed, "axes": axes})
-    else:
-        print_trials(found)
-
-
-def _learn_from(
-    file: Path, only: str, learner: Learner, begin_s: float | None, seconds: float | None, step: Callable[[str], None]
-) -> list[dict[str, Any]]:
-    """Learn from one recording, and write what each axis knows then."""
-    from micromanip.recordings import open_telemetry
-
-    telemetry = open_telemetry(file)
-    found = learner.update(telemetry, chosen_axes(telemetry.axes, only, file), begin_s, seconds, step)
-    try:
-        learner.write(found)
-    except OSError as problem:
-        raise system_error(problem, learner.folder) from None
-    return [update_answer(file, name, each) for name, each in found.items()]
+        echo(f"wrote {file}")
 
 
 def _memories(folder: Path) -> list[Memory]:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .prose import say
+from .echo import echo
 
 if TYPE_CHECKING:
     from micromanip.design.learning.law import Update
@@ -19,7 +19,7 @@ def print_running(told: LearningStatus) -> None:
     """The running cell's learning, a row for each axis."""
     from .tables import Figures, out_console
 
-    say(f"{told['state']}, {told['made']} parts made, memories in {told['folder']}")
+    echo(f"{told['state']}, {told['made']} parts made, memories in {told['folder']}")
     shown = Figures("axis", "memory", "now", "off the path, um", "last part, um", "without, um", "was", "learned, Hz")
     for name, axis in told["axes"].items():
         last = axis["last"] or {}
@@ -121,4 +121,4 @@ def print_trials(found: Sequence[AxisTrial]) -> None:
     out_console().print(repeats)
     for axis in found:
         verdicts = ", ".join(each.verdict for each in axis.parts)
-        say(f"axis {axis.axis}: learned {_bands(axis.parts[-1].learned_Hz)} Hz; part by part: {verdicts}")
+        echo(f"axis {axis.axis}: learned {_bands(axis.parts[-1].learned_Hz)} Hz; part by part: {verdicts}")

@@ -50,7 +50,7 @@ def open_telemetry(file: Path) -> Telemetry:
         return open_mcap(file)
     if head.startswith(_HDF5) and is_telemetry(file):
         return open_hdf5(file)
-    raise CheckFailed(f"{file}: no recording of ours: MCAP or HDF5 of `run --record` or `record start`")
+    raise CheckFailed(f"{file}: no recording of ours: MCAP or HDF5 of `run --record` or `recording start`")
 
 
 def is_recording(file: Path) -> bool:

@@ -88,7 +88,3 @@ def test_values_at_every_width(report, width):
     said = " ".join(shown.split())
     assert "unknown: x set-point: loops open" in said
     assert "unknown: x strain: stale: no usable sample" in said
-
-
-def test_a_controller_of_an_older_version_tells_none():
-    assert "older version" in printed(values({}), 80)

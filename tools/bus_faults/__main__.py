@@ -23,7 +23,7 @@ PAGE = ROOT / "docs" / "reports" / "fault-campaign.md"
 HEAD = """# Fault campaign
 
 What faults of a bus do to the whole controller: daemon, workers and loop as in operation, the devices of an example
-played by `simulate-device`. One daemon goes through all faults of an example. Written by
+played by `device simulate`. One daemon goes through all faults of an example. Written by
 `make fault-campaign`; the figures of a table are of one run on a shared machine with two processors. What must follow
 goes by what a fault does to the cell (no samples, commands that don't arrive, neither); whichever watch notices first
 is right. What went wrong while loop or device came 5 ms late or more, as that machine sometimes does, was tried again,

@@ -221,7 +221,7 @@ class Yard:
 
     def _safe_outputs(self, wait_s):
         done = subprocess.run(
-            [str(MICROMANIP), "safe-outputs", str(self.config), "--wait", str(wait_s)],
+            [str(MICROMANIP), "park", str(self.config), "--wait", str(wait_s)],
             capture_output=True,
             check=False,
             cwd=self.folder,

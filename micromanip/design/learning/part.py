@@ -150,5 +150,5 @@ class Run:
         if limited > _MOST_LIMITED:
             raise CheckFailed(
                 f"{self.what}: the voltage was at an end of its range for {100 * limited:.2g} % of the part: nothing "
-                "is learned from it; `micromanip preview` says where the path asks for more than there is"
+                "is learned from it; `micromanip analyse path` says where the path asks for more than there is"
             )

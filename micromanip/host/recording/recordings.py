@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 _NAME_CHARACTERS = 100
 _LOOK_S = 5.0
 """A folder that takes longer to be looked at is refused."""
-_NOTHING = "nothing is being recorded; `micromanip record start` begins"
+_NOTHING = "nothing is being recorded; `micromanip recording start` begins"
 
 
 def default_folder() -> Path:
@@ -54,7 +54,7 @@ class Recordings:
             found = [str(problem)]
         if found[0] is not None:
             self._say(
-                f"WARNING: recordings go to {self._folder}, and {found[0]}: `record start` will fail, or soon end; "
+                f"WARNING: recordings go to {self._folder}, and {found[0]}: `recording start` will fail, or soon end; "
                 "mend that, or name another folder, `run --recordings`"
             )
 

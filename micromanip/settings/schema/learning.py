@@ -15,7 +15,7 @@ from .base import Settings
 class Learning(Settings):
     """What repeats of the path error over identical parts is learned after each, and played in the next.
 
-    A part begins in the cycle in which the signal `part` says so; without that signal, where `micromanip part begin`
+    A part begins in the cycle in which the signal `part` says so; without that signal, where `learn part begin`
     was typed and the tracker has seen the path. Only what follows a tracker (`reference.source: signal`) learns.
     """
 

@@ -61,7 +61,7 @@ thorough: $(READY) ## what `make test` has fewer of: 60 examples of each search 
 	NUMBA_DISABLE_JIT=1 $(BIN)/pytest --hypothesis-profile=thorough -m '(hypothesis or many_cycles) and not compiled_only' tests/rt
 
 bench: $(READY)   ## speed beside references measured in the same run
-	$(BIN)/micromanip bench
+	$(BIN)/micromanip system bench
 
 campaign: $(READY) ## long experiments, listed; `make campaign NAME=kills ARGS="--count 10 --json"` runs one
 	$(BIN)/python -m campaigns $(NAME) $(ARGS)

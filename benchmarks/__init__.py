@@ -1,1 +1,1 @@
-"""What ``micromanip bench`` runs: each figure beside its reference, measured in the same run."""
+"""What ``micromanip system bench`` runs: each figure beside its reference, measured in the same run."""

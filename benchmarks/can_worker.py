@@ -1,6 +1,6 @@
 """Use of a CPU by the worker process of config/can.yaml, beside bare python-can that receives and sends as many frames.
 
-The device is that of ``simulate-device``, in a process of its own. There is no loop, so the outputs are at rest: the
+The device is that of ``device simulate``, in a process of its own. There is no loop, so the outputs are at rest: the
 worker sends and receives as in operation. Both take part in the same bus, in turns.
 """
 
@@ -76,11 +76,11 @@ def _played(examples: Path) -> Iterator[tuple[Path, str]]:
         example = (examples / "can.yaml").read_text()
         configuration.write_text(example.replace("channel: can0\n", f"channel: {channel}\n"))
         command = "import sys; from micromanip.cli.main import main; sys.exit(main())"
-        with python("-c", command, "simulate-device", str(configuration), stderr=subprocess.PIPE) as device:
+        with python("-c", command, "device", "simulate", str(configuration), stderr=subprocess.PIPE) as device:
             try:
                 assert device.stderr is not None
                 if not device.stderr.readline().startswith("READY"):
-                    raise CheckFailed("simulate-device did not start")
+                    raise CheckFailed("device simulate did not start")
                 yield configuration, channel
             finally:
                 device.terminate()

@@ -1,4 +1,4 @@
-/* One tracking cycle of the cell in plain C: the yardstick of `micromanip bench`, and an oracle for the laws.
+/* One tracking cycle of the cell in plain C: the yardstick of `micromanip system bench`, and an oracle for the laws.
  *
  * Same records, same algorithms, same telemetry rows as micromanip/rt, for what config/simulated.yaml uses: stage control
  * after a tracker, with a Prandtl-Ishlinskii model and tanh shaping. It only tracks: no arming, no ramp, no

@@ -28,7 +28,7 @@ HEADER = """\
 # tool cuts. Physical units, named by the keys; every key is explained in docs/configuration.md.
 # The tuning of the axes (inner, hysteresis, hysteresis_affine, outer, actuator) and what the predictor knows of the
 # path deviation (reference) are what `make campaign NAME=tune` made of config/factory.yaml: `micromanip commission`,
-# all axes, tooth frequency {tooth:g} Hz, seed {seed}, version {version}, {date}. It passes `micromanip analyse`.
+# all axes, tooth frequency {tooth:g} Hz, seed {seed}, version {version}, {date}. It passes `analyse margins`.
 # The rest is written by hand.
 """
 

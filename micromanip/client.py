@@ -109,7 +109,7 @@ class Client:
             self.close()
             raise DeviceUnavailable(
                 f"the controller on {self.path} did not answer {verb} within {within_s:g} s: whether it has done it, "
-                "or will, is not known; `micromanip status` and `micromanip audit` tell"
+                "or will, is not known; `micromanip status` and `micromanip log` tell"
             ) from None
 
     def _result(self, line: bytes) -> Any:

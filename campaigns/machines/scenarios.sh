@@ -28,10 +28,10 @@ vm)
         $generic
         cd /kept
         /opt/micromanip/bin/python '$repository/tests/system/vm_cell.py' cell.yaml
-        /opt/micromanip/bin/micromanip simulate-device cell.yaml 2>device &
+        /opt/micromanip/bin/micromanip device simulate cell.yaml 2>device &
         for _ in {1..600}; do grep -q READY device && break; sleep 0.5; done
         /opt/micromanip/bin/micromanip run cell.yaml --duration 1 --socket /run/control.sock
-        /opt/micromanip/bin/micromanip safe-outputs cell.yaml
+        /opt/micromanip/bin/micromanip park cell.yaml
         kill \$!; wait"
     "$here/vm.sh" "$stage
         $generic

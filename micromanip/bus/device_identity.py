@@ -100,7 +100,7 @@ def _real_path(path: Path) -> str | None:
         return None
     if real.is_char_device() or real.is_block_device():
         return f"{name} is no pseudo terminal"
-    # a link that simulate-device has not made yet leads nowhere
+    # a link that device simulate has not made yet leads nowhere
     return f"{name} is not there, so it is not seen to be a pseudo terminal" if real.is_relative_to("/dev") else None
 
 

@@ -38,7 +38,7 @@ class BusOptions(BaseModel):
     simulated: bool = Field(
         default=False,
         strict=True,
-        description="What answers is `micromanip simulate-device`: nothing real moves. Refused for a real serial port, "
+        description="What answers is `micromanip device simulate`: nothing real moves. Refused for a real serial port, "
         "a CAN interface that is not virtual, another machine.",
     )
     cpu: int | None = Field(
@@ -96,7 +96,7 @@ class Outcome(Enum):
 
 @dataclass(frozen=True)
 class Answer:
-    """One thing that was found on a bus by ``probe``."""
+    """One thing that was found on a bus by ``device probe``."""
 
     name: str
     """What answers: "node 5", "message 0x101", "unit 3"."""
@@ -128,7 +128,7 @@ class BusDriver(ABC):
     """Model of the driver's own keys in the configuration."""
 
     version: ClassVar[str] = ""
-    """Shown by ``micromanip drivers``; the version of its package if empty."""
+    """Shown by ``micromanip device list``; the version of its package if empty."""
 
     @abstractmethod
     def __init__(self, options: Any, folder: Path) -> None:

@@ -1,6 +1,6 @@
 """What a device was given last, by the names of its outputs: a small file that outlives every process.
 
-A worker, or ``safe-outputs``, that takes over after everything was killed goes on from there where the device can't be
+A worker, or ``park``, that takes over after everything was killed goes on from there where the device can't be
 asked. The file lies beside the device's lock and is written by whoever holds that lock. The folder is gone after a
 power cycle; a file of an earlier start of the machine counts as none, and so does that of a pseudo terminal which had
 the same number before. A device that came back under another path takes its file along: `follow`.

@@ -38,7 +38,7 @@ class LoopWireOptions(Section):
     simulated: bool = Field(
         default=False,
         strict=True,
-        description="What answers is `micromanip simulate-device`: nothing real moves. Refused for another machine, or "
+        description="What answers is `micromanip device simulate`: nothing real moves. Refused for another machine, or "
         "a real network interface.",
     )
     silence_ms: Milliseconds = Field(

@@ -1,6 +1,6 @@
 """What a simulation knows of one axis beyond its signals: the linear part of its plant, and what disturbs it.
 
-`micromanip budget` computes from it what each cause does to the path error. A driver that moves something real knows
+`analyse error` computes from it what each cause does to the path error. A driver that moves something real knows
 none of it.
 """
 

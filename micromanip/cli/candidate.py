@@ -1,4 +1,4 @@
-"""``micromanip shadow``, ``promote``, ``withdraw``: a candidate tuning beside the one that runs."""
+"""``micromanip candidate set``, ``show``, ``promote``, ``discard``: a tuning beside the one that runs."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from micromanip.client import Client
 from micromanip.errors import CheckFailed
 from micromanip.replies import Shadow
 
-from .options import StrictCommand, asking, json_option, print_answer, socket_option
+from .echo import echo
+from .options import StrictCommand, client_command, emit_answer, json_option, socket_option
 from .parameters import echo_changes
-from .prose import say
 
 
-def _echo_shadow(shadow: Shadow) -> None:
+def _show(shadow: Shadow) -> None:
     """Standing, what it changes, and its figures so far."""
-    say(_standing_line(shadow))
+    echo(_standing_line(shadow))
     echo_changes(shadow["changed"])
     if shadow["reason"]:
-        say(shadow["reason"])
+        echo(shadow["reason"])
     table = _comparison(shadow) if shadow["comparison"] else _trial(shadow) if shadow["trial"] else None
     if table is not None:
         Console(highlight=False).print(table)
@@ -69,23 +69,28 @@ def _number(value: float | None) -> str:
     return "-" if value is None else f"{value:.3f}"
 
 
-@click.command("shadow", cls=StrictCommand, epilog="Example: micromanip shadow axes.x.outer.control_weight=12")
-@click.argument("assignments", nargs=-1, metavar="[KEY=VALUE...]")
-@asking(_echo_shadow)
-def shadow(assignments: tuple[str, ...]) -> Callable[[Client], Shadow]:
+@click.command("set", cls=StrictCommand, epilog="Example: micromanip candidate set axes.x.outer.control_weight=12")
+@click.argument("assignments", nargs=-1, required=True, metavar="KEY=VALUE...")
+@client_command(_show)
+def set_(assignments: tuple[str, ...]) -> Callable[[Client], Shadow]:
     """Let a candidate compute beside what runs, on the same samples; nothing of it is written to the outputs.
 
-    The candidate is what runs, with these values instead; only values that `set` takes while tracking. Without any:
-    where the candidate stands and how it compares with what runs; the smaller figure is the better one. `micromanip
-    promote` puts it in force.
+    The candidate is what runs, with these values instead; only values that `set` takes while tracking.
     """
     from micromanip.settings.text.keys import assignments_of
 
-    changes = assignments_of(assignments) if assignments else {}
+    changes = assignments_of(assignments)
     return lambda client: client.shadow(changes)
 
 
-@click.command("promote", cls=StrictCommand, epilog="Example: micromanip promote --wait")
+@click.command("show", cls=StrictCommand, epilog="Example: micromanip candidate show")
+@client_command(_show)
+def show() -> Callable[[Client], Shadow]:
+    """Show where the candidate stands and how it compares with what runs; the smaller figure is the better one."""
+    return Client.shadow
+
+
+@click.command("promote", cls=StrictCommand, epilog="Example: micromanip candidate promote --wait")
 @click.option("--wait", is_flag=True, help="Wait for the end of the trial; exit code 1 where it is not confirmed.")
 @socket_option
 @json_option
@@ -98,15 +103,15 @@ def promote(wait: bool, socket_path: Path, as_json: bool) -> None:
     with Client(socket_path) as client:
         answer = client.promote()
         if wait:
-            say(_standing_line(answer), err=True)
+            echo(_standing_line(answer), err=True)
             answer = client.trial()
-    print_answer(answer, _echo_shadow, as_json)
+    emit_answer(answer, _show, as_json)
     if wait and answer["standing"] != "confirmed":
         raise CheckFailed(f"the promoted tuning is not in force any more: {answer['standing']}")
 
 
-@click.command("withdraw", cls=StrictCommand, epilog="Example: micromanip withdraw")
-@asking(_echo_shadow)
-def withdraw() -> Callable[[Client], Shadow]:
+@click.command("discard", cls=StrictCommand, epilog="Example: micromanip candidate discard")
+@client_command(_show)
+def discard() -> Callable[[Client], Shadow]:
     """Let the candidate go; where it is on trial, what ran before is in force again in the same cycle."""
     return Client.withdraw

@@ -7,8 +7,8 @@ from typing import Any
 
 import click
 
-from .options import StrictCommand, config_argument, json_option, print_answer, warn
-from .prose import say
+from .echo import echo
+from .options import StrictCommand, config_argument, emit_answer, json_option, warn
 
 
 @click.command("check", cls=StrictCommand, epilog="Example: micromanip check config/simulated.yaml")
@@ -82,22 +82,22 @@ def command(config: Path, as_json: bool) -> None:
             "slowest_path_ms": round(1e3 * loop_found.path_s, 3),
         }
     warn(warnings)
-    print_answer(report, lambda shown: _print(shown, config), as_json)
+    emit_answer(report, lambda shown: _print(shown, config), as_json)
 
 
 def _print(report: dict[str, Any], config: Path) -> None:
-    say(f"{config}: good")
-    say(f"  loop    {report['rate_hz']} Hz, period {report['period_us']:g} us, spins {report['spin_us']:g} us of it")
+    echo(f"{config}: good")
+    echo(f"  loop    {report['rate_hz']} Hz, period {report['period_us']:g} us, spins {report['spin_us']:g} us of it")
     if report["cycle_us"] is not None:
-        say(
+        echo(
             f"  cycle   {report['cycle_us']:.2f} us on this machine, simulated cell included: "
             f"{report['share_percent']:.1f} % of the period"
         )
     for name, axis in report["axes"].items():
         model = f"{axis['plays']} plays" if axis["plays"] else axis["hysteresis"]
-        say(f"  axis {name}  mode {axis['mode']}, hysteresis {model}, {axis['states']} estimator states")
+        echo(f"  axis {name}  mode {axis['mode']}, hysteresis {model}, {axis['states']} estimator states")
         if found := axis.get("strain_loop"):
-            say(
+            echo(
                 f"    strain loop about {found['crossover_Hz']:.0f} Hz, {found['phase_margin_deg']:.0f} deg, over "
                 f"{found['slowest_path']}: {found['slowest_path_ms']:.2g} ms"
             )
@@ -107,9 +107,9 @@ def _print(report: dict[str, Any], config: Path) -> None:
             if by_itself["within_s"]
             else ""
         )
-        say(f"  arms by itself as soon as READY{wait}")
+        echo(f"  arms by itself as soon as READY{wait}")
     for name, driver in report["drivers"].items():
         kind = "simulated" if driver["simulated"] else f"real; watchdog: {driver['watchdog'] or 'NONE'}"
-        say(f"  driver {name}: {driver['driver']}, {kind}")
+        echo(f"  driver {name}: {driver['driver']}, {kind}")
         for load in report["buses"].get(name, ()):
-            say(f"    {load['name']} {load['share_percent']:.0f} % of {load['limit_percent']:.0f} %: {load['detail']}")
+            echo(f"    {load['name']} {load['share_percent']:.0f} % of {load['limit_percent']:.0f} %: {load['detail']}")

@@ -16,12 +16,11 @@ import click
 
 from micromanip.errors import CheckFailed, UsageError, sentence
 
-from .axes import chosen_axes
-from .axis_names import complete_axis_or_all
+from .axes import chosen_axes, moved_axis_option
 from .commissioned import PREVIOUS, REJECTED, REPORT, TUNED, document, print_found, tuned_text, write_results
-from .options import Quantity, StrictCommand, config_argument, json_option, print_json, socket_option
+from .echo import echo
+from .options import Quantity, StrictCommand, config_argument, emit_json, json_option, socket_option
 from .progress import steps
-from .prose import say
 from .results import out_option, results_folder, run_folder
 
 if TYPE_CHECKING:
@@ -42,10 +41,7 @@ _BUDGET_S, _COHERENCE_S = 4.0, 1.0
     epilog="Example: micromanip commission config/factory.yaml --axis all --out out/cell",
 )
 @config_argument
-@click.option(
-    "--axis", "only", required=True, shell_complete=complete_axis_or_all,
-    help="The axis, or all of them one after the other: all.",
-)  # fmt: skip
+@moved_axis_option
 @out_option(f"{TUNED}, {REPORT} and {PREVIOUS}", required=True)
 @click.option(
     "--bandwidth", "bandwidth_Hz", type=Quantity("Hertz", least=1.0), metavar="HZ",
@@ -115,7 +111,7 @@ def command(
             axes, missing = write_results(prepared, found, facts, folder, run)
     seconds = time.monotonic() - began
     if as_json:
-        print_json(document(found, axes, folder, run, seconds))
+        emit_json(document(found, axes, folder, run, seconds))
     else:
         print_found(found, folder, run, seconds)
     if missing is not None:
@@ -138,10 +134,10 @@ def _require_stage_sensors(prepared: Prepared, chosen: list[str]) -> None:
 
 
 def _ask(prepared: Prepared, chosen: list[str], driver: str) -> None:
-    say(f"Driver {driver} moves a real stage. In open and in closed loop, one after the other, will move:", err=True)
+    echo(f"Driver {driver} moves a real stage. In open and in closed loop, one after the other, will move:", err=True)
     for name in chosen:
         low, high = prepared.configuration.outputs[f"voltage_{name}"].range_V
-        say(f"  axis {name}: {low:g} to {high:g} V, for about two minutes", err=True)
+        echo(f"  axis {name}: {low:g} to {high:g} V, for about two minutes", err=True)
     click.confirm("Is the spindle free and nobody near it?", abort=True, err=True)
 
 
@@ -152,7 +148,7 @@ def _virtual(prepared: Prepared, *, process: bool) -> Experiment:
 
 
 def _live(prepared: Prepared, socket_path: Path, *, process: bool) -> Experiment:
-    from .played import LiveExperiment
+    from .live_experiment import LiveExperiment
 
     return LiveExperiment(prepared, socket_path, process=process)
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from micromanip.errors import MicromanipError, system_error
 
-from .prose import say
+from .echo import echo
 from .results import keep, publish
 
 if TYPE_CHECKING:
@@ -126,7 +126,7 @@ def print_found(found: CommissionedCell, folder: Path, run: Path, seconds: float
     from rich.padding import Padding
     from rich.text import Text
 
-    from .analyse import print_criteria
+    from .analyse_margins import print_criteria
     from .tables import out_console
 
     for story in found.evidence:
@@ -138,14 +138,14 @@ def print_found(found: CommissionedCell, folder: Path, run: Path, seconds: float
         for criterion in met:
             out_console().print(Padding(Text(f"{criterion.name}: {criterion.value}"), (0, 0, 0, 2)))
     if found.passed:
-        say(f"{seconds:.0f} s; tuning in {folder / TUNED}, report in {folder / REPORT}; nothing was applied")
+        echo(f"{seconds:.0f} s; tuning in {folder / TUNED}, report in {folder / REPORT}; nothing was applied")
     else:
-        say(f"{seconds:.0f} s; no tuning to run, report in {folder / REPORT}; nothing was applied")
-    say(f"this run's files stay in {run}")
+        echo(f"{seconds:.0f} s; no tuning to run, report in {folder / REPORT}; nothing was applied")
+    echo(f"this run's files stay in {run}")
     if found.passed:
         for line in _how_it_runs(found):
-            say(line)
-        say(f"next: micromanip check {folder / TUNED}")
+            echo(line)
+        echo(f"next: micromanip check {folder / TUNED}")
 
 
 def _how_it_runs(found: CommissionedCell) -> list[str]:

@@ -7,13 +7,13 @@ import sys
 from pathlib import Path
 from typing import Any, NoReturn
 
-from .options import print_answer
-from .prose import say
+from .echo import echo
+from .options import emit_answer
+from .recording_options import open_recording
 
 
 def predict_tuning(file: Path, config: Path, cut: tuple[float, float] | None, as_json: bool) -> NoReturn:
     """Predict, print, and exit with 1 where the cell would have stopped."""
-    from micromanip.recordings import open_telemetry
     from micromanip.replay.comparable import recorded_configuration, require_comparable
     from micromanip.replay.counterfactual import DRAWS, FIGURES, SETTLE_S, Rerun, predict
     from micromanip.replay.fitting import fit_models
@@ -21,8 +21,8 @@ def predict_tuning(file: Path, config: Path, cut: tuple[float, float] | None, as
     from micromanip.rt.jit import Compiler
     from micromanip.settings.commissioned import changes_since
 
-    Compiler.tell = staticmethod(lambda name: say(f"compiling {name} (the first time only)", err=True))
-    telemetry = open_telemetry(file)
+    Compiler.tell = staticmethod(lambda name: echo(f"compiling {name} (the first time only)", err=True))
+    telemetry = open_recording(file)
     _, recorded = recorded_configuration(telemetry)
     from micromanip.settings.check import prepare
 
@@ -61,7 +61,7 @@ def predict_tuning(file: Path, config: Path, cut: tuple[float, float] | None, as
             *tooth_caveats(window, tuned.parameters),
         ],
     }
-    print_answer(document, _show, as_json)
+    emit_answer(document, _show, as_json)
     sys.exit(0 if found.stopped_s is None else 1)
 
 

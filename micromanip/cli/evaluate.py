@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -10,10 +11,10 @@ import click
 
 from micromanip.errors import UsageError
 
-from .axes import require_axis_of
-from .axis_names import complete_axis
-from .options import Quantity, StrictCommand, config_argument, json_option, print_json
-from .prose import say
+from .axes import complete_axis, require_axis_of
+from .echo import echo
+from .options import Quantity, StrictCommand, config_argument, emit_json, json_option
+from .progress import steps
 from .results import Pictures, out_option, provenance
 
 
@@ -32,15 +33,12 @@ from .results import Pictures, out_option, provenance
 @click.option("--figures/--no-figures", default=True, show_default=True, help="Draw the figures.")
 @json_option
 def command(
-    config: Path, only: str | None, seed: int | None, folder: Path, own_pid: bool, figures: bool, as_json: bool
-) -> None:
+    config: Path, only: str | None, seed: int | None, folder: Path, own_pid: bool, figures: bool, as_json: bool,
+) -> None:  # fmt: skip
     """Run configurations A (PID), B (+ affine inverse) and C (+ tanh inverse) at 1, 5 and 10 Hz.
 
     All three have the one PID that reproduces the paper; a commissioned cell is also run with its own, as D.
     """
-    from rich.console import Console
-    from rich.progress import Progress
-
     from micromanip.design.evaluation import evaluate, evaluate_fast, fast_table, table, with_models
     from micromanip.settings.check import prepare
     from micromanip.virtual.experiment import VirtualExperiment
@@ -53,30 +51,32 @@ def command(
     if real:
         raise UsageError(f"evaluate runs in virtual time: driver {real[0]} of {config} can't, it has a time of its own")
     shown = [only] if only else names
-    with (
-        Pictures(folder if figures else None) as pictures,
-        Progress(console=Console(stderr=True), transient=True) as bar,
-    ):
+    with Pictures(folder if figures else None) as pictures, steps() as bar:
         experiment = VirtualExperiment(prepared)
         configuration = with_models(prepared.configuration, experiment, bar.console.print)
         known = any(axis.commissioned or axis.actuator for axis in configuration.axes.values())
         tuned = known and not own_pid
-        task = bar.add_task("evaluate", total=(21 if tuned else 15) + (5 * len(shown) if figures else 0))
-        runs = evaluate(configuration, experiment, own_pid, tuned, progress=lambda: bar.advance(task))
-        quick = evaluate_fast(configuration, experiment, own_pid, tuned, progress=lambda: bar.advance(task))
+        total = (21 if tuned else 15) + (5 * len(shown) if figures else 0)
+        numbers = itertools.count(1)
+
+        def progress() -> None:
+            bar.say(f"experiment or figure {next(numbers)} of {total}")
+
+        runs = evaluate(configuration, experiment, own_pid, tuned, progress=progress)
+        quick = evaluate_fast(configuration, experiment, own_pid, tuned, progress=progress)
         if figures:
             from micromanip.design.figures import draw_all
 
             for name in shown:
                 about = provenance(prepared, name, seed)
                 drawn = partial(draw_all, configuration, experiment, runs, names.index(name), about=about)
-                pictures.draw(drawn, lambda: bar.advance(task))
+                pictures.draw(drawn, progress)
         written = pictures.put()
     rows = [row for row in table(runs, configuration) if row["axis"] in shown]
     alone = [row for row in table(runs, configuration, feedforward_alone=True) if row["axis"] in shown]
     fast = [row for row in fast_table(quick, configuration) if row["axis"] in shown]
     if as_json:
-        print_json(
+        emit_json(
             {
                 "rows": rows,
                 "feedforward_alone": alone,
@@ -88,30 +88,30 @@ def command(
         )
         pictures.require_written()
         return
-    print_table(rows)
+    _print_rows(rows)
     for told in _swinging([*rows, *alone, *fast]):
-        say(told)
+        echo(told)
     for row in alone:
         sigma, where = row["true_std_error_um"], "true"
         if sigma is None:
             sigma, where = row["std_error_um"], "measured"
         what = f"feedforward alone, axis {row['axis']}, {row['frequency_hz']:g} Hz"
-        say(f"{what}: sigma {sigma:.3f} um ({where} position)")
+        echo(f"{what}: sigma {sigma:.3f} um ({where} position)")
     for row in fast:
         what = f"{row['config']}, axis {row['axis']}, {row['frequency_hz']:g} Hz, {row['amplitude_um']:g} um"
         if row["refused"] is not None:
-            say(f"{what}: {row['refused']}")
+            echo(f"{what}: {row['refused']}")
         elif row["true_std_error_um"] is None:
-            say(f"{what}: sigma {row['std_error_um']:.3f} um (measured position)")
+            echo(f"{what}: sigma {row['std_error_um']:.3f} um (measured position)")
         else:
             share = f"{row['true_rms_percent']:.2f} % of the stroke"
-            say(f"{what}: sigma {row['true_std_error_um']:.3f} um, {share} (true position)")
+            echo(f"{what}: sigma {row['true_std_error_um']:.3f} um, {share} (true position)")
     if written:
-        say(f"{len(written)} figures in {folder}/")
+        echo(f"{len(written)} figures in {folder}/")
     pictures.require_written()
 
 
-def print_table(rows: list[dict[str, Any]]) -> None:
+def _print_rows(rows: list[dict[str, Any]]) -> None:
     """Sigma and maximum of each axis beside the paper's."""
     from micromanip.design import paper
 

@@ -10,11 +10,10 @@ import click
 
 from micromanip.errors import CheckFailed, UsageError, system_error
 
-from .axes import require_axis_of
-from .axis_names import complete_axis
-from .options import Quantity, StrictCommand, json_option, print_json
+from .axes import complete_axis, require_axis_of
+from .echo import echo
+from .options import Quantity, StrictCommand, emit_json, json_option
 from .progress import steps
-from .prose import say
 from .recording_options import recording_options, tell
 from .results import Pictures, out_option, require_room
 
@@ -101,7 +100,7 @@ def command(
     report = result.report() | {"figures": [str(path) for path in written]}
     report["notes"] = [*record.notes, *report["notes"]]
     if as_json:
-        print_json(report)
+        emit_json(report)
     else:
         _print(report, result.notes, None if unwritten else into)
     if unwritten is not None:
@@ -144,23 +143,23 @@ def _put_into(into: Path, axis: str, model: Any) -> None:
 
 
 def _print(report: dict[str, Any], notes: list[str], into: Path | None) -> None:
-    say(f"{report['model']}: rms {report['rms_percent']:.3f} %, maximum {report['max_percent']:.2f} % of the stroke")
+    echo(f"{report['model']}: rms {report['rms_percent']:.3f} %, maximum {report['max_percent']:.2f} % of the stroke")
     if report["validation"]:
         figures = report["validation"]
-        say(f"not fitted to: rms {figures['rms_percent']:.3f} %, maximum {figures['max_percent']:.2f} %")
+        echo(f"not fitted to: rms {figures['rms_percent']:.3f} %, maximum {figures['max_percent']:.2f} %")
     for note in notes:
-        say(f"note: {note}")
+        echo(f"note: {note}")
     for candidate in report["candidates"]:
-        say(
+        echo(
             f"  tried {candidate['model']:16} {candidate['rms_percent']:.3f} % fitted, "
             f"{candidate['held_out_percent']:.3f} % on the part left out"
         )
     for name, value in report["parameters"].items():
-        say(f"  {name}: {_shown(value)}")
+        echo(f"  {name}: {_shown(value)}")
     if report["figures"]:
-        say(f"{len(report['figures'])} figures in {Path(report['figures'][0]).parent}/")
+        echo(f"{len(report['figures'])} figures in {Path(report['figures'][0]).parent}/")
     if into is not None:
-        say(f"written into {into}")
+        echo(f"written into {into}")
 
 
 def _shown(value: Any) -> str:

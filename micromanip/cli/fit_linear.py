@@ -10,9 +10,9 @@ import click
 
 from micromanip.errors import UsageError
 
-from .options import Quantity, StrictCommand, json_option, print_json
+from .echo import echo
+from .options import Quantity, StrictCommand, emit_json, json_option
 from .progress import steps
-from .prose import say
 from .recording_options import recording_options, tell
 from .results import Pictures, out_option
 
@@ -80,7 +80,7 @@ def command(
     report = result.report() | {"figures": [str(path) for path in written]}
     read = [note for record in records for note in record.notes]
     if as_json:
-        print_json(report | {"notes": [*read, *report["notes"]]})
+        emit_json(report | {"notes": [*read, *report["notes"]]})
     else:
         _print(report, seen, "held out" if split < 1.0 else "not fitted to")
     pictures.require_written()
@@ -100,23 +100,23 @@ def _names(columns: str, option: str) -> list[str]:
 
 def _print(report: dict[str, Any], outputs: list[str], held_out: str) -> None:
     delays = ", ".join(map(str, report["delay_samples"]))
-    say(f"order {report['order']}, delay {delays} samples of {report['dt_s']:.6g} s")
+    echo(f"order {report['order']}, delay {delays} samples of {report['dt_s']:.6g} s")
     parts = [(held_out, report)]
     if report["validation"] and held_out == "held out":
         parts.append(("not fitted to", report["validation"]))
     for where, figures in parts:
         for k, name in enumerate(outputs):
             fit, rms, strict = (figures[f"{key}_percent"][k] for key in ("fit", "rms_error", "strict_fit"))
-            say(f"{where}, {name}: fit {fit:.2f} %, rms error {rms:.2f} %")
-            say(f"  started on its first tenth, judged on the rest: fit {strict:.2f} %{_arx1(figures, k)}")
+            echo(f"{where}, {name}: fit {fit:.2f} %, rms error {rms:.2f} %")
+            echo(f"  started on its first tenth, judged on the rest: fit {strict:.2f} %{_arx1(figures, k)}")
     for note in report["notes"]:
-        say(f"note: {note}")
+        echo(f"note: {note}")
     for name, coherence in zip(outputs, report["coherence"], strict=True):
-        say(f"coherence of {name}: {coherence:.3f} over all frequencies")
+        echo(f"coherence of {name}: {coherence:.3f} over all frequencies")
     for pole, hertz, damping in zip(report["poles_z"], report["poles_Hz"], report["poles_damping"], strict=True):
         if pole[1] >= 0.0:
-            say(f"  pole {pole[0]:.5f} {pole[1]:+.5f}j: {hertz:.4g} Hz, damping {damping:.4f}")
+            echo(f"  pole {pole[0]:.5f} {pole[1]:+.5f}j: {hertz:.4g} Hz, damping {damping:.4f}")
     for order, error in report["tried"].items():
-        say(f"  tried order {order}: {error:.3f} % on the part left out")
+        echo(f"  tried order {order}: {error:.3f} % on the part left out")
     if report["figures"]:
-        say(f"{len(report['figures'])} figures in {Path(report['figures'][0]).parent}/")
+        echo(f"{len(report['figures'])} figures in {Path(report['figures'][0]).parent}/")

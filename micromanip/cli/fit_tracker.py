@@ -12,9 +12,10 @@ from micromanip.design.deviation.moves import MOVES_PERCENT
 from micromanip.errors import CheckFailed, ConfigError
 
 from .axes import axis_option, chosen_axes
-from .options import Quantity, StrictCommand, json_option, print_json
+from .echo import echo
+from .options import Quantity, StrictCommand, emit_json, json_option
 from .progress import steps
-from .prose import say
+from .recording_options import open_recording
 
 if TYPE_CHECKING:
     from micromanip.design.deviation.fit import Deviation
@@ -44,10 +45,9 @@ def command(file: Path, only: str, moves_percent: float, into: Path | None, as_j
     """
     from micromanip.design.deviation.fit import fit_deviation
     from micromanip.design.deviation.recorded import recorded_samples
-    from micromanip.recordings import open_telemetry
     from micromanip.settings.text.source import Source
 
-    telemetry = open_telemetry(file)
+    telemetry = open_recording(file)
     axes = chosen_axes(telemetry.axes, only, file)
     source = None if into is None else Source.read(into)
     if source is not None:
@@ -66,11 +66,11 @@ def command(file: Path, only: str, moves_percent: float, into: Path | None, as_j
         _put(source, found)
     told = {axis: _document(each, shares[axis]) for axis, each in found.items()}
     if as_json:
-        print_json({"file": str(file), "axes": told, "into": None if into is None else str(into)})
+        emit_json({"file": str(file), "axes": told, "into": None if into is None else str(into)})
     else:
         _print(told)
         if into is not None:
-            say(f"wrote reference.axes of {into}")
+            echo(f"wrote reference.axes of {into}")
 
 
 def _shares(telemetry: Telemetry, axis: str, found: Deviation) -> dict[str, Any]:
@@ -125,24 +125,22 @@ def _document(found: Deviation, share: dict[str, Any]) -> dict[str, Any]:
 
 
 def _print(axes: dict[str, dict[str, Any]]) -> None:
-    from .tables import Figures, out_console
+    from .tables import print_table
 
-    table = Figures("axis", "noise, um", "jerk, um/s^3", "oscillations, Hz (um/s)", "NIS held out", title="Deviation")
+    rows = []
     for axis, each in axes.items():
-        swinging = ", ".join(f"{o['frequency_Hz']:.4g} ({o['um_per_s']:.3g})" for o in each["oscillations"])
-        table.add_row(
-            axis, f"{each['noise_um']:.3g}", f"{each['jerk_um_per_s3']:.3g}", swinging or "none",
-            f"{each['nis_held_out']:.3f}",
-        )  # fmt: skip
-    out_console().print(table)
+        swinging = ", ".join(f"{o['frequency_Hz']:.4g} ({o['um_per_s']:.3g})" for o in each["oscillations"]) or "none"
+        noise, jerk, nis = f"{each['noise_um']:.3g}", f"{each['jerk_um_per_s3']:.3g}", f"{each['nis_held_out']:.3f}"
+        rows.append((axis, noise, jerk, swinging, nis))
+    print_table(("axis", "noise, um", "jerk, um/s^3", "oscillations, Hz (um/s)", "NIS held out"), rows, "Deviation")
     for axis, each in axes.items():
         share = each["path_share_um"]
         if share["reason"] is None:
-            say(
+            echo(
                 f"axis {axis}: the tracker's noise, delay and prediction leave {share['after_um']:.3f} um rms of this "
                 f"path, {share['before_um']:.3f} um as it ran"
             )
         else:
-            say(f"axis {axis}: what it would be is not told: {share['reason']}")
+            echo(f"axis {axis}: what it would be is not told: {share['reason']}")
         for note in each["notes"]:
-            say(f"axis {axis}: {note}")
+            echo(f"axis {axis}: {note}")

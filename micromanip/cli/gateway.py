@@ -12,8 +12,7 @@ from micromanip.bus.rights import leave_cpu
 from micromanip.errors import ConfigError
 from micromanip.extras import required
 
-from .options import StrictCommand, config_argument, socket_option
-from .prose import say
+from .options import Messages, StrictCommand, config_argument, emit_json, json_option, socket_option
 
 _TOKENS, _OPCUA = "gateway-tokens", "gateway-opcua"
 
@@ -56,6 +55,7 @@ Example: micromanip gateway config/simulated.yaml
     type=click.Path(path_type=Path, file_okay=False),
     help=f"Certificates for OPC UA, made at the first start.  [default: {_OPCUA} in the state directory]",
 )
+@json_option
 def command(
     config: Path,
     listen: str,
@@ -66,6 +66,7 @@ def command(
     behind_proxy: str | None,
     opcua: str | None,
     opcua_folder: Path | None,
+    as_json: bool,
 ) -> None:
     """Show the running cell in browsers: a page of the cell, a scope, and metrics for Prometheus.
 
@@ -88,7 +89,10 @@ def command(
         opcua_folder or _in_state_directory(_OPCUA),
     )
     leave_cpu(_loop_cpu(config))
-    serve(options, lambda line: say(line, err=True))
+    messages = Messages()
+    serve(options, messages)
+    if as_json:
+        emit_json({"listen": listen, "messages": messages})
 
 
 def _loop_cpu(config: Path) -> int | None:

@@ -9,10 +9,9 @@ import click
 
 from micromanip.errors import CheckFailed, UsageError, sentence
 
-from .axes import require_axis_of
-from .axis_names import complete_axis
-from .options import Quantity, StrictCommand, config_argument, json_option, print_json, socket_option
-from .prose import say
+from .axes import complete_axis, require_axis_of
+from .echo import echo
+from .options import Quantity, StrictCommand, config_argument, emit_json, json_option, socket_option
 from .results import keep, out_option, results_folder
 
 if TYPE_CHECKING:
@@ -98,17 +97,17 @@ def command(
             raise CheckFailed(f"{sentence(problem)} Nothing is written") from problem
         columns = recording(configuration, excitation, rows)
         if old := int(held(configuration, axis, rows).sum() if f"stage_{axis}" in configuration.signals else 0):
-            say(
+            echo(
                 f"warning: signals.stage_{axis} gave no usable sample for {old / configuration.loop.rate_hz:.2g} s of "
-                f"{duration_s:.2g} s: stage_um is nan there; `micromanip probe {config}` shows what it says",
+                f"{duration_s:.2g} s: stage_um is nan there; `micromanip device probe {config}` shows what it says",
                 err=True,
             )
         keep(lambda place: write_csv(place, columns), file)
     low, high = columns["strain_um"].min(), columns["strain_um"].max()
     if as_json:
-        print_json({"file": str(file), "rows": len(columns["t_s"]), "columns": list(columns), "stroke_um": high - low})
+        emit_json({"file": str(file), "rows": len(columns["t_s"]), "columns": list(columns), "stroke_um": high - low})
     else:
-        say(f"{file}: {len(columns['t_s'])} rows, {', '.join(columns)}; stroke {low:.1f} to {high:.1f} um")
+        echo(f"{file}: {len(columns['t_s'])} rows, {', '.join(columns)}; stroke {low:.1f} to {high:.1f} um")
     if moves_against(columns["strain_um"], columns["voltage_V"]):
         raise CheckFailed(
             f"axis {axis}: the strain gauge falls while the voltage rises: the wrong way, feedback would run away; "
@@ -116,7 +115,7 @@ def command(
             f"recording stays in {file}"
         )
     if not as_json:
-        say(f"next: micromanip fit hysteresis {file} --input voltage_V --output strain_um --burn-in 1")
+        echo(f"next: micromanip fit hysteresis {file} --input voltage_V --output strain_um --burn-in 1")
 
 
 def _played(
@@ -128,7 +127,7 @@ def _played(
     configuration = variant(prepared.configuration)
     if live:
         from .live import LiveLine
-        from .played import play
+        from .live_experiment import play
 
         with LiveLine() as line:
             return play(prepared, configuration, samples, duration_s, socket_path, line)

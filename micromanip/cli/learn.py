@@ -13,24 +13,16 @@ from micromanip.client import Client
 from micromanip.errors import UsageError, system_error
 
 from .axes import axis_option
-from .options import StrictCommand, StrictGroup, asking, json_option, print_json
-from .prose import say
+from .echo import echo
+from .options import StrictCommand, client_command, emit_json, json_option
 
 if TYPE_CHECKING:
     from micromanip.status_reply import LearningStatus
 
 
-@click.group("learn", cls=StrictGroup, epilog="Example: micromanip learn status")
-def command() -> None:
-    """Learn from part to part what of the path error repeats, and play a correction for it.
-
-    The section `learning` of the configuration switches it on; docs/learning.md explains it.
-    """
-
-
-@command.command("part", cls=StrictCommand, epilog="Example: micromanip learn part begin")
+@click.command("part", cls=StrictCommand, epilog="Example: micromanip learn part begin")
 @click.argument("what", type=click.Choice(["begin", "end"]))
-@asking(lambda _: say("taken"))
+@client_command(lambda _: echo("taken"))
 def part(what: str) -> Callable[[Client], dict[str, bool]]:
     """Let a part begin or end now, for cells without the signal `part`.
 
@@ -40,22 +32,22 @@ def part(what: str) -> Callable[[Client], dict[str, bool]]:
     return lambda client: _accepted(client.part_begin if what == "begin" else client.part_end)
 
 
-@command.command("status", cls=StrictCommand, epilog="Example: micromanip learn status")
-@asking(lambda told: _print_status(told))
+@click.command("status", cls=StrictCommand, epilog="Example: micromanip learn status")
+@client_command(lambda told: _print_status(told))
 def status() -> Callable[[Client], LearningStatus]:
     """Show what each axis has learned, from how many parts, at which frequencies, and what is played."""
     return lambda client: client.learn_status()
 
 
-@command.command("reset", cls=StrictCommand, epilog="Example: micromanip learn reset --axis x")
+@click.command("reset", cls=StrictCommand, epilog="Example: micromanip learn reset --axis x")
 @axis_option
-@asking(lambda _: say("forgotten; what was played has faded out"))
+@client_command(lambda _: echo("forgotten; what was played has faded out"))
 def reset(only: str) -> Callable[[Client], dict[str, bool]]:
     """Forget the memories of an axis, damaged ones too, or those of all; what is played of them fades out first."""
     return lambda client: _accepted(lambda: client.learn_reset(*([] if only == "all" else [only])))
 
 
-@command.command(
+@click.command(
     "export", cls=StrictCommand, epilog="Example: micromanip learn export ~/.local/state/micromanip/learned/x.npz x.csv"
 )
 @click.argument("memory", type=click.Path(path_type=Path))
@@ -80,9 +72,9 @@ def export(memory: Path, file: Path, as_json: bool) -> None:
     except OSError as problem:
         raise system_error(problem, file) from None
     if as_json:
-        print_json({"file": str(file), "rows": len(found.path_um), "axis": found.axis, "parts": found.parts})
+        emit_json({"file": str(file), "rows": len(found.path_um), "axis": found.axis, "parts": found.parts})
     else:
-        say(f"wrote {file}")
+        echo(f"wrote {file}")
 
 
 def _accepted(order: Callable[[], None]) -> dict[str, bool]:
@@ -94,7 +86,7 @@ def _print_status(told: Any) -> None:
     """The running cell's learning (of LearningStatus), a row for each axis."""
     from .tables import Figures, out_console
 
-    say(f"{told['state']}, {told['made']} parts made, memories in {told['folder']}")
+    echo(f"{told['state']}, {told['made']} parts made, memories in {told['folder']}")
     shown = Figures("axis", "memory", "now", "off the path, um", "last part, um", "without, um", "was", "learned, Hz")
     for name, axis in told["axes"].items():
         last: dict[str, Any] = axis["last"] or {}

@@ -38,7 +38,7 @@ _STYLES = {
 def one_line(report: Status) -> str:
     """The run in one line; the error is that of the last second."""
     seconds = report["cycles"] * report["period_ns"] * 1e-9
-    last_second = {axis: values["error_um"]["second"] for axis, values in report.get("axes", {}).items()}
+    last_second = {axis: values["error_um"]["second"] for axis, values in report["axes"].items()}
     errors = " ".join(f"{axis} {window['rms']:.2f}" for axis, window in last_second.items() if window is not None)
     late, compute = report["lateness_ns"]["p99_9"] / 1e3, report["compute_ns"]["p50"] / 1e3
     line = f"{seconds:7.1f} s  overruns {report['overruns']}  late p99.9 {late:.2f} us  compute p50 {compute:.1f} us"
@@ -153,8 +153,8 @@ def _figures(report: Status) -> list[RenderableType]:
     if report["links"]:
         parts.append(links(report))
     if report["shadow"] != "none":
-        parts.append(f"candidate tuning: {report['shadow']}; see `micromanip shadow`")
-    learning = report.get("learning")
+        parts.append(f"candidate tuning: {report['shadow']}; see `micromanip candidate show`")
+    learning = report["learning"]
     if learning is not None:
         parts.append(f"learning: {learned(learning)}; see `micromanip learn status`")
     recording = report["recording"]
@@ -204,19 +204,17 @@ def outputs_told(link: Link) -> str:
     return f"unknown, last {', '.join(lasts)}" if lasts else "unknown, never given"
 
 
-def watched(report: Status) -> Group:
-    """All that `status --watch` shows on a terminal."""
+def details(report: Status) -> Group:
+    """What each axis does, the figures of the run and of each signal, and what runs."""
     signals = Figures(
         "signal", "Hz", "stated", "age p50, us", "p99.9", "max", "lost", "superseded", "late", title="Signals"
     )
     for name, signal in report["signals"].items():
+        rates = (f"{rate_hz:.0f}" for rate_hz in (signal["rate_hz"], signal["stated_hz"]))
         ages = (str(signal[key]) if signal[key] is not None else "-" for key in _AGES)
-        rates = (f"{signal[key]:.0f}" for key in ("rate_hz", "stated_hz"))
         signals.add_row(name, *rates, *ages, *(str(signal[key]) for key in _UNUSED))
     running = f"parameter version {report['parameter_version']}, {report['configuration']}"
-    shown = (values(report), *_figures(report), signals)
-    above = (state_line(report), *faults(report), *slow_signals(report), *arms_by_itself(report))
-    return Group(*above, *shown, Text(running, style="dim"))
+    return Group(*arms_by_itself(report), values(report), *_figures(report), signals, Text(running, style="dim"))
 
 
 def state_line(report: Status) -> Text:

@@ -14,7 +14,7 @@ import click
 from micromanip.client import Client, default_socket
 from micromanip.errors import nearest
 
-from .prose import NarrowContext, say
+from .echo import NarrowContext, echo
 
 if TYPE_CHECKING:
     pass
@@ -43,14 +43,15 @@ class StrictCommand(click.Command):
 
 
 class StrictGroup(click.Group):
-    """Commands of one name, each of them told in full."""
+    """Commands of one name; the help shows the whole first sentence of each."""
 
     context_class = NarrowContext
 
-    def format_commands(self, _: click.Context, formatter: click.HelpFormatter) -> None:
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """As click does, which ends what a command does with three dots."""
+        commands = [(name, self.get_command(ctx, name)) for name in self.list_commands(ctx)]
         with formatter.section("Commands"):
-            formatter.write_dl([(name, each.get_short_help_str(_WHOLE)) for name, each in self.commands.items()])
+            formatter.write_dl([(name, each.get_short_help_str(_WHOLE)) for name, each in commands if each])
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
@@ -112,30 +113,46 @@ socket_option = click.option(
 def warn(warnings: Iterable[str]) -> None:
     """A line each on standard error."""
     for warning in warnings:
-        say(f"WARNING: {warning}", err=True)
+        echo(f"WARNING: {warning}", err=True)
 
 
-class Told:
-    """What a command has written to standard output so far: one JSON document is owed to who asked for it."""
+class JsonOutput:
+    """Whether the one JSON document that ``--json`` promises is still to be written to standard output."""
 
-    is_owed = False
+    is_due = False
 
 
-def print_json(document: Any) -> None:
+def emit_json(document: Any) -> None:
     """Print `document` as the only thing on standard output; JSON has no word for what is not a finite number."""
-    pay_json()
+    claim_json()
     click.echo(json.dumps(_plain(document), indent=2, allow_nan=False))
 
 
-def print_answer(answer: _Answer, show: Callable[[_Answer], object], as_json: bool) -> None:
+def emit_json_lines(documents: Iterable[Any]) -> None:
+    """Print each document on a line of its own, as it comes."""
+    claim_json()
+    for document in documents:
+        click.echo(json.dumps(_plain(document), allow_nan=False))
+
+
+class Messages(list[str]):
+    """Lines of a command that serves until it is ended: each goes to standard error as it comes, and stays here."""
+
+    def __call__(self, line: str) -> None:
+        """Another line."""
+        echo(line, err=True)
+        self.append(line)
+
+
+def emit_answer(answer: _Answer, show: Callable[[_Answer], object], as_json: bool) -> None:
     """One JSON document, or what `show` prints for people."""
     if as_json:
-        print_json(answer)
+        emit_json(answer)
     else:
         show(answer)
 
 
-def asking(
+def client_command(
     show: Callable[[_Answer], object],
 ) -> Callable[[Callable[..., Callable[[Client], _Answer]]], Callable[..., None]]:
     """Decorator of a command to the running controller, with the options that go with it.
@@ -151,19 +168,19 @@ def asking(
             ask = function(**given)
             with Client(socket_path) as client:
                 answer = ask(client)
-            print_answer(answer, show, as_json)
+            emit_answer(answer, show, as_json)
 
         return command
 
     return decorate
 
 
-def pay_json() -> None:
+def claim_json() -> None:
     """What is printed from here on is the JSON that was asked for: an error gets none of its own."""
     context = click.get_current_context(silent=True)
-    told = None if context is None else context.find_object(Told)
-    if told is not None:
-        told.is_owed = False
+    output = None if context is None else context.find_object(JsonOutput)
+    if output is not None:
+        output.is_due = False
 
 
 def _plain(value: Any) -> Any:

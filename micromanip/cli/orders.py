@@ -1,4 +1,4 @@
-"""``micromanip arm``, ``disarm``, ``hold``, ``reset``: one word to a running controller, which takes or refuses it."""
+"""``micromanip arm``, ``disarm``, ``hold``, ``reset``, ``jog``: orders to the running controller, and their ``log``."""
 
 from __future__ import annotations
 
@@ -7,9 +7,13 @@ from collections.abc import Callable
 import click
 
 from micromanip.client import Client
+from micromanip.errors import UsageError
+from micromanip.replies import Audit, Jogged
 
-from .options import StrictCommand, asking
-from .prose import say
+from .axes import complete_axis
+from .echo import echo
+from .options import Quantity, StrictCommand, client_command
+from .parameters import brief
 
 
 def _order(name: str, send: Callable[[Client], object], taken: str, what: str) -> click.Command:
@@ -20,7 +24,7 @@ def _order(name: str, send: Callable[[Client], object], taken: str, what: str) -
         return {"accepted": True}
 
     @click.command(name, cls=StrictCommand, help=what, epilog=f"Example: micromanip {name}")
-    @asking(lambda _: say(taken))
+    @client_command(lambda _: echo(taken))
     def command() -> Callable[[Client], dict[str, bool]]:
         return ask
 
@@ -43,3 +47,56 @@ hold = _order(
     "Freeze the correction: every axis stays where it is, its loops closed. `micromanip arm` goes on.",
 )
 reset = _order("reset", Client.reset, "fault cleared", "Clear a latched fault; nothing moves, and it stays disarmed.")
+
+
+def _show_target(jogged: Jogged) -> None:
+    echo(f"axis {jogged['axis']} goes to {jogged['target_um']:g} um")
+
+
+@click.command(
+    "jog",
+    cls=StrictCommand,
+    context_settings={"ignore_unknown_options": True},
+    epilog="Example: micromanip jog x -2.5     or: micromanip jog x --to 60",
+)
+@click.argument("axis", shell_complete=complete_axis)
+@click.argument("by_um", type=Quantity("Micrometres"), required=False, metavar="[BY_UM]")
+@click.option(
+    "--to", "to_um", type=Quantity("Micrometres"), metavar="UM",
+    help="The new target, instead of a way from the present one.",
+)  # fmt: skip
+@client_command(_show_target)
+def jog(axis: str, by_um: float | None, to_um: float | None) -> Callable[[Client], Jogged]:
+    """Move AXIS by BY_UM from its present target, at the configured speed.
+
+    Works while TRACKING, where reference.source is jog, inside reference.range_um.
+    """
+    if (by_um is None) == (to_um is None):
+        raise UsageError("give either a way, `micromanip jog x 5`, or a target, `micromanip jog x --to 60`")
+    return lambda client: client.jog(axis, by_um=by_um, to_um=to_um)
+
+
+def _show_log(audit: Audit) -> None:
+    for entry in audit["entries"]:
+        if entry["missing_before"]:
+            echo(f"({entry['missing_before']} entries are missing here: the trail could not be written)")
+        who = entry["user"] + (f" (pid {entry['pid']})" if entry["pid"] is not None else "")
+        outcome = "" if entry["accepted"] else " REFUSED"
+        if repeated := entry.get("repeated"):
+            outcome += f" {repeated} more times, the last of them:"
+        echo(f"{entry['time']}  {who}  {entry['verb']}{outcome}")
+        for change in entry["changes"]:
+            course = f"{brief(change['old'])} -> " if entry["accepted"] else ""
+            echo(f"    {change['key']}: {course}{brief(change['new'])}")
+        for line in (entry["reason"] or "").splitlines():
+            echo(f"    {line}")
+    if audit["unwritten"]:
+        echo(f"{audit['unwritten']} entries of this run could not be written to {audit['file']}", err=True)
+
+
+@click.command("log", cls=StrictCommand, epilog="Example: micromanip log --last 5")
+@click.option("--last", type=click.IntRange(1, 1000), default=20, show_default=True, help="How many entries.")
+@client_command(_show_log)
+def log(last: int) -> Callable[[Client], Audit]:
+    """The newest entries of the audit trail, oldest first: arming, disarming, every change and every refusal."""
+    return lambda client: client.audit(last)

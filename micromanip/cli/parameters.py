@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from collections.abc import Callable, Iterable
+from pathlib import Path
 from typing import Any
 
 import click
 
 from micromanip.client import Client
+from micromanip.errors import UsageError
 from micromanip.replies import Change, Differences, Parameter, Saved, Swap
 
-from .options import StrictCommand, asking, warn
-from .prose import say
+from .echo import echo
+from .options import Quantity, StrictCommand, client_command, emit_answer, json_option, socket_option, warn
 
 _BRIEF = 60
 
@@ -33,12 +36,12 @@ def brief(value: Any) -> str:
 def echo_changes(changes: Iterable[Change]) -> None:
     """A line per change."""
     for change in changes:
-        say(f"  {change['key']}: {brief(change['old'])} -> {brief(change['new'])}")
+        echo(f"  {change['key']}: {brief(change['old'])} -> {brief(change['new'])}")
 
 
 def _echo_swap(swap: Swap) -> None:
     """What was taken over; warnings go to standard error."""
-    say(f"parameter version {swap['version']}" if swap["changed"] else "nothing to change")
+    echo(f"parameter version {swap['version']}" if swap["changed"] else "nothing to change")
     echo_changes(swap["changed"])
     warn(swap["warnings"])
 
@@ -46,38 +49,54 @@ def _echo_swap(swap: Swap) -> None:
 def _echo_values(parameters: list[Parameter]) -> None:
     width = max(len(parameter["change"]) for parameter in parameters)
     for parameter in parameters:
-        say(f"{parameter['change']:{width}}  {parameter['key']}={_shown(parameter['value'])}")
+        echo(f"{parameter['change']:{width}}  {parameter['key']}={_shown(parameter['value'])}")
 
 
 def _echo_differences(found: Differences) -> None:
-    say(f"{found['file']}{': edited since it was loaded' if found['changed_on_disk'] else ''}")
+    echo(f"{found['file']}{': edited since it was loaded' if found['changed_on_disk'] else ''}")
     for difference in found["differences"]:
-        say(f"  {difference['key']}: file {brief(difference['file'])}, running {brief(difference['running'])}")
+        echo(f"  {difference['key']}: file {brief(difference['file'])}, running {brief(difference['running'])}")
     if not found["differences"]:
-        say("  says what runs")
+        echo("  says what runs")
 
 
 def _echo_saved(saved: Saved) -> None:
-    say(f"{saved['file']}: {'written' if saved['changed'] else 'says what runs already'}")
+    echo(f"{saved['file']}: {'written' if saved['changed'] else 'says what runs already'}")
     echo_changes(saved["changed"])
 
 
 @click.command("get", cls=StrictCommand, epilog="Example: micromanip get axes.x.inner start.lift_s")
-@click.argument("keys", nargs=-1, metavar="[KEY...]")
-@asking(_echo_values)
-def get(keys: tuple[str, ...]) -> Callable[[Client], list[Parameter]]:
-    """Running values of KEYs, of all below where one is a section; all values without a KEY.
+@click.argument("names", nargs=-1, metavar="[NAME...]")
+@click.option("--watch", is_flag=True, help="Values of the loop as a live stream, a line a sample, until Ctrl-C.")
+@click.option(
+    "--every", "every_s", type=Quantity("Seconds", least=0.001), default=0.1, show_default=True, metavar="S",
+    help="With --watch: the time from one sample to the next.",
+)  # fmt: skip
+@socket_option
+@json_option
+def get(names: tuple[str, ...], watch: bool, every_s: float, socket_path: Path, as_json: bool) -> None:
+    """Running values of parameters, of all below NAME where it is a section; all without a NAME.
 
-    Beside each: what changing it takes.
+    Beside each: what changing it takes. With --watch a NAME is a value of the loop as the scope has it, x.strain_um or
+    lateness_ns; without the axis it is that of each axis. With --json each sample is a document on a line of its own.
     """
-    return lambda client: client.get(*keys)
+    if watch and not names:
+        raise UsageError("--watch needs the names of values, as in `micromanip get --watch x.strain_um`")
+    with Client(socket_path) as client:
+        if not watch:
+            emit_answer(client.get(*names), _echo_values, as_json)
+            return
+        from .live_values import print_live_values
+
+        with contextlib.suppress(KeyboardInterrupt):
+            print_live_values(client, names, every_s, as_json)
 
 
 @click.command(
     "set", cls=StrictCommand, epilog="Example: micromanip set axes.x.inner.K_V_per_um=0.5 axes.x.inner.Ti_ms=0.6"
 )
 @click.argument("assignments", nargs=-1, required=True, metavar="KEY=VALUE...")
-@asking(_echo_swap)
+@client_command(_echo_swap)
 def set_(assignments: tuple[str, ...]) -> Callable[[Client], Swap]:
     """Change running values, all at one cycle boundary, or none of them where one is wrong.
 
@@ -91,7 +110,7 @@ def set_(assignments: tuple[str, ...]) -> Callable[[Client], Swap]:
 
 
 @click.command("diff", cls=StrictCommand, epilog="Example: micromanip diff")
-@asking(_echo_differences)
+@client_command(_echo_differences)
 def diff() -> Callable[[Client], Differences]:
     """Values of the configuration file, as it is on disk now, that are not the running ones."""
     return Client.diff
@@ -99,14 +118,14 @@ def diff() -> Callable[[Client], Differences]:
 
 @click.command("save", cls=StrictCommand, epilog="Example: micromanip save")
 @click.option("--force", is_flag=True, help="Also where the file was edited since it was loaded.")
-@asking(_echo_saved)
+@client_command(_echo_saved)
 def save(force: bool) -> Callable[[Client], Saved]:
     """Write the running values into the configuration file; only changed keys change, comments stay."""
     return lambda client: client.save(force=force)
 
 
 @click.command("reload", cls=StrictCommand, epilog="Example: micromanip reload")
-@asking(_echo_swap)
+@client_command(_echo_swap)
 def reload() -> Callable[[Client], Swap]:
     """Take over the configuration file as it is now, all of it or nothing; as SIGHUP does.
 

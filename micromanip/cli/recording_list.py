@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .options import StrictCommand, StrictGroup, json_option, print_answer
-from .prose import say
+from .echo import echo
+from .options import StrictCommand, emit_answer, json_option
 
 if TYPE_CHECKING:
     from micromanip.recordings import Telemetry
@@ -24,7 +24,7 @@ _HASH = 12
 @click.argument("folder", type=click.Path(path_type=Path, exists=True, file_okay=False), required=False)
 @json_option
 def command(folder: Path | None, as_json: bool) -> None:
-    """What FOLDER has of recordings, the newest first; without FOLDER those that `record start` made for this user.
+    """What FOLDER has of recordings, the newest first; without FOLDER those that `recording start` made for this user.
 
     Each file's head and end are read, not its rows. A file that can't be read is listed with the reason.
     """
@@ -33,12 +33,7 @@ def command(folder: Path | None, as_json: bool) -> None:
     folder = default_folder() if folder is None else folder
     files = [file for file in folder.glob("*") if file.suffix.lower() == ".mcap" and not file.name.startswith(".")]
     rows = sorted(map(_row, files), key=lambda row: (row["began"], row["name"]), reverse=True)
-    print_answer({"folder": str(folder), "recordings": rows}, _show, as_json)
-
-
-recording = StrictGroup(
-    "recording", commands=[command], epilog="Example: micromanip recording list out", help="The recordings of a folder."
-)
+    emit_answer({"folder": str(folder), "recordings": rows}, _show, as_json)
 
 
 def _row(file: Path) -> dict[str, Any]:
@@ -101,16 +96,16 @@ def _cycle(pieces: Iterable[Piece], place: int) -> int | None:
 def _show(document: dict[str, Any]) -> None:
     from rich.markup import escape
 
-    from .tables import Figures, out_console
+    from .tables import print_table
 
     if not document["recordings"]:
-        say(f"{document['folder']}: no recording (.mcap) in it")
-        return
-    table = Figures(*_HEAD)
-    for row in document["recordings"]:
-        ended = "; ".join(filter(None, [row["ended"], row["problem"]]))
-        seconds = "" if row["seconds"] is None else f"{row['seconds']:.1f}"
-        cells = [row["name"], row["began"][:19], seconds, " ".join(row["axes"] or ()), (row["sha256"] or "")[:_HASH],
-                 f"{row['bytes'] / 1e6:.1f}", ended, "; ".join(row["marks"])]  # fmt: skip
-        table.add_row(*map(escape, cells))
-    out_console().print(table)
+        echo(f"{document['folder']}: no recording (.mcap) in it")
+    rows = (
+        (
+            row["name"], row["began"][:19], "" if row["seconds"] is None else f"{row['seconds']:.1f}",
+            " ".join(row["axes"] or ()), (row["sha256"] or "")[:_HASH], f"{row['bytes'] / 1e6:.1f}",
+            "; ".join(filter(None, [row["ended"], row["problem"]])), "; ".join(row["marks"]),
+        )
+        for row in document["recordings"]
+    )  # fmt: skip
+    print_table(_HEAD, [list(map(escape, row)) for row in rows])

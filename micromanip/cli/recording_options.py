@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from .echo import echo
 from .options import Quantity
-from .prose import say
 
 if TYPE_CHECKING:
     from micromanip.recordings import Telemetry
@@ -49,15 +50,24 @@ def recording_options(command: Callable[..., Any]) -> Callable[..., Any]:
     return command
 
 
+def open_recording(file: Path) -> Telemetry:
+    """A recording of ours; where it is damaged, standard error says what is left out."""
+    from micromanip.recordings import open_telemetry
+
+    telemetry = open_telemetry(file)
+    warn_of_damage(telemetry)
+    return telemetry
+
+
 def warn_of_damage(telemetry: Telemetry) -> None:
     """On standard error, where a recording lacks something."""
     if told := telemetry.damage():
-        say(f"warning: {telemetry.file}: {told}", err=True)
+        echo(f"warning: {telemetry.file}: {told}", err=True)
 
 
 def tell(records: Iterable[Any]) -> None:
     """What was taken of each record, in a line, and under it what is unusual: on standard error."""
     for record in records:
-        say(f"read {record.told}", err=True)
+        echo(f"read {record.told}", err=True)
         for note in record.notes:
-            say(f"  note: {note}", err=True)
+            echo(f"  note: {note}", err=True)

@@ -10,9 +10,9 @@ import click
 
 from micromanip.errors import UsageError
 
-from .options import Quantity, StrictCommand, json_option, print_answer
-from .prose import say
-from .recording_options import Cut, warn_of_damage
+from .echo import echo
+from .options import Quantity, StrictCommand, emit_answer, json_option
+from .recording_options import Cut, open_recording
 
 _OF_VARY = ("trials", "best", "objective", "seed", "jobs", "address", "out")
 
@@ -86,13 +86,11 @@ def command(
         predict_tuning(file, config, cut, as_json)
     if cut is not None:
         raise UsageError("--cut goes with --with or --vary; without them the whole recording is compared")
-    from micromanip.recordings import open_telemetry
     from micromanip.replay import replay
     from micromanip.rt.jit import Compiler
 
-    Compiler.tell = staticmethod(lambda name: say(f"compiling {name} (the first time only)", err=True))
-    telemetry = open_telemetry(file)
-    warn_of_damage(telemetry)
+    Compiler.tell = staticmethod(lambda name: echo(f"compiling {name} (the first time only)", err=True))
+    telemetry = open_recording(file)
     found = replay(telemetry)
     difference = found.difference
     document = {
@@ -116,7 +114,7 @@ def command(
             "cause": difference.cause,
         },
     }
-    print_answer(document, _show, as_json)
+    emit_answer(document, _show, as_json)
     sys.exit(0 if difference is None else 1)
 
 
@@ -131,14 +129,14 @@ def _show(document: dict[str, Any]) -> None:
     met += [f"{document['swaps']} changes of parameters"] if document["swaps"] else []
     met += [f"{document['skipped']} missed cycles"] if document["skipped"] else []
     if difference is None:
-        say(f"{counted}: every voltage equal, bit for bit" + (f" ({', '.join(met)})" if met else ""))
+        echo(f"{counted}: every voltage equal, bit for bit" + (f" ({', '.join(met)})" if met else ""))
     else:
-        say(f"{counted} equal; cycle {difference['cycle']}, {difference['t_s']:.4f} s, differs:")
+        echo(f"{counted} equal; cycle {difference['cycle']}, {difference['t_s']:.4f} s, differs:")
         for value in difference["values"]:
             name = f"{value['name']}_{value['axis']}" if value["axis"] else value["name"]
-            say(f"  {name}: recorded {value['recorded']!r}, replayed {value['replayed']!r}")
-        say(f"probably: {difference['cause']}")
+            echo(f"  {name}: recorded {value['recorded']!r}, replayed {value['replayed']!r}")
+        echo(f"probably: {difference['cause']}")
     for gap in document["gaps"]:
-        say(f"gap: {gap}")
+        echo(f"gap: {gap}")
     if document["left_out"]:
-        say(f"{document['left_out']} rows could not be replayed: no state of the loop is at hand before them")
+        echo(f"{document['left_out']} rows could not be replayed: no state of the loop is at hand before them")

@@ -12,7 +12,7 @@ import click
 from micromanip.errors import CheckFailed
 from micromanip.status_reply import Status
 
-from .options import Quantity, StrictCommand, config_argument, json_option, print_answer, socket_option
+from .options import Quantity, StrictCommand, config_argument, emit_answer, json_option, socket_option
 
 
 @click.command("run", cls=StrictCommand, epilog="Example: micromanip run config/simulated.yaml --duration 10")
@@ -28,7 +28,7 @@ from .options import Quantity, StrictCommand, config_argument, json_option, prin
 @click.option(
     "--recordings",
     type=click.Path(path_type=Path, file_okay=False),
-    help="Folder for what `record start` records.  [default: $STATE_DIRECTORY/recordings, or the user's own]",
+    help="Folder for what `recording start` records.  [default: $STATE_DIRECTORY/recordings, or the user's own]",
 )
 @click.option(
     "--trips",
@@ -60,7 +60,7 @@ def command(
     from .live import summary
 
     try:
-        print_answer(report, summary, as_json)
+        emit_answer(report, summary, as_json)
     finally:  # also where nobody reads it
         _judge(report)
 
@@ -106,6 +106,8 @@ def _judge(report: Status) -> None:
         names = [
             fault["code"] + (f" on axis {fault['axis']}" if fault["axis"] else "") for fault in report["fault_reports"]
         ]
-        raise CheckFailed(f"ended by {' after '.join(reversed(names))}, as said above; `micromanip explain` tells more")
+        raise CheckFailed(
+            f"ended by {' after '.join(reversed(names))}, as said above; `micromanip trip show` tells more"
+        )
     if report["recording"] is not None and report["recording"]["message"] is not None:
         raise CheckFailed(report["recording"]["message"])

@@ -1,4 +1,4 @@
-"""``micromanip status``: what the running controller does."""
+"""``micromanip status``: what the running controller does, once, or over the whole screen with keys."""
 
 from __future__ import annotations
 
@@ -11,50 +11,45 @@ import click
 
 from micromanip.client import Client
 from micromanip.errors import UsageError
+from micromanip.extras import required
 
-from .options import Quantity, StrictCommand, json_option, print_json, socket_option
-from .prose import say
-
-_REFRESH_S = 0.2
+from .echo import echo
+from .options import Quantity, StrictCommand, emit_answer, json_option, socket_option
 
 
 @click.command("status", cls=StrictCommand, epilog="Example: micromanip status --watch")
-@click.option("--watch", is_flag=True, help="Go on until Ctrl-C: a live view on a terminal, a line a time elsewhere.")
+@click.option("--watch", is_flag=True, help="Go on: the full screen with keys on a terminal, a line a time elsewhere.")
 @click.option(
     "--every", "every_s", type=Quantity("Seconds", least=0.1), default=2.0, show_default=True, help="Seconds a line."
 )
 @socket_option
 @json_option
 def command(watch: bool, every_s: float, socket_path: Path, as_json: bool) -> None:
-    """What the running controller does: its state, what each axis does, its timing and path error."""
+    """What the running controller does: its state, what each axis does, its timing and path error.
+
+    On the full screen keys arm, hold, disarm and reset, each after a question. Leaving it changes nothing.
+    """
     if watch and as_json:
         raise UsageError("--watch goes on and --json is one document: use one of them")
     with Client(socket_path) as client:
-        if watch:
+        if not watch:
+            from .live import status
+
+            emit_answer(client.status(), status, as_json)
+        elif all(stream.isatty() for stream in (sys.stdin, sys.stdout, sys.stderr)):  # textual draws on the last
+            with required("status --watch on a terminal", "top"):
+                from .status_screen import StatusScreen
+            StatusScreen(socket_path).run()
+        else:
             with contextlib.suppress(KeyboardInterrupt):
-                _watch(client, every_s)
-            return
+                _print_lines(client, every_s)
+
+
+def _print_lines(client: Client, every_s: float) -> None:
+    """The run in one line, again and again, until the controller goes away."""
+    from .live import one_line
+
+    while True:
         report = client.status()
-    if as_json:
-        print_json(report)
-        return
-    from .live import status
-
-    status(report)
-
-
-def _watch(client: Client, every_s: float) -> None:
-    """Show the status again and again, until the controller goes away."""
-    from rich.live import Live
-
-    from .live import one_line, watched
-
-    if not sys.stdout.isatty():
-        while True:
-            report = client.status()
-            say(f"{report['state']:9}{one_line(report)}")
-            time.sleep(every_s)
-    with Live(watched(client.status()), refresh_per_second=5, screen=True) as view:
-        while True:
-            time.sleep(_REFRESH_S)
-            view.update(watched(client.status()))
+        echo(f"{report['state']:9}{one_line(report)}")
+        time.sleep(every_s)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 from rich.console import Console, ConsoleOptions, RenderableType, RenderResult
@@ -22,6 +22,15 @@ def out_console() -> Console:
     """Standard output; where it is no terminal nothing need fit, unless COLUMNS says so."""
     fits = sys.stdout.isatty() or "COLUMNS" in os.environ
     return Console(highlight=False, width=None if fits else _WIDE)
+
+
+def print_table(columns: Sequence[str], rows: Iterable[Sequence[RenderableType]], title: str | None = None) -> None:
+    """A table on standard output; nothing where it has no rows."""
+    table = Figures(*columns, title=title)
+    for row in rows:
+        table.add_row(*row)
+    if table.row_count:
+        out_console().print(table)
 
 
 class Figures(Table):

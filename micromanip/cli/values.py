@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
+from rich.console import Group, RenderableType
 from rich.text import Text
 
 from micromanip.status_reply import AxisValues, Status, Value, Window
@@ -56,36 +56,14 @@ def values(report: Status) -> RenderableType:
         Text(f"unknown: {'every value' if len(who) == count else ', '.join(who)}: {why}", style="yellow")
         for why, who in reasons.items()
     )
-    return Group(_Axes(named), *told)
-
-
-class _Axes:
-    """A table, or where that is too wide three lines for each quantity."""
-
-    def __init__(self, axes: dict[str, list[Row]]) -> None:
-        self._axes = axes
-
-    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        table = Figures("axis", "", "now", "1 s rms", "peak", "1 min rms", "peak", title="Axes", caption=_NOTE)
-        for column in table.columns[2:]:
-            column.justify = "right"
-        for name, axis_rows in self._axes.items():
-            for number, row in enumerate(axis_rows):
-                table.add_row(name if number == 0 else "", row.name, row.now, *row.second, *row.minute)
-            table.add_section()
-        if table.fits(console, options):
-            yield table
-        else:
-            yield from self._stacked()
-
-    def _stacked(self) -> Iterator[Text]:
-        for name, axis_rows in self._axes.items():
-            yield Text(f"axis {name}", style="bold")
-            for row in axis_rows:
-                yield Text.assemble(f"  {row.name:17}", row.now)
-                for over, (rms, peak) in (("1 s", row.second), ("1 min", row.minute)):
-                    yield Text(f"    {over:6}{f'rms {rms}':12}  peak {peak}" if rms else f"    {over:6}least {peak}")
-        yield Text(_NOTE, style="dim")
+    table = Figures("", "now", "1 s rms", "peak", "1 min rms", "peak", title="Axes", caption=_NOTE)
+    for column in table.columns[1:]:
+        column.justify = "right"
+    for name, axis_rows in named.items():
+        for row in axis_rows:
+            table.add_row(f"{name} {row.name}", row.now, *row.second, *row.minute)
+        table.add_section()
+    return Group(table, *told)
 
 
 def _row(name: str, value: Value, *, about_zero: bool = False) -> Row:

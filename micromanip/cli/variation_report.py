@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 from micromanip.errors import CheckFailed
 
-from .options import print_answer
-from .prose import say
+from .echo import echo
+from .options import emit_answer
+from .recording_options import open_recording
 from .results import keep, require_new, require_room
 
 if TYPE_CHECKING:
@@ -59,14 +60,13 @@ def vary_tuning(
         text = _configuration(work, ranked[0], out, command)
         keep(lambda place: place.write_text(text, encoding="utf-8"), out)
         document["written"] = str(out)
-    print_answer(document, _show, as_json)
+    emit_answer(document, _show, as_json)
     if out is not None and document["written"] is None:
         raise CheckFailed(f"{out} is not written: no trial is better than the tuning as it is")
 
 
 def _recorded(file: Path, config: Path | None, cut: tuple[float, float] | None) -> tuple[Any, Any, Any]:
     """The tuning that is varied, and the piece of the recording with its models."""
-    from micromanip.recordings import open_telemetry
     from micromanip.replay.comparable import recorded_configuration, require_comparable
     from micromanip.replay.fitting import fit_models
     from micromanip.replay.window import take_window
@@ -74,8 +74,8 @@ def _recorded(file: Path, config: Path | None, cut: tuple[float, float] | None) 
     from micromanip.settings.check import prepared
     from micromanip.settings.text.source import Source
 
-    Compiler.tell = staticmethod(lambda name: say(f"compiling {name} (the first time only)", err=True))
-    telemetry = open_telemetry(file)
+    Compiler.tell = staticmethod(lambda name: echo(f"compiling {name} (the first time only)", err=True))
+    telemetry = open_recording(file)
     source, recorded = recorded_configuration(telemetry)
     base = prepared(source if config is None else Source.read(config))
     require_comparable(recorded, base.configuration, file, base.source.path)
@@ -92,7 +92,7 @@ def _configuration(work: Trials, trial: Trial, out: Path, command: str) -> str:
     today = datetime.datetime.now(datetime.UTC).date().isoformat()
     heading = (
         f"# Trial {trial.number} of `{command}`, {today}.\n"
-        f"# Predicted path error of all axes: {trial.cost_um:.4f} um. Judge its margins by `micromanip analyse`.\n"
+        f"# Predicted path error of all axes: {trial.cost_um:.4f} um. Judge its margins by `analyse margins`.\n"
     )
     text = heading + with_values(work.base.source, work.source(trial.values).data)
     prepared(Source.parse(out, text))

@@ -18,7 +18,7 @@ class DescriptionChecks(Hooks):
     """Checks that need no device."""
 
     def test_class_keeps_the_contract(self) -> None:
-        """What ``micromanip drivers`` looks at too."""
+        """What ``micromanip device list`` looks at too."""
         found = findings(self.driver)
         assert not found, "; ".join(found)
 

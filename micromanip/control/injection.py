@@ -96,7 +96,7 @@ class Injection:
         if missed > MISSED:
             raise ValueError(
                 f"{100 * missed:.1f} % of the cycles were missed, at most {100 * MISSED:g} % may be: "
-                "`micromanip rtcheck` says what disturbs the loop"
+                "`micromanip system check` says what disturbs the loop"
             )
         held = signals[np.searchsorted(cycle, wanted, side="right") - 1, 0]
         kept = np.column_stack([held, np.interp(wanted, cycle, signals[:, 1])])

@@ -1,4 +1,4 @@
-"""The answer of ``micromanip rtcheck`` as one page: for which machine and release it holds, and how it is known."""
+"""The answer of ``system check`` as one page: for which machine and release it holds, and how it is known."""
 
 from __future__ import annotations
 

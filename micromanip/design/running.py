@@ -257,5 +257,5 @@ def _one_draw(prepared: Prepared, cell: Any, wave: Injection, loop: str, index: 
 
 
 def simulated_actuator(prepared: Prepared, axis: str) -> Actuator:
-    """The actuator's model on a simulated cell, in open loop and virtual time, as `analyse` takes it."""
+    """The actuator's model on a simulated cell, in open loop and virtual time, as `analyse margins` takes it."""
     return identify_actuator(prepared.configuration, VirtualExperiment(prepared), axis)

@@ -3,7 +3,7 @@
     CyclicDriver, Functions, SIGNAL                    a driver that the loop calls (docs/write-a-driver.md)
     SafeOutput, Wire, Enabling                         limits of one of its outputs; where its wire stands; a device
                                                        that takes its time to come on
-    SimulatedAxis, LinearPlant                         what a simulation knows of its plant (`micromanip budget`)
+    SimulatedAxis, LinearPlant                         what a simulation knows of its plant (`micromanip analyse error`)
     Compiler, entries, *_SIGNATURE, now_ns,            what it needs if numba compiles it
     sleep_until, minimum_jerk
     BusDriver, BusOptions, Channel, Task, Load,        a driver in a worker process (docs/write-a-driver.md)

@@ -1,1 +1,1 @@
-"""What `micromanip simulate-device` plays: devices on their real protocols, with one plant behind all of them."""
+"""What `micromanip device simulate` plays: devices on their real protocols, with one plant behind all of them."""

@@ -1,4 +1,4 @@
-"""``micromanip view``: the scope on a recording, for browsers of this computer, read-only."""
+"""``micromanip recording view``: the scope on a recording, for browsers of this computer, read-only."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ class RecordedCell:
 
     async def order(self, verb: str, name: str, **_: Any) -> Any:  # noqa: ARG002
         """Nobody is there to take it."""
-        raise UsageError("this is a recording: it takes no orders, and `micromanip export --cut` takes a part of it")
+        raise UsageError("a recording takes no orders; `micromanip recording export --cut` takes a part of it")
 
 
 def _how_it_ended(telemetry: Telemetry) -> str:

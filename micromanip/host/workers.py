@@ -62,7 +62,7 @@ class Workers:
             task.cancel()
         left = [f"driver {worker.name}: {worker.outputs_told}" for worker in self._workers if not worker.rests]
         if left and value is None:
-            raise CheckFailed(f"{'; '.join(left)}. See what its device puts out; then `micromanip safe-outputs`")
+            raise CheckFailed(f"{'; '.join(left)}. See what its device puts out; then `micromanip park`")
         for text in left:
             self._say(f"WARNING: {text}")
 

@@ -41,7 +41,7 @@ def read_table(file: Path) -> Table:
 def open_telemetry(file: Path) -> Telemetry:
     """A recording of ours. CheckFailed where it is not there, or something else."""
     if not is_recording(file):
-        raise CheckFailed(f"{file}: no recording of ours, an MCAP file of `run --record` or `record start`")
+        raise CheckFailed(f"{file}: no recording of ours, an MCAP file of `run --record` or `recording start`")
     return open_mcap(file)
 
 

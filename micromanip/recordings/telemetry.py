@@ -81,8 +81,8 @@ class Telemetry:
         """CheckFailed where something is damaged whose name begins so."""
         if named := [name for name in self.damaged if name.startswith(beginnings)]:
             raise CheckFailed(
-                f"{self.file}: damaged: the checksum of {', '.join(named)} in it is wrong, and this needs it; `view`, "
-                "`report` and `export` need the rows only"
+                f"{self.file}: damaged: the checksum of {', '.join(named)} in it is wrong, and this needs it; "
+                "`recording view`, `report` and `export` need the rows only"
             )
 
     def damage(self) -> str:
@@ -116,7 +116,7 @@ class Telemetry:
             total += len(part[paths[0]])
             if total > _MOST_VALUES:
                 raise CheckFailed(
-                    f"{self.file}: {total} rows are more than can be read; cut it: micromanip export --cut"
+                    f"{self.file}: {total} rows are more than can be read; cut it: micromanip recording export --cut"
                 )
         return {path: np.concatenate(values) if values else np.empty(0) for path, values in found.items()}
 

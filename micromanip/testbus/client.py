@@ -1,4 +1,4 @@
-"""python-can interface ``micromanip``: takes part in a bus that ``micromanip simulate-device`` keeps.
+"""python-can interface ``micromanip``: takes part in a bus that ``micromanip device simulate`` keeps.
 
 ``can.Bus(interface="micromanip", channel="can0", bitrate=1_000_000, data_bitrate=5_000_000, fd=True)``
 """
@@ -88,7 +88,7 @@ class HubBus(can.BusABC):
             about = self._greeting()
         except (ConnectionRefusedError, ConnectionResetError) as error:
             raise can.CanInitializationError(
-                f"no hub for channel {channel}: start `micromanip simulate-device` first"
+                f"no hub for channel {channel}: start `micromanip device simulate` first"
             ) from error
         except OSError as error:
             raise can.CanInitializationError(f"the hub for channel {channel} does not answer: {error}") from error

@@ -51,6 +51,15 @@ def status(state="TRACKING", faults=(), position=(51.25, None)):
         "axes": {"x": axis, "y": axis},
         "faults": [fault["seen"] for fault in faults],
         "fault_reports": list(faults),
+        "slow_signals": [],
+        "arming_awaits": None,
+        "learning": None,
+        "recording": None,
+        "shadow": "none",
+        "links": {},
+        "signals": {},
+        "parameter_version": 3,
+        "configuration": "cell.yaml",
     }
 
 

@@ -89,12 +89,6 @@ def test_a_later_change_is_noticed(commissioned, tmp_path, capsys):
     )
 
 
-def test_an_axis_that_is_not_there_writes_nothing(tmp_path, capsys):
-    assert code_of("commission", FACTORY, "--axis", "w", "--out", tmp_path / "out") == 64
-    assert "there is no axis w in " in capsys.readouterr().err
-    assert not (tmp_path / "out").exists()
-
-
 @pytest.mark.thorough  # refused: tests/design/test_synthesis.py; how that is told: test_commission_faults.py
 def test_what_cannot_be_had_leaves_what_was_found_and_no_tuning(tmp_path, capsys):
     out = tmp_path / "out"

@@ -1,21 +1,21 @@
 """Shells complete the names of axes: quickly, and silently where they can't be told."""
 
-import json
 import os
 import shutil
 import socket
 import subprocess
 import sys
-import threading
 import time
 from pathlib import Path
 
-import click
 import pytest
 from click.shell_completion import ShellComplete
 
-from micromanip.cli import axis_names
-from micromanip.cli.main import GROUPS, cli
+from micromanip.cli import axes
+from micromanip.cli.main import cli
+
+from .command import COMMANDS
+from .played import Played
 
 CONFIG = """axes:
   left: {}
@@ -35,26 +35,9 @@ def file(tmp_path):
 @pytest.fixture
 def controller(tmp_path):
     """The path of a socket on which somebody says what runs."""
-    path = tmp_path / "control.sock"
-    with socket.socket(socket.AF_UNIX) as listening:
-        listening.bind(str(path))
-        listening.listen()
-
-        def answer():
-            try:
-                one = listening.accept()[0]
-            except OSError:  # nobody has come
-                return
-            with one, one.makefile("rwb") as lines:
-                asked = json.loads(lines.readline())
-                assert asked["verb"] == "status"
-                lines.write(json.dumps({"ok": True, "result": {"axes": {"x": {}, "y": {}}}}).encode() + b"\n")
-
-        answering = threading.Thread(target=answer, daemon=True)
-        answering.start()
-        yield path
-        listening.shutdown(socket.SHUT_RDWR)
-        answering.join(30.0)
+    played = Played(tmp_path / "control.sock")
+    yield played.path
+    played.close()
 
 
 def completed(*words):
@@ -68,7 +51,7 @@ def completed(*words):
     "words",
     [
         ["identify", "FILE", "--seconds", "5", "--axis", ""],
-        ["sensitivity", "FILE", "--axis", ""],
+        ["analyse", "live", "FILE", "--axis", ""],
         ["evaluate", "FILE", "--axis", ""],
         ["fit", "hysteresis", "r.csv", "--into", "FILE", "--axis", ""],
     ],
@@ -77,16 +60,10 @@ def test_one_axis_of_the_file(words, file):
     assert completed(*(str(file) if word == "FILE" else word for word in words)) == ["left", "up"]
 
 
-@pytest.mark.parametrize("verb", ["analyse", "budget", "commission", "drift"])
+@pytest.mark.parametrize("verb", ["analyse margins", "analyse error", "commission", "analyse health"])
 def test_an_axis_or_all_of_the_file(verb, file):
-    assert completed(verb, file, "--axis", "") == ["left", "up", "all"]
-    assert completed(verb, file, "--axis", "l") == ["left"]
-
-
-def test_preview_takes_the_axes_of_its_cell(file, tmp_path):
-    path = tmp_path / "path.csv"
-    path.write_text("t_s,deviation_left_um\n0,0\n")
-    assert completed("preview", path, "--config", file, "--axis", "u") == ["up"]
+    assert completed(*verb.split(), file, "--axis", "") == ["left", "up", "all"]
+    assert completed(*verb.split(), file, "--axis", "l") == ["left"]
 
 
 def test_axes_of_the_running_controller(controller):
@@ -94,22 +71,22 @@ def test_axes_of_the_running_controller(controller):
 
 
 def test_a_file_goes_before_the_running_controller(controller, file):
-    assert completed("drift", file, "--socket", controller, "--axis", "") == ["left", "up", "all"]
+    assert completed("analyse", "health", file, "--socket", controller, "--axis", "") == ["left", "up", "all"]
 
 
 @pytest.mark.parametrize("text", ["axes: {x: [", "axes: 5\n", "- 1\n", "\0\1", ""])
 def test_a_configuration_that_is_none_completes_to_nothing(text, tmp_path, capsys):
     file = tmp_path / "cell.yaml"
     file.write_text(text)
-    assert completed("analyse", file, "--axis", "") == []
-    assert completed("analyse", tmp_path / "missing.yaml", "--axis", "") == []
-    assert completed("analyse", "--axis", "") == []
+    assert completed("analyse", "margins", file, "--axis", "") == []
+    assert completed("analyse", "margins", tmp_path / "missing.yaml", "--axis", "") == []
+    assert completed("analyse", "margins", "--axis", "") == []
     assert completed("jog", "--socket", tmp_path / "none.sock", "") == []
     assert capsys.readouterr() == ("", "")
 
 
 def test_who_hangs_is_not_waited_for(tmp_path, monkeypatch):
-    monkeypatch.setattr(axis_names, "_PATIENCE_S", 0.2)
+    monkeypatch.setattr(axes, "_PATIENCE_S", 0.2)
     path = tmp_path / "control.sock"
     with socket.socket(socket.AF_UNIX) as listening:
         listening.bind(str(path))
@@ -119,19 +96,13 @@ def test_who_hangs_is_not_waited_for(tmp_path, monkeypatch):
     assert time.monotonic() - begin < 5.0
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
-    assert completed("analyse", pipe, "--axis", "") == []
+    assert completed("analyse", "margins", pipe, "--axis", "") == []
 
 
 def test_every_command_that_takes_an_axis_completes_it():
-    def commands(group, context):
-        for name in group.list_commands(context):
-            found = group.get_command(context, name)
-            yield from commands(found, context) if isinstance(found, click.Group) else [found]
-
-    assert GROUPS
     named = [
-        (command.name, param)
-        for command in commands(cli, click.Context(cli))
+        (name, param)
+        for name, command in COMMANDS.items()
         for param in command.params
         if "--axis" in param.opts or param.name == "axis"
     ]
@@ -143,7 +114,8 @@ def test_no_compiler_and_no_schema_is_loaded(file):
     """A shell waits for it."""
     code = (
         "import sys; from click.shell_completion import ShellComplete as S; from micromanip.cli.main import cli\n"
-        f"assert len(S(cli, {{}}, 'micromanip', '_').get_completions(['drift', {str(file)!r}, '--axis'], '')) == 3\n"
+        f"words = ['analyse', 'health', {str(file)!r}, '--axis']\n"
+        "assert len(S(cli, {}, 'micromanip', '_').get_completions(words, '')) == 3\n"
         "print({'numba', 'numpy', 'scipy', 'rich', 'micromanip.settings.schema.model'} & set(sys.modules))"
     )
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "set()\n"
@@ -164,7 +136,7 @@ def test_a_real_shell(shell, script, file):
     program = shutil.which(shell)
     if program is None:
         pytest.skip(f"{shell} is not installed")
-    words = ["micromanip", "drift", str(file), "--axis"]
+    words = ["micromanip", "analyse", "health", str(file), "--axis"]
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     arguments = ["--norc", "-c", script, "bash"] if shell == "bash" else ["--no-config", "-c", script]
     said = subprocess.run(

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from micromanip.cli.main import cli, main
+from micromanip.cli.commands import cli
 from micromanip.design import figures, paper
 
 pytestmark = pytest.mark.long
@@ -124,10 +124,3 @@ def test_figures_are_written_as_png_and_svg(tmp_path, few_sines, monkeypatch):
         content = file.read_bytes()
         assert len(content) > 5_000
         assert content.startswith(b"\x89PNG") or b"<svg" in content[:1000]
-
-
-def test_an_unknown_axis_is_wrong_usage(capsys):
-    with pytest.raises(SystemExit) as ended:
-        main(["evaluate", CONFIG, "--axis", "w"])
-    assert ended.value.code == 64
-    assert "there is no axis w" in capsys.readouterr().err

@@ -205,39 +205,24 @@ def test_into_takes_no_unit_for_granted(csv, cell, header, factor, columns, says
     assert cell.read_text() == before
 
 
-@pytest.mark.parametrize("half", [("--axis", "x"), ("--into", "cell.yaml")])
-def test_into_and_axis_go_together(csv, half, capsys):
-    assert code_of(csv, *QUICK, *half) == 64
-    assert capsys.readouterr().err == "micromanip: --into and --axis go together\n"
+REFUSED = {
+    "--axis alone": (("--axis", "x"), 64, "--into and --axis go together"),
+    "--into alone": (("--into", "cell.yaml"), 64, "--into and --axis go together"),
+    "no such axis": (("--into", "cell.yaml", "--axis", "w"), 64, "there is no axis w in cell.yaml"),
+    "another rate": (("--validate", "other.csv"), 1, "other.csv: sampled every 0.004 s"),
+    "no such record": (("--validate", "none.csv"), 1, "none.csv: no such file"),
+    "no such model": (("--model", "cubic"), 64, "--model"),
+}
 
 
-def test_unknown_axis_is_told_before_anything_is_written(csv, cell, tmp_path, capsys):
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_is_refused_before_anything_is_written(name, csv, cell, tmp_path, monkeypatch, capsys):
+    arguments, code, named = REFUSED[name]
+    monkeypatch.chdir(tmp_path)
+    record("other.csv", 2, 4e-3)
     before = cell.read_bytes()
-    assert code_of(csv, *QUICK, "--out", tmp_path / "out", "--into", cell, "--axis", "w") == 64
-    assert capsys.readouterr().err == f"micromanip: there is no axis w in {cell}; its axes are x, y, z\n"
+    quick = QUICK[:6] if "--model" in arguments else QUICK
+    assert code_of(csv, *quick, "--out", "out", *arguments) == code
+    assert named in capsys.readouterr().err
     assert cell.read_bytes() == before
-    assert not (tmp_path / "out").exists()
-
-
-def test_validation_at_another_rate_is_refused_before_anything_is_written(csv, tmp_path, capsys):
-    other = record(tmp_path / "other.csv", 2, 4e-3)
-    assert code_of(csv, *QUICK, "--validate", other, "--out", tmp_path / "out") == 1
-    assert capsys.readouterr().err.endswith(
-        f"micromanip: {other}: sampled every 0.004 s, the fitted record every 0.002 s; record both at one rate\n"
-    )
-    assert not (tmp_path / "out").exists()
-
-
-def test_bad_validation_record_is_named(csv, tmp_path, capsys):
-    assert code_of(csv, *QUICK, "--validate", tmp_path / "none.csv") == 1
-    assert capsys.readouterr().err == f"micromanip: {tmp_path / 'none.csv'}: no such file\n"
-
-
-def test_unknown_model_is_wrong_usage(csv, capsys):
-    assert code_of(csv, *COLUMNS, "--model", "cubic") == 64
-    assert "'cubic' is not one of" in capsys.readouterr().err
-
-
-def test_missing_option_is_wrong_usage(csv, capsys):
-    assert code_of(csv, "--input", "u_V") == 64
-    assert "--output" in capsys.readouterr().err
+    assert not Path("out").exists()

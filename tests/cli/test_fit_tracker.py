@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from replay.recorded import recording
 
-from micromanip.cli.budget import command as budget
+from micromanip.cli.analyse_error import command as budget
 from micromanip.cli.fit_tracker import command
 from micromanip.design.budget.configured import cell_of
 from micromanip.design.deviation.fit import fit_deviation
@@ -17,7 +17,7 @@ from micromanip.errors import CheckFailed, ConfigError, UsageError
 from micromanip.settings.check import prepare
 from micromanip.virtual.experiment import VirtualExperiment
 
-from .test_budget import CONFIG, CliRunner
+from .test_analyse_error import CONFIG, CliRunner
 
 pytestmark = [pytest.mark.compiled_only, pytest.mark.long]
 SIMULATED = CONFIG / "simulated.yaml"

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from campaigns.running_controller import MICROMANIP, PATIENCE_S, TAG, command_line, descriptor_of, tagged, until
+from campaigns.running_controller import MICROMANIP, PATIENCE_S, TAG, descriptor_of, tagged, until
 from micromanip.cli.main import main
 from micromanip.host.shared_memory import STATUS, Segment
 from micromanip.rt import mailbox as w
@@ -118,12 +118,6 @@ def test_a_gauge_of_the_wrong_sign_is_told_at_once_and_the_recording_stays(tmp_p
     assert len(table(out / "x_multisine.csv")) >= 1000
 
 
-def test_unknown_axis(tmp_path, capsys):
-    assert code_of(FACTORY, "--axis", "w", "--out", tmp_path / "out") == 64
-    assert capsys.readouterr().err == f"micromanip: there is no axis w in {FACTORY}; its axes are x, y, z\n"
-    assert not (tmp_path / "out").exists()
-
-
 class Live:
     """``micromanip identify --live`` in a session of its own."""
 
@@ -146,15 +140,6 @@ class Live:
     @property
     def said(self):
         return (self.folder / "stderr").read_text()
-
-    def loop(self):
-        """Process number of its loop process, once it is tracking."""
-
-        def found():
-            assert self.process.poll() is None, self.said
-            return [pid for pid in tagged(self.tag) if "micromanip.host.loop_process" in command_line(pid)]
-
-        return until(found, lambda: self.said)[0]
 
     def reach_tracking(self):
         descriptor = until(lambda: descriptor_of(self.process.pid, "micromanip-status"), lambda: self.said)
@@ -199,19 +184,6 @@ def test_live_on_the_simulation(live):
     assert 40.0 < np.ptp(columns["strain_um"]) < 130.0
     # the record is the experiment, not its beginning: the voltage is that of the upper three quarters
     assert columns["voltage_V"].min() > 15.0
-
-
-@pytest.mark.live
-@pytest.mark.thorough  # one that was cut short, which follows, takes the same way
-def test_a_fault_leaves_no_file(live):
-    run = live(30)
-    loop = run.loop()
-    run.reach_tracking()
-    os.kill(loop, signal.SIGKILL)
-    assert run.end() == 1
-    assert "X-104 the loop process was killed by signal 9" in " ".join(run.said.split())
-    assert not run.out.exists()
-    assert not (run.folder / "control.sock").exists()
 
 
 @pytest.mark.live

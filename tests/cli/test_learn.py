@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from micromanip.cli.learn import _print_status, command
+from micromanip.cli.commands import cli
+from micromanip.cli.learn import _print_status
 from micromanip.design.learning.memory import Memory, write_memory
 from micromanip.errors import CheckFailed, UsageError
 
 
 def asked(*words):
-    return CliRunner().invoke(command, [str(word) for word in words])
+    return CliRunner().invoke(cli, ["learn", *(str(word) for word in words)])
 
 
 def test_export_writes_a_memory_as_csv_and_replaces_nothing(tmp_path):

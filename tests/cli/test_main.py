@@ -1,4 +1,4 @@
-"""The command line as a whole: help, exit codes, and no traceback for anybody."""
+"""The command line as a whole: help, exit codes, one document with --json, and no traceback for anybody."""
 
 import json
 import subprocess
@@ -8,47 +8,71 @@ from pathlib import Path
 import click
 import pytest
 
-from micromanip.cli.main import COMMANDS, GROUPS, cli
-from micromanip.cli.options import print_json
+from micromanip.cli.commands import SECTIONS, cli
+from micromanip.cli.options import emit_json
 from micromanip.client import default_socket
 from micromanip.errors import CheckFailed
 from tests.further import further
 
-from .command import code_of
+from .command import COMMANDS, code_of
 
 CONFIG = str(Path(__file__).parents[2] / "config" / "paper.yaml")
 FULL = "standard output: No space left on device; make room there, or choose another place\n"
 
 
+def test_help_is_one_screen_and_has_every_command_once(capsys):
+    assert code_of("--help") == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert 24 <= len(lines) <= 40
+    assert max(map(len, lines)) <= 80
+    listed = [line.split()[0] for line in lines if line.startswith("  ")]
+    assert listed == [name for section in SECTIONS.values() for name in section]
+    assert set(listed) == {name.split()[0] for name in COMMANDS}
+
+
 @pytest.mark.parametrize("name", COMMANDS)
-def test_every_command_shows_an_example(name, capsys):
-    assert code_of(name, "--help") == 0
+def test_every_command_shows_an_example_and_takes_json(name, capsys):
+    assert code_of(*name.split(), "--help") == 0
     shown = capsys.readouterr().out
-    if name == "fit":
-        assert code_of("fit", "linear", "--help") == 0
-        assert "Example: " in capsys.readouterr().out
-        assert code_of("fit", "hysteresis", "--help") == 0
-        shown = capsys.readouterr().out
     assert "Example: " in shown
+    assert f"micromanip {name}" in " ".join(shown.partition("Example: ")[2].split())
+    assert "--json" in shown
 
 
-@pytest.mark.parametrize("name", COMMANDS)
-def test_every_command_is_found_by_its_name(name):
-    assert cli.get_command(click.Context(cli), name).name == name
+@pytest.mark.parametrize("group", sorted({name.split()[0] for name in COMMANDS if " " in name}))
+def test_the_help_of_a_group_has_all_of_its_commands_in_full(group, capsys):
+    assert code_of(group, "--help") == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    for name, command in COMMANDS.items():
+        if name.startswith(f"{group} "):
+            assert f"{name.partition(' ')[2]} {command.get_short_help_str(1000)}" in shown
+
+
+NEAR = {"stauts": "status", "comission": "commission", "recording strat": "start", "fit hysterisis": "hysteresis"}
+USAGE = [
+    "chekc",
+    "run",
+    f"run {CONFIG} --durtion 3",
+    f"run {CONFIG} --duration -1",
+    "completion",
+    "get --watch",
+    f"analyse margins {CONFIG}",
+    f"analyse margins {CONFIG} --out out --samples -1",
+    f"analyse margins {CONFIG} --out out --jobs 0",
+]
+
+
+@pytest.mark.parametrize("typed", [*NEAR, *USAGE])
+def test_wrong_usage_is_64_and_a_near_miss_gets_a_suggestion(typed, capsys):
+    assert code_of(*typed.split()) == 64
+    assert f"did you mean {NEAR[typed]}?" in capsys.readouterr().err if typed in NEAR else True
 
 
 @pytest.mark.parametrize(
-    "arguments",
-    [["chekc"], ["run"], ["run", CONFIG, "--durtion", "3"], ["run", CONFIG, "--duration", "-1"], ["completion"]],
+    "verb", ["status", "status --watch", "arm", "get --watch x.strain_um", "log", "learn part end"]
 )
-def test_wrong_usage_is_64(arguments, capsys):
-    assert code_of(*arguments) == 64
-    assert "Error: " in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("verb", ["status", "arm", "disarm", "reset"])
 def test_no_controller_is_69_and_says_the_next_step(verb, tmp_path, capsys):
-    assert code_of(verb, "--socket", str(tmp_path / "none.sock")) == 69
+    assert code_of(*verb.split(), "--socket", tmp_path / "none.sock") == 69
     assert "micromanip run CONFIG" in capsys.readouterr().err
 
 
@@ -70,27 +94,31 @@ def test_a_bad_configuration_is_78_and_one_line(tmp_path, capsys):
     file = tmp_path / "bad.yaml"
     file.write_text(Path(CONFIG).read_text(encoding="utf-8").replace("K_V_per_um: 0.6", "K_V_per_mm: 600", 1))
     assert code_of("run", str(file)) == 78
-    lines = capsys.readouterr().err.strip().splitlines()
-    line = next(n for n, text in enumerate(file.read_text().splitlines(), 1) if "K_V_per_mm" in text)
-    assert len(lines) == 1
-    assert lines[0].startswith(f"micromanip: {file}:{line}: axes.x.inner.K_V_per_mm: ")
-    assert "K_V_per_um" in lines[0]
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    number = next(n for n, text in enumerate(file.read_text().splitlines(), 1) if "K_V_per_mm" in text)
+    assert line.startswith(f"micromanip: {file}:{number}: axes.x.inner.K_V_per_mm: ")
+    assert "K_V_per_um" in line
+
+
+NO_AXIS = ["identify", "commission", "analyse margins", "evaluate", "analyse path path.csv --config", "analyse error"]
+
+
+@pytest.mark.parametrize("typed", NO_AXIS)
+def test_an_axis_that_is_not_there_is_64_and_leaves_nothing(typed, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert code_of(*typed.split(), CONFIG, "--axis", "w", "--out", "out") == 64
+    assert f"there is no axis w in {CONFIG}; its axes are x, y, z" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_what_we_did_not_foresee_is_70_with_a_file_and_no_traceback(monkeypatch, capsys, tmp_path):
-    monkeypatch.setenv("TMPDIR", str(tmp_path))
-    monkeypatch.setattr("tempfile.tempdir", None)
-
-    def broken(*_):
-        raise ZeroDivisionError("a bug")
-
-    monkeypatch.setattr("micromanip.settings.check.prepare", broken)
-    assert code_of("check", CONFIG) == 70
-    shown = capsys.readouterr().err
-    assert "Traceback" not in shown
-    assert "ZeroDivisionError: a bug" in shown
-    trace = Path(shown.strip().split()[-1])
-    assert "ZeroDivisionError" in trace.read_text()
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    monkeypatch.setattr("micromanip.settings.check.prepare", lambda *_: 1 // 0)
+    assert code_of("check", CONFIG, "--json") == 70
+    out, err = capsys.readouterr()
+    assert json.loads(out)["error"].startswith("bug: ZeroDivisionError: ")
+    assert "Traceback" not in err
+    assert "ZeroDivisionError" in Path(err.strip().split()[-1]).read_text()
 
 
 def test_completion_scripts(capsys):
@@ -99,57 +127,27 @@ def test_completion_scripts(capsys):
         assert "_MICROMANIP_COMPLETE" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(
-    ("typed", "meant"), [("stauts", "status"), ("comission", "commission"), ("probes", "probe"), ("simulate", None)]
-)
-def test_a_near_miss_gets_a_suggestion(typed, meant, capsys):
-    assert code_of(typed) == 64
-    said = capsys.readouterr().err
-    assert f"did you mean {meant}?" in said if meant else "--help" in said
-
-
-def test_help_of_run_says_from_when_its_duration_counts(capsys):
-    assert code_of("run", "--help") == 0
-    shown = " ".join(capsys.readouterr().out.split())
-    assert "so many seconds after READY; where arm_on_start arms, after that" in shown
-
-
-def test_help_has_every_command_in_one_group(capsys):
-    assert code_of("--help") == 0
-    shown = capsys.readouterr().out
-    assert [title for title in GROUPS if f"\n{title}:\n" in shown] == list(GROUPS)
-    listed = [line.split()[0] for line in shown.splitlines() if line.startswith("  ") and line[2].isalpha()]
-    assert [name for name in listed if name in COMMANDS] == list(COMMANDS)
-
-
-def test_the_socket_s_default_is_the_real_one(monkeypatch, capsys):
+def test_the_socket_s_default_is_the_real_one(capsys):
     assert code_of("status", "--help") == 0
     assert str(default_socket()) in capsys.readouterr().out
 
 
 ERRORS = {
-    "usage": (("check", "--json"), 64),
-    "command": (("stauts", "--json"), 64),
-    "option": (("check", CONFIG, "--json", "--jsno"), 64),
-    "file": (("check", "none.yaml", "--json"), 78),
-    "controller": (("status", "--json", "--socket", "/nowhere/none.sock"), 69),
+    "check --json": 64,
+    "stauts --json": 64,
+    f"check {CONFIG} --json --jsno": 64,
+    "check none.yaml --json": 78,
+    "status --json --socket /nowhere/none.sock": 69,
 }
 
 
-@pytest.mark.parametrize(("arguments", "code"), ERRORS.values(), ids=ERRORS)
-def test_an_error_is_one_document_too_where_json_is_asked_for(arguments, code, capsys):
-    assert code_of(*arguments) == code
+@pytest.mark.parametrize("typed", ERRORS)
+def test_an_error_is_one_document_too_where_json_is_asked_for(typed, capsys):
+    assert code_of(*typed.split()) == ERRORS[typed]
     out, err = capsys.readouterr()
     document = json.loads(out)
-    assert document["exit_code"] == code
+    assert document["exit_code"] == ERRORS[typed]
     assert document["error"] in err
-
-
-def test_a_bug_is_one_document_too(monkeypatch, capsys, tmp_path):
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    monkeypatch.setattr("micromanip.settings.check.prepare", lambda *_: 1 // 0)
-    assert code_of("check", CONFIG, "--json") == 70
-    assert json.loads(capsys.readouterr().out)["error"].startswith("bug: ZeroDivisionError: ")
 
 
 def test_what_fails_after_its_document_adds_none(monkeypatch, capsys):
@@ -157,7 +155,7 @@ def test_what_fails_after_its_document_adds_none(monkeypatch, capsys):
 
     @click.command("check")
     def checked():
-        print_json({"good": False})
+        emit_json({"good": False})
         raise CheckFailed("no")
 
     monkeypatch.setattr(type(cli), "get_command", lambda self, ctx, name: checked)
@@ -167,24 +165,26 @@ def test_what_fails_after_its_document_adds_none(monkeypatch, capsys):
 
 
 @pytest.mark.parametrize(
-    "arguments",
-    [
-        *further((("check", CONFIG),), (("check", CONFIG, "--json"),)),
-        ("drivers", "--json"),
-        ("--help",),
-        ("get", "--help"),
-    ],
+    "arguments", [*further(f"check {CONFIG}", f"check {CONFIG} --json"), "device list --json", "--help", "get --help"]
 )
 @pytest.mark.parametrize(
     ("redirected", "code", "said"),
     [("| head -c 1", 0, ""), (">&-", 0, ""), ("> /dev/full", 69, FULL)],
 )
-def test_a_closed_or_full_output_is_no_bug(arguments, redirected, code, said, tmp_path):
-    command = " ".join([str(Path(sys.executable).with_name("micromanip")), *arguments])
+def test_a_closed_or_full_output_is_no_bug(arguments, redirected, code, said):
+    program = Path(sys.executable).with_name("micromanip")
     done = subprocess.run(
-        ["bash", "-c", f"set -o pipefail; {command} {redirected}"], capture_output=True, text=True, check=False
-    )
+        ["bash", "-c", f"set -o pipefail; {program} {arguments} {redirected}"],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
     assert (done.returncode, said in done.stderr) == (code, True), done.stderr
-    assert "bug" not in done.stderr
-    assert "Traceback" not in done.stderr
-    assert "Exception ignored" not in done.stderr
+    for word in ("bug", "Traceback", "Exception ignored"):
+        assert word not in done.stderr
+
+
+def test_bench_without_the_source_tree_is_69_and_one_sentence(monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr("micromanip.__file__", str(tmp_path / "micromanip" / "__init__.py"))
+    assert code_of("system", "bench") == 69
+    assert capsys.readouterr().err == (
+        "micromanip: system bench needs the source tree of micromanip, which this installation lacks\n"
+    )

@@ -29,9 +29,9 @@ def no_file(request, tmp_path, monkeypatch):
     return file
 
 
-@pytest.mark.parametrize("command", ["check", "run", "simulate-device", "safe-outputs", "evaluate"])
+@pytest.mark.parametrize("command", ["check", "run", "device simulate", "park", "evaluate"])
 def test_a_configuration(command, no_file, capsys):
-    assert code_of(command, no_file) == 78
+    assert code_of(*command.split(), no_file) == 78
     assert re.search("not a regular file|a directory", capsys.readouterr().err)
 
 
@@ -43,7 +43,7 @@ def test_a_recording(kind, no_file, capsys):
 
 
 def test_the_file_of_a_terminal(no_file, capsys):
-    assert code_of("ethercat", "esi", no_file) in (64, 69)
+    assert code_of("device", "esi", no_file) in (64, 69)
     assert re.search("not a regular file|Is a directory", capsys.readouterr().err)
 
 

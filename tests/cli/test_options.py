@@ -4,45 +4,33 @@ import click
 import pytest
 
 from micromanip import quantities
-from micromanip.cli.main import COMMANDS, cli, main
 from micromanip.cli.options import Quantity, StrictCommand
 
+from .command import COMMANDS, code_of
 
-def commands():
-    """Every command that takes options itself, with the words that call it."""
-    for name in COMMANDS:
-        command = cli.get_command(click.Context(cli), name)
-        if isinstance(command, click.Group):
-            yield from ((f"{name} {below}", each) for below, each in command.commands.items())
-        else:
-            yield name, command
-
-
-ALL = dict(commands())
 ONCE = [
-    (name, option) for name, command in ALL.items() for option in command.params
+    (name, option) for name, command in COMMANDS.items() for option in command.params
     if isinstance(option, click.Option) and not option.multiple
 ]  # fmt: skip
-NUMBERS = [(name, each) for name, command in ALL.items() for each in command.params if isinstance(each.type, Quantity)]
+NUMBERS = [
+    (name, each) for name, command in COMMANDS.items() for each in command.params if isinstance(each.type, Quantity)
+]
 
 
 def refusal(capsys, *arguments):
-    with pytest.raises(SystemExit) as ended:
-        main(list(arguments))
-    assert ended.value.code == 64
+    assert code_of(*arguments) == 64
     return capsys.readouterr().err
 
 
-@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize("name", COMMANDS)
 def test_every_command_takes_each_option_once(name):
-    assert isinstance(ALL[name], StrictCommand)
+    assert isinstance(COMMANDS[name], StrictCommand)
 
 
 @pytest.mark.parametrize(("name", "option"), ONCE, ids=lambda each: getattr(each, "name", each))
 def test_an_option_given_twice_is_named(name, option, capsys):
     text = [option.opts[0]] if option.is_flag else [option.opts[0], "1"]
-    message = refusal(capsys, *name.split(), *text, *text)
-    assert f"{'/'.join(option.opts)} is given more than once" in message
+    assert f"{'/'.join(option.opts)} is given more than once" in refusal(capsys, *name.split(), *text, *text)
 
 
 def test_an_axis_given_twice_moves_none(tmp_path, capsys):
@@ -51,9 +39,9 @@ def test_an_axis_given_twice_moves_none(tmp_path, capsys):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize("name", COMMANDS)
 def test_every_number_has_bounds(name):
-    for each in ALL[name].params:
+    for each in COMMANDS[name].params:
         assert not isinstance(each.type, click.types.FloatParamType), each.name  # of a range also: it takes NaN
         if isinstance(each.type, click.types.IntParamType):
             assert None not in (getattr(each.type, "min", None), getattr(each.type, "max", None)), each.name
@@ -63,7 +51,7 @@ def test_every_number_has_bounds(name):
 @pytest.mark.parametrize(("name", "number"), NUMBERS, ids=lambda each: getattr(each, "name", each))
 def test_no_number_that_none_could_mean(name, number, text, capsys):
     given = [f"{number.opts[0]}={text}"] if isinstance(number, click.Option) else ["--", "x", text]
-    needed = [each for each in ALL[name].params if isinstance(each, click.Argument) and each.required]
+    needed = [each for each in COMMANDS[name].params if isinstance(each, click.Argument) and each.required]
     before = [] if given[0] == "--" else ["x"] * len(needed)
     message = refusal(capsys, *name.split(), *given, *before)
     assert " number from " in message

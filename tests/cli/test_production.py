@@ -34,7 +34,7 @@ def produced(tmp_path_factory):
     config.write_text(text.replace("cpu: 1 ", "cpu: null ") + "\n", encoding="utf-8")
     with pytest.MonkeyPatch.context() as patch:
         said = []
-        patch.setattr("micromanip.cli.commission.print_json", said.append)
+        patch.setattr("micromanip.cli.commission.emit_json", said.append)
         assert code_of("commission", config, "--axis", "x", "--out", folder / "out", "--json") == 0
     return folder, said[0]
 

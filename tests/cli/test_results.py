@@ -30,7 +30,7 @@ def files_in(folder):
 WRITERS = {
     "identify": ("identify", FACTORY, "--axis", "x", "--seconds", "1"),
     "commission": ("commission", FACTORY, "--axis", "x"),
-    "analyse": ("analyse", SIMULATED, "--axis", "x", "--samples", "0"),
+    "analyse": ("analyse", "margins", SIMULATED, "--axis", "x", "--samples", "0"),
     "evaluate": ("evaluate", SIMULATED, "--axis", "x"),
 }
 
@@ -53,7 +53,7 @@ def test_a_place_that_takes_nothing_is_refused_before_the_work(command, place, c
 
 
 @pytest.mark.parametrize("name", ["page.txt", "page", ""])
-@pytest.mark.parametrize("command", [("report", "run.mcap"), ("compare", "a.mcap", "b.mcap")])
+@pytest.mark.parametrize("command", [("recording", "report", "run.mcap"), ("recording", "compare", "a.mcap", "b.mcap")])
 def test_a_page_that_no_browser_would_open_is_refused_before_anything_is_read(command, name, capsys):
     assert code_of(*command, "--to", name) == 64
     assert "a page is HTML: name a file that ends with .html" in capsys.readouterr().err

@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 
 from micromanip.cli.live import figures, state_line
-from micromanip.cli.main import main
 from micromanip.cli.run import _judge
 from micromanip.errors import CheckFailed
 
+from .command import code_of
 from .played import FAULT, Played, status
 
 RED = "\x1b[1;31m"
@@ -22,7 +22,7 @@ RED = "\x1b[1;31m"
 @pytest.fixture
 def played(tmp_path):
     controller = Played(tmp_path / "control.sock")
-    controller.status = status("FAULT", [FAULT]) | {"links": {}, "shadow": "none", "recording": None}
+    controller.status = status("FAULT", [FAULT])
     yield controller
     controller.close()
 
@@ -49,7 +49,7 @@ def _read(descriptor):
 
 
 def test_a_fault_is_said_once_and_before_the_values(played, capsys):
-    main(["status", "--socket", str(played.path)])
+    assert code_of("status", "--socket", played.path) == 0
     out = capsys.readouterr().out
     assert out.count("X-201") == 1
     assert out.index("FAULT") < out.index("X-201") < out.index("position, um")
@@ -66,18 +66,18 @@ def test_a_fault_is_red_on_a_terminal_and_plain_where_nobody_wants_colours(playe
 
 def test_that_it_arms_by_itself_is_said_before_the_values(played, capsys):
     played.status |= {"state": "READY", "arming_awaits": ["strain_x is not valid, or stuck: check the gauge"]}
-    main(["status", "--socket", str(played.path)])
+    assert code_of("status", "--socket", played.path) == 0
     out = capsys.readouterr().out
     begins = [line.split()[0] for line in out.splitlines()]
     assert begins.index("READY") < begins.index("X-201") < begins.index("arms"), "each on a line of its own"
     assert out.index("READY") < out.index("strain_x is not valid") < out.index("position, um")
     played.status["arming_awaits"] = None
-    main(["status", "--socket", str(played.path)])
+    assert code_of("status", "--socket", played.path) == 0
     assert "arms by itself" not in capsys.readouterr().out
 
 
 def test_json_is_what_the_controller_answered(played, capsys):
-    main(["status", "--socket", str(played.path), "--json"])
+    assert code_of("status", "--socket", played.path, "--json") == 0
     assert json.loads(capsys.readouterr().out) == played.status
 
 
@@ -88,7 +88,7 @@ def test_the_live_line_has_the_error_of_the_last_second(played):
 def test_a_run_that_ends_by_a_fault_does_not_tell_it_again(played):
     """It was told in full when it was noticed."""
     with pytest.raises(
-        CheckFailed, match=r"^ended by X-201 on axis x, as said above; `micromanip explain` tells more$"
+        CheckFailed, match=r"^ended by X-201 on axis x, as said above; `micromanip trip show` tells more$"
     ):
         _judge(played.status)
 

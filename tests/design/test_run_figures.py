@@ -128,13 +128,13 @@ def test_configurations_key_by_key():
 
 def test_the_command(tmp_path, capsys):
     a, b = recording(tmp_path / "a.mcap"), recording(tmp_path / "b.mcap", amplitude=0.5)
-    assert code_of("compare", a, b, "--json") == 0
+    assert code_of("recording", "compare", a, b, "--json") == 0
     told = json.loads(capsys.readouterr().out)
     assert told["axes"]["x"]["verdict"] == "lower"
     assert told["axes"]["x"]["ratio"] == pytest.approx(0.5, rel=1e-3)
     assert told["axes"]["y"]["verdict"] == "no difference shown"
     assert told["configuration"] == []
-    assert code_of("compare", a, b) == 0
+    assert code_of("recording", "compare", a, b) == 0
     shown = capsys.readouterr().out
     assert "lower" in shown
     assert "the configurations are the same" in shown
@@ -168,7 +168,7 @@ class Page(HTMLParser):
 def test_a_report(tmp_path, capsys):
     """One file: small, without anything from elsewhere, with what the figures say and what people wrote."""
     file = recording(tmp_path / "run.mcap", marks=("<script>alert(1)</script>",))
-    assert code_of("report", file, "--json") == 0
+    assert code_of("recording", "report", file, "--json") == 0
     told = json.loads(capsys.readouterr().out)
     assert told["run"]["axes"]["x"]["peak_Hz"] == pytest.approx(66.0, rel=0.01)
     text = (tmp_path / "run.html").read_text()
@@ -182,7 +182,7 @@ def test_a_report(tmp_path, capsys):
     assert "<script>alert(1)</script>" in page.texts
     assert "1.0000" in page.texts
     assert CONFIGURATION_IN_FILE in page.texts
-    assert code_of("report", file) == 64
+    assert code_of("recording", "report", file) == 64
     assert "nothing is replaced" in capsys.readouterr().err
 
 
@@ -191,7 +191,7 @@ def test_two_runs_on_one_page(tmp_path, capsys):
     """What differs, key by key with its meaning; quantities that a short run can't tell are called that."""
     a = recording(tmp_path / "a.mcap", marks=("<b>coolant</b>",))
     b = recording(tmp_path / "b.mcap", amplitude=0.5, tracking=slice(5_000, None), fault=3)
-    assert code_of("compare", a, b, "--out", tmp_path / "both.html", "--json") == 0
+    assert code_of("recording", "compare", a, b, "--out", tmp_path / "both.html", "--json") == 0
     told = json.loads(capsys.readouterr().out)
     text = (tmp_path / "both.html").read_text()
     assert told["report"] == str(tmp_path / "both.html")
@@ -206,7 +206,7 @@ def test_two_runs_on_one_page(tmp_path, capsys):
     assert verdicts["x", "error rms 10-100 Hz"] == TOO_SHORT
     assert verdicts["x", "error, greatest of a section"] == "lower"
     assert verdicts["", "lateness p50"] == "no difference shown"
-    assert code_of("compare", a, b, "--to", tmp_path / "both.html") == 64
+    assert code_of("recording", "compare", a, b, "--to", tmp_path / "both.html") == 64
     assert "nothing is replaced" in capsys.readouterr().err
 
 
@@ -310,11 +310,11 @@ def test_a_damaged_piece_is_told_and_the_rest_is_read(tmp_path, capsys):
     found = run_figures(run)
     assert (found.lost, whole.unread) == (0, ())
     assert found.axes["x"].rms_um == pytest.approx(whole.axes["x"].rms_um, rel=1e-2)
-    assert code_of("report", file, "--json") == 0
+    assert code_of("recording", "report", file, "--json") == 0
     printed = capsys.readouterr()
     begin_s, end_s = run.at_s(gap.first), run.at_s(gap.last)
     assert end_s - begin_s == pytest.approx((gap.cycles - 1) * 1e-4)
     seconds = f"from {begin_s:.3f} s to {end_s + 1e-4:.3f} s"
-    assert f"warning: The file is damaged {seconds}: that is missing" in printed.err
+    assert f"warning: {file}: The file is damaged {seconds}: that is missing" in printed.err
     assert json.loads(printed.out)["run"]["unread"] == [[begin_s, end_s]]
     assert f"The file is damaged {seconds}" in (tmp_path / "run.html").read_text()

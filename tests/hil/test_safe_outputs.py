@@ -1,4 +1,4 @@
-"""``micromanip safe-outputs`` against an emulated device: what it may move, how fast, and what it says of it."""
+"""``micromanip park`` against an emulated device: what it may move, how fast, and what it says of it."""
 
 import json
 import os
@@ -38,7 +38,7 @@ def safe_outputs(capsys, monkeypatch):
     def typed(config, state, *arguments):
         monkeypatch.setenv("XDG_STATE_HOME", str(state))
         capsys.readouterr()
-        return code_of("safe-outputs", config, *arguments), *capsys.readouterr()
+        return code_of("park", config, *arguments), *capsys.readouterr()
 
     return typed
 

@@ -38,7 +38,8 @@ def start(config, *options):
             sys.executable,
             "-c",
             "from micromanip.cli.main import main; main()",
-            "simulate-device",
+            "device",
+            "simulate",
             str(config),
             *options,
         ],
@@ -119,7 +120,7 @@ def test_end_of_input_ends_it(device):
 
 
 def test_second_one_is_told_that_the_channel_is_in_use(device, config, capsys):
-    assert code_of("simulate-device", config) == 69
+    assert code_of("device", "simulate", config) == 69
     out, err = capsys.readouterr()
     assert out == ""
     assert err == (
@@ -138,7 +139,7 @@ def test_duration_and_summary(config):
 
 def test_bad_configuration_is_78(config, capsys):
     config.write_text(config.read_text().replace("Tracker: {", "Trackr: {"))
-    assert code_of("simulate-device", config) == 78
+    assert code_of("device", "simulate", config) == 78
     out, err = capsys.readouterr()
     assert out == ""
     assert err.count("\n") == 1

@@ -26,7 +26,7 @@ def box_of(cell, *, complete=True, place=None):
 
 
 def explained(cell, *arguments):
-    command = [str(MICROMANIP), "explain", "--trips", str(folder(cell)), *arguments]
+    command = [str(MICROMANIP), "trip", "show", "--trips", str(folder(cell)), *arguments]
     return subprocess.run(command, capture_output=True, text=True, check=True, timeout=60).stdout
 
 

@@ -1,4 +1,4 @@
-"""`micromanip bench`: one document, and what can't run here is named (its C twin: ``twin/``)."""
+"""`micromanip system bench`: one document, and what can't run here is named (its C twin: ``twin/``)."""
 
 import json
 import subprocess
@@ -7,8 +7,8 @@ import sys
 import pytest
 from click.testing import CliRunner
 
-from micromanip.cli.bench import source_tree
 from micromanip.cli.main import cli
+from micromanip.cli.system_bench import source_tree
 from micromanip.errors import DeviceUnavailable
 
 pytestmark = pytest.mark.compiled_only
@@ -17,7 +17,7 @@ KEYS = {"name", "value", "unit", "reference_name", "reference_value", "ratio"}
 
 def bench(*arguments):
     """The command in a process of its own."""
-    command = [sys.executable, "-c", "from micromanip.cli.main import main; main()", "bench", *arguments]
+    command = [sys.executable, "-c", "from micromanip.cli.main import main; main()", "system", "bench", *arguments]
     return subprocess.run(command, capture_output=True, text=True, check=False)
 
 
@@ -34,7 +34,7 @@ def test_json_is_one_document():
 
 def test_what_this_machine_lacks_is_named(monkeypatch):
     monkeypatch.setenv("PATH", "")
-    arguments = ["bench", "--json", "--only", "lateness", "--only", "cycle"]
+    arguments = ["system", "bench", "--json", "--only", "lateness", "--only", "cycle"]
     document = json.loads(CliRunner().invoke(cli, arguments, catch_exceptions=False).stdout)
     assert document["results"] == []
     assert {entry["name"]: entry["reason"].rsplit(" ", 1)[1] for entry in document["skipped"]} == {

@@ -9,7 +9,7 @@ import pytest
 import yaml
 from click.testing import CliRunner
 
-from micromanip.cli.explain import command
+from micromanip.cli.main import cli
 from micromanip.errors import CheckFailed, UsageError
 from micromanip.host.trips.evidence import error_um, observations
 from micromanip.host.trips.report import lines, story
@@ -162,30 +162,30 @@ def shelf(tmp_path):
     return tmp_path, names
 
 
-def run(*arguments):
-    return CliRunner().invoke(command, [str(a) for a in arguments])
+def run(verb, *arguments):
+    return CliRunner().invoke(cli, ["trip", verb, *map(str, arguments)])
 
 
 def test_command_takes_the_newest_or_the_one_that_is_named(shelf):
     folder, names = shelf
-    assert json.loads(run("--trips", folder, "--json").stdout)["code"] == "X-104"
-    assert json.loads(run(names[0][:-4], "--trips", folder, "--json").stdout)["code"] == "X-201"
-    assert run(folder / names[0]).stdout.startswith("X-201 happened\n")
+    assert json.loads(run("show", "--trips", folder, "--json").stdout)["code"] == "X-104"
+    assert json.loads(run("show", names[0][:-4], "--trips", folder, "--json").stdout)["code"] == "X-201"
+    assert run("show", folder / names[0]).stdout.startswith("X-201 happened\n")
 
 
 def test_list(shelf):
     folder, names = shelf
-    entries = json.loads(run("--list", "--trips", folder, "--json").stdout)
+    entries = json.loads(run("list", "--trips", folder, "--json").stdout)
     assert [entry["code"] for entry in entries] == [None, "X-201", "X-104"]
     assert "is no black box, or it is damaged" in entries[0]["message"]
-    told = run("--list", "--trips", folder).stdout.splitlines()
+    told = run("list", "--trips", folder).stdout.splitlines()
     assert told[1:] == [f"{names[0][:-4]}  X-201 happened", f"{names[1][:-4]}  X-104 happened"]
 
 
 @pytest.mark.parametrize("suffix", [".png", ".svg"])
 def test_plot(shelf, tmp_path, suffix):
     folder, _ = shelf
-    assert run("--trips", folder, "--plot", tmp_path / f"trip{suffix}").exit_code == 0
+    assert run("show", "--trips", folder, "--plot", tmp_path / f"trip{suffix}").exit_code == 0
     content = (tmp_path / f"trip{suffix}").read_bytes()
     assert content.startswith(b"\x89PNG" if suffix == ".png" else b"<?xml")
 
@@ -224,14 +224,13 @@ def test_a_trip_of_a_sensor_shows_that_sensor():
 
 
 def test_wrong_usage_is_one_sentence(shelf):
-    folder, names = shelf
+    folder, _ = shelf
     for arguments, kind, words in (
         (["1999"], UsageError, "there is no trip 1999"),
         (["--plot", "a.pdf"], UsageError, "must end with .png or .svg"),
         (["--plot", "/nowhere/a.png"], UsageError, "can't be written: No such file or directory; "),
-        (["--list", names[0]], UsageError, "--list shows all trips"),
         ([file_name(9 * 10**17, "X-102", None)], CheckFailed, "is no black box, or it is damaged"),
     ):
-        outcome = run("--trips", folder, *arguments)
+        outcome = run("show", "--trips", folder, *arguments)
         assert isinstance(outcome.exception, kind), (arguments, outcome.output)
         assert words in str(outcome.exception)

@@ -1,4 +1,4 @@
-"""``micromanip install-service`` into a folder: what it says, does, leaves alone and undoes; commands run on paper."""
+"""``micromanip system install`` into a folder: what it says, does, leaves alone and undoes; commands run on paper."""
 
 import json
 import os
@@ -55,7 +55,7 @@ def typed(root, capsys):
     def typed(*arguments):
         code = 0
         try:
-            main(["install-service", "--root", str(root), *map(str, arguments)])
+            main(["system", "install", "--root", str(root), *map(str, arguments)])
         except SystemExit as end:
             code = end.code
         return code, *capsys.readouterr()
@@ -224,7 +224,7 @@ def test_a_dry_run_works_from_anywhere_and_says_what_is_in_the_way(monkeypatch, 
     monkeypatch.setenv("PATH", str(tmp_path))
     root = tmp_path / "other"
     root.mkdir()
-    arguments = ["install-service", str(config), "--root", str(root)]
+    arguments = ["system", "install", str(config), "--root", str(root)]
     main([*arguments, "--dry-run"])
     out, err = capsys.readouterr()
     assert "    +ExecStart=/opt/micromanip/bin/micromanip run" in out

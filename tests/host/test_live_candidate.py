@@ -83,10 +83,11 @@ def test_taken_back_by_itself(tracking, client):
     """No feedforward and hardly any feedback: the loop takes it back before the host knows, and tracks on."""
     before = int(tracking.status["words"][w.VERSION_ACTIVE])
     changes = pid(mode="pid", K_V_per_um=0.01, Td_ms=0.0, Ti_ms=100.0)
-    offered = json.loads(command(tracking, "shadow", *(f"{k}={v}" for k, v in changes.items()), "--json").stdout)
+    values = [f"{key}={value}" for key, value in changes.items()]
+    offered = json.loads(command(tracking, "candidate", "set", *values, "--json").stdout)
     version = offered["version"]
     assert version > before
-    ended = command(tracking, "promote", "--wait")
+    ended = command(tracking, "candidate", "promote", "--wait")
     assert ended.exit_code == 1
     assert f"candidate, parameter version {version}: taken back" in ended.stdout
     until(lambda: "W-501 axis " in tracking.said, tracking.last_words)
@@ -102,10 +103,10 @@ def test_taken_back_by_itself(tracking, client):
 
 
 def test_shown_by_the_commands(tracking, client):
-    assert command(tracking, "shadow", f"{K}=0.55").stdout.splitlines()[1] == f"  {K}: 0.6 -> 0.55"
+    assert command(tracking, "candidate", "set", f"{K}=0.55").stdout.splitlines()[1] == f"  {K}: 0.6 -> 0.55"
     assert json.loads(command(tracking, "status", "--json").stdout)["shadow"] == "shadowing"
-    shown = command(tracking, "shadow").stdout
+    shown = command(tracking, "candidate", "show").stdout
     assert "shadowing" in shown
     assert "feedback, V" in shown
-    assert command(tracking, "withdraw").stdout == "there is no candidate\n"
+    assert command(tracking, "candidate", "discard").stdout == "there is no candidate\n"
     assert command(tracking, "status").stdout.count("candidate") == 0

@@ -129,7 +129,7 @@ def test_the_command(tracking, tmp_path):
     with Client(tracking.socket) as client:
         client.hold()
     arguments = ("--axis", "x", "--out", tmp_path / "out", "--socket", tracking.socket)
-    document = typed("sensitivity", *arguments)
+    document = typed("analyse", "live", *arguments)
     assert (document["axis"], document["loop"]) == ("x", "strain")
     assert 1.0 < document["measured"]["Ms"] < 4.0
     assert document["agrees"] is (document["problem"] is None) or document["problem"]
@@ -141,7 +141,7 @@ def test_its_drift_is_checked(tracking, tmp_path):
     with Client(tracking.socket) as client:
         client.hold()
     history = tmp_path / "drift.csv"
-    document = typed("drift", "--axis", "x", "--history", history, "--socket", tracking.socket)
+    document = typed("analyse", "health", "--axis", "x", "--history", history, "--socket", tracking.socket)
     (figure,) = document["axes"][0]["figures"]
     assert figure["name"] == "actuator_um_per_V"
     assert figure["latest"] == pytest.approx(0.7, rel=0.4)

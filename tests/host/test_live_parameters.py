@@ -3,17 +3,19 @@
 import json
 import signal
 import stat
+import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from campaigns.running_controller import until
+from campaigns.running_controller import MICROMANIP, until
 from micromanip.cli.main import cli
 from micromanip.client import Client
-from micromanip.errors import CheckFailed, ConfigError
+from micromanip.errors import CheckFailed, ConfigError, UsageError
 from micromanip.rt import mailbox as w
+from micromanip.rt.states import TRACKING
 from tests.cells import calm, rows_of
 
 from .whole_module import tracking_until_the_end
@@ -129,9 +131,9 @@ def test_commands(cell):
     assert "written\n" in command(cell, "save", "--force")
     assert command(cell, "diff").endswith("  says what runs\n")
     assert command(cell, "reload") == "nothing to change\n"
-    told = command(cell, "audit", "--last", "3")
+    told = command(cell, "log", "--last", "3")
     assert [line.split()[-1] for line in told.splitlines() if not line.startswith(" ")] == ["set", "save", "reload"]
-    entries = json.loads(command(cell, "audit", "--json"))["entries"]
+    entries = json.loads(command(cell, "log", "--json"))["entries"]
     assert entries[0]["verb"] == "arm"
     assert entries[0]["user"] == "configuration"
 
@@ -149,3 +151,28 @@ def test_watch_where_there_is_no_terminal(cell, monkeypatch):
     lines = command(cell, "status", "--watch").splitlines()
     assert len(lines) == 3
     assert all(line.startswith("TRACKING") for line in lines)
+
+
+def watched(cell, lines, *arguments):
+    """The first lines of the stream; who reads no more ends it, which is no failure."""
+    watch = [str(MICROMANIP), "get", "--watch", *arguments, "--socket", str(cell.socket)]
+    with subprocess.Popen(watch, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        read = [process.stdout.readline() for _ in range(lines)]
+        process.stdout.close()
+        assert (process.stderr.read(), process.wait()) == ("", 0)
+    return read
+
+
+def test_values_of_the_loop_are_streamed_a_line_a_sample(cell):
+    samples = [json.loads(line) for line in watched(cell, 4, "x.strain_um", "voltage_V", "--every", "0.01", "--json")]
+    assert all(set(sample) == {"t_s", "x.strain_um", *(f"{axis}.voltage_V" for axis in "xyz")} for sample in samples)
+    assert (np.diff([sample["t_s"] for sample in samples]) > 0.0).all()
+    assert all(30.0 < sample["x.strain_um"] < 100.0 for sample in samples)
+    head, row = watched(cell, 2, "state")
+    assert head.split() == ["t_s", "state"]
+    assert row.split()[1] == str(TRACKING)
+
+
+def test_a_value_that_is_not_there_is_named(cell):
+    with pytest.raises(UsageError, match=r"there is no value 'x.strian_um' to watch; did you mean x.strain_um\?"):
+        command(cell, "get", "--watch", "x.strian_um")

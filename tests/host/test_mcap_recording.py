@@ -199,7 +199,7 @@ def test_what_is_damaged_beside_the_rows_is_left_out_and_told(recorded, tmp_path
         name == "state.npy", 1 if "parameters" in name else 2, name == "configuration.yaml"
     )  # fmt: skip
     assert all_rows(damaged).tobytes() == rows.tobytes()
-    assert code_of("export", damaged, "--to", tmp_path / "part.csv", "--cut", "0:0.01") == 0
+    assert code_of("recording", "export", damaged, "--to", tmp_path / "part.csv", "--cut", "0:0.01") == 0
     assert f"damaged.mcap: Damaged, and left out: {name}." in capsys.readouterr().err
     with pytest.raises(CheckFailed, match=rf"damaged.mcap: damaged: the checksum of {name} in it is wrong"):
         telemetry.sure_configuration() if name == "configuration.yaml" else Recorded(telemetry)

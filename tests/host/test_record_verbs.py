@@ -1,4 +1,4 @@
-"""`record start`, `stop`, `mark` on a running controller, and which rows a trigger takes."""
+"""`recording start`, `stop`, `mark` on a running controller, and which rows a trigger takes."""
 
 import errno
 import os

@@ -1,4 +1,4 @@
-"""``micromanip safe-outputs``: after whatever happened, any number of times, and never under a running controller."""
+"""``micromanip park``: after whatever happened, any number of times, and never under a running controller."""
 
 import json
 import os
@@ -41,7 +41,7 @@ def config(tmp_path, monkeypatch):
 def ended(*arguments):
     """Exit code of the command."""
     try:
-        main(["safe-outputs", *map(str, arguments)])
+        main(["park", *map(str, arguments)])
     except SystemExit as end:
         return end.code
     return 0

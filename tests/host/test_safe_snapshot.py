@@ -1,4 +1,4 @@
-"""What a run leaves for ``safe-outputs``, whom it is believed from, and what is used in its place."""
+"""What a run leaves for ``park``, whom it is believed from, and what is used in its place."""
 
 import asyncio
 import json
@@ -264,7 +264,7 @@ def test_a_snapshot_that_cannot_be_written_is_a_warning(config, folder, spoil):
     warnings = []
     asyncio.run(SnapshotKeeper(prepare(config), folder, warnings.append).keep(Source.read(config)))
     assert len(warnings) == 1
-    assert warnings[0].startswith(f"WARNING: no snapshot for `micromanip safe-outputs` in {folder}: ")
+    assert warnings[0].startswith(f"WARNING: no snapshot for `micromanip park` in {folder}: ")
 
 
 def test_others_may_read_it_and_not_write_it(config, folder):

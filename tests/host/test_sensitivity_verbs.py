@@ -52,4 +52,4 @@ def test_only_what_makes_sense(cell):
 
 def test_not_beside_a_candidate(cell):
     cell("shadow", changes={"axes.x.inner.K_V_per_um": 0.5})
-    refused(cell, "a candidate is compared; `micromanip withdraw` lets it go", axis="x")
+    refused(cell, "a candidate is compared; `micromanip candidate discard` lets it go", axis="x")

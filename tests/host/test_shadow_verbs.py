@@ -54,7 +54,7 @@ def test_none(cell):
     shadow = cell("shadow")
     assert (shadow["standing"], shadow["version"], shadow["changed"]) == ("none", None, [])
     assert cell.entries == []
-    refused(cell, "promote refused: there is none; `micromanip shadow KEY=VALUE` offers a candidate", "promote")
+    refused(cell, "promote refused: there is none; `micromanip candidate set KEY=VALUE` offers a candidate", "promote")
     refused(cell, "withdraw refused: there is none; nothing to withdraw", "withdraw")
 
 

@@ -262,7 +262,7 @@ def test_recording_of_a_tuning_that_was_taken_back(prepared, tmp_path):
     assert telemetry.column("version").tolist() == [2, 2, 1, 1, 2, 1]
 
 
-@pytest.mark.thorough  # `record start` is refused the same way without a loop: test_record_verbs.py
+@pytest.mark.thorough  # `recording start` is refused the same way without a loop: test_record_verbs.py
 def test_recording_to_an_impossible_place(prepared, tmp_path):
     (tmp_path / "file").touch()
 

@@ -150,13 +150,14 @@ def test_what_is_no_recording_of_ours(tmp_path):
 
 def test_the_command(recorded, tmp_path, capsys):
     to = tmp_path / "run.csv"
-    assert code_of("export", recorded[0], "--to", to, "--signals", "strain_um, fault", "--cut", ":0.01", "--json") == 0
+    part = ("--signals", "strain_um, fault", "--cut", ":0.01")
+    assert code_of("recording", "export", recorded[0], "--to", to, *part, "--json") == 0
     told = json.loads(capsys.readouterr().out)
     assert told == {
         "file": str(to), "rows": 101, "columns": ["t_s", "strain_um_x", "strain_um_y", "fault"],
         "bytes": to.stat().st_size,
     }  # fmt: skip
-    assert code_of("export", recorded[0], "--to", to) == 64
+    assert code_of("recording", "export", recorded[0], "--to", to) == 64
     assert "nothing is replaced" in capsys.readouterr().err
 
 

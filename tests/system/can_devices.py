@@ -1,4 +1,4 @@
-"""What answers on vcan0: a foreign device, or the played one of `simulate-device`."""
+"""What answers on vcan0: a foreign device, or the played one of `device simulate`."""
 
 import json
 import os
@@ -50,7 +50,7 @@ class ForeignDevice:
 
 
 class EmulatedDevice:
-    """``micromanip simulate-device`` for the service's own configuration, as an operator runs it."""
+    """``micromanip device simulate`` for the service's own configuration, as an operator runs it."""
 
     def __init__(self, folder):
         ok("useradd", "--create-home", "--groups", "micromanip", OPERATOR)
@@ -59,7 +59,7 @@ class EmulatedDevice:
         self._report, self._said = folder / "report", folder / "said"
         with self._report.open("w") as out, self._said.open("w") as err:
             self.process = subprocess.Popen(
-                [PROGRAM, "simulate-device", str(CONFIG), "--watchdog", "10000", "--json"],
+                [PROGRAM, "device", "simulate", str(CONFIG), "--watchdog", "10000", "--json"],
                 stdin=subprocess.DEVNULL,
                 stdout=out,
                 stderr=err,

@@ -25,7 +25,7 @@ def installed(tmp_path_factory):
     service = Service()
     file = tmp_path_factory.mktemp("cell") / "cell.yaml"
     file.write_text(TEXT)
-    service.installation = ok(PROGRAM, "install-service", str(file), "--yes")
+    service.installation = ok(PROGRAM, "system", "install", str(file), "--yes")
     ok("useradd", "--create-home", "--groups", "micromanip", "cell-operator")
     ok("useradd", "--create-home", "passer-by")
     for name in ("runs-it", "looks-on"):  # each in a group of its own, of the same name

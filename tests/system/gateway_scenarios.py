@@ -79,7 +79,7 @@ def test_it_starts_as_a_nobody_that_the_controller_knows(gateway, service):
     assert "micromanip_up 1.0" in gateway.get("/metrics")
     gateway.get("/api/order", "operate", {"order": "arm"})
     service.reach("TRACKING")
-    entry = json.loads(ok(PROGRAM, "audit", "--last", "1", "--json"))["entries"][-1]
+    entry = json.loads(ok(PROGRAM, "log", "--last", "1", "--json"))["entries"][-1]
     assert (entry["verb"], entry["uid"]) == ("arm", user)
     assert entry["user"] == "micromanip-gateway for operator"
 

@@ -60,7 +60,7 @@ def test_the_audit_trail_names_who_asked(service):
     service.start()
     ok(PROGRAM, "arm", user="cell-operator")
     ok(PROGRAM, "disarm")
-    armed, disarmed = json.loads(ok(PROGRAM, "audit", "--last", "2", "--json"))["entries"]
+    armed, disarmed = json.loads(ok(PROGRAM, "log", "--last", "2", "--json"))["entries"]
     assert (armed["verb"], armed["user"], armed["uid"]) == (
         "arm",
         "cell-operator",
@@ -93,7 +93,7 @@ def test_one_group_operates_and_another_observes(service, configured):
     assert service.state == "READY"
     ok(PROGRAM, "arm", user="runs-it")
     service.reach("TRACKING")
-    trail = json.loads(ok(PROGRAM, "audit", "--json", user="looks-on"))["entries"]
+    trail = json.loads(ok(PROGRAM, "log", "--json", user="looks-on"))["entries"]
     assert [(e["user"], e["verb"], e["accepted"]) for e in trail[-6:]] == [
         *(("looks-on", verb, False) for verb in ("arm", "set", "disarm", "save", "reload")),
         ("runs-it", "arm", True),
@@ -169,7 +169,7 @@ def test_a_link_that_an_operator_has_planted_is_not_followed(service, tmp_path):
     (tmp_path / "mine.yaml").write_text(text)
     ok("ln", "-sf", "/etc/shadow", str(CONFIG), user="cell-operator")
     ok("ln", "-sf", "/etc/shadow", f"{CONFIG}.new", user="cell-operator")
-    ok(PROGRAM, "install-service", str(tmp_path / "mine.yaml"), "--yes")
+    ok(PROGRAM, "system", "install", str(tmp_path / "mine.yaml"), "--yes")
     ok("rm", f"{CONFIG}.new")
     assert Path("/etc/shadow").read_bytes() == before
     assert not CONFIG.is_symlink()
@@ -274,14 +274,14 @@ def test_one_controller_a_device(service):
         f"micromanip: device bench is in use by another controller (process {service.host}, or the loop that it left); "
         "stop it first\n"
     )
-    refused = done(PROGRAM, "safe-outputs", str(CONFIG), user="cell-operator")
+    refused = done(PROGRAM, "park", str(CONFIG), user="cell-operator")
     assert refused.returncode == 1
     assert "nothing was touched: device bench is in use" in refused.stderr
     assert service.state == "TRACKING"
     ok("systemctl", "stop", UNIT)
-    ok(PROGRAM, "safe-outputs", str(CONFIG), user="cell-operator")
+    ok(PROGRAM, "park", str(CONFIG), user="cell-operator")
     for asks in ("cell-operator", "root"):
-        assert "as of the run of" in ok(PROGRAM, "safe-outputs", str(CONFIG), user=asks), "by what the service has left"
+        assert "as of the run of" in ok(PROGRAM, "park", str(CONFIG), user=asks), "by what the service has left"
 
 
 def test_memory_that_may_not_become_executable_stops_even_cached_code(service):
@@ -292,28 +292,28 @@ def test_memory_that_may_not_become_executable_stops_even_cached_code(service):
 
 def test_installing_again_changes_nothing_and_a_change_is_shown(service, tmp_path):
     assert "create /etc/systemd/system/micromanip.service" in service.installation
-    assert ok(PROGRAM, "install-service").startswith("nothing to do")
+    assert ok(PROGRAM, "system", "install").startswith("nothing to do")
     other = tmp_path / "other.yaml"
     other.write_text(CONFIG.read_text().replace("park_V: 0", "park_V: 1", 1))
     before = CONFIG.read_text()
-    shown = json.loads(ok(PROGRAM, "install-service", str(other), "--dry-run", "--json"))
+    shown = json.loads(ok(PROGRAM, "system", "install", str(other), "--dry-run", "--json"))
     assert not shown["done"]
     changes = {step["step"]: step["diff"] for step in shown["steps"] if step["diff"]}
     assert list(changes) == [f"change {CONFIG}"]
     assert any(line.startswith("+") and "park_V: 1" in line for line in changes[f"change {CONFIG}"])
     assert CONFIG.read_text() == before
-    unasked = done(PROGRAM, "install-service", str(other))
+    unasked = done(PROGRAM, "system", "install", str(other))
     assert unasked.returncode == 64
     assert "--yes" in unasked.stderr
-    refused = done(PROGRAM, "install-service", str(CONFIG.parent / "none.yaml"), "--yes")
+    refused = done(PROGRAM, "system", "install", str(CONFIG.parent / "none.yaml"), "--yes")
     assert refused.returncode == 78
 
 
 def test_not_everybody_installs(service):
     unit = Path("/etc/systemd/system/micromanip.service")
     unit.unlink()
-    refused = done(PROGRAM, "install-service", "--yes", user="cell-operator")
-    ok(PROGRAM, "install-service", "--yes")
+    refused = done(PROGRAM, "system", "install", "--yes", user="cell-operator")
+    ok(PROGRAM, "system", "install", "--yes")
     assert unit.exists()
     assert refused.returncode == 77
     assert "takes root" in refused.stderr
@@ -335,8 +335,8 @@ def test_page_can_be_followed_as_written(service, tmp_path):
             ["bash", "-ec", line], capture_output=True, text=True, cwd=tmp_path, env=environment, check=False
         )
         assert outcome.returncode == 0, f"{line}\n{outcome.stdout}{outcome.stderr}\n{service.journal()}"
-    ok(PROGRAM, "install-service", "--uninstall", "--purge", "--yes")
-    ok(PROGRAM, "install-service", str(tmp_path / "mine.yaml"), "--yes")
+    ok(PROGRAM, "system", "install", "--uninstall", "--purge", "--yes")
+    ok(PROGRAM, "system", "install", str(tmp_path / "mine.yaml"), "--yes")
 
 
 @pytest.mark.skipif(shutil.which("udevadm") is None, reason="udev is not installed")
@@ -350,14 +350,14 @@ def test_uninstall_keeps_what_is_yours_and_purge_does_not(service):
     service.start()
     service.release()
     assert done("systemctl", "is-enabled", UNIT).stdout.strip() == "enabled"
-    ok(PROGRAM, "install-service", "--uninstall", "--yes")
+    ok(PROGRAM, "system", "install", "--uninstall", "--yes")
     assert done("systemctl", "is-active", UNIT).stdout.strip() == "inactive"
     assert not Path("/etc/systemd/system/multi-user.target.wants/micromanip.service").is_symlink()
     assert CONFIG.is_file()
     assert Path("/var/lib/micromanip").is_dir()
-    ok(PROGRAM, "install-service", "--uninstall", "--purge", "--yes")
+    ok(PROGRAM, "system", "install", "--uninstall", "--purge", "--yes")
     assert not CONFIG.parent.exists()
     assert not Path("/var/lib/micromanip").exists()
     assert not Path("/var/cache/micromanip").exists()
     assert done("id", "micromanip").returncode != 0
-    assert ok(PROGRAM, "install-service", "--uninstall", "--purge").startswith("nothing to do")
+    assert ok(PROGRAM, "system", "install", "--uninstall", "--purge").startswith("nothing to do")

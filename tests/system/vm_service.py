@@ -19,7 +19,7 @@ def installed(file):
     service = Service()
     CONFIG.parent.mkdir(parents=True, exist_ok=True)
     shutil.copy(DATABASES / "manipulator.dbc", CONFIG.parent)
-    ok(PROGRAM, "install-service", str(file), "--yes")
+    ok(PROGRAM, "system", "install", str(file), "--yes")
     shutil.copytree("/kept/micromanip", "/var/cache/micromanip", dirs_exist_ok=True)
     ok("chown", "-R", "micromanip:micromanip", "/var/cache/micromanip")
     for device, group in (("ttyS0", "dialout"), ("cpu_dma_latency", "micromanip")):  # as udev does; none runs here

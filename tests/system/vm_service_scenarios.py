@@ -189,7 +189,7 @@ def test_stops_with_a_ramp_and_leaves_nothing_behind(service, played):
 
 
 def test_operator_probes_the_bus_and_sees_the_device(service, played):
-    probe = (PROGRAM, "probe", str(CONFIG), "can0", "--json")
+    probe = (PROGRAM, "device", "probe", str(CONFIG), "can0", "--json")
     seen = json.loads(ok("env", f"XDG_CACHE_HOME={CACHE}", *probe, user=OPERATOR))
     assert seen["device"] == "socketcan-vcan0"
     [answer] = seen["answers"]

@@ -1,4 +1,4 @@
-"""Who speaks on a bus, for `probe`: it listens, and never sends."""
+"""Who speaks on a bus, for `device probe`: it listens, and never sends."""
 
 from __future__ import annotations
 

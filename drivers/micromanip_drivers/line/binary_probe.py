@@ -1,4 +1,4 @@
-"""Which frames come on a line, for `probe`."""
+"""Which frames come on a line, for `device probe`."""
 
 from __future__ import annotations
 

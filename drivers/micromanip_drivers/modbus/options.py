@@ -20,7 +20,7 @@
                   strain_x: {address: 40064, type: float32}
                   strain_y: {address: 40066, type: float32}
 
-Channels are called unit.register: "gauge.strain_x". Nothing of a register is guessed: `micromanip probe` shows each one
+Channels are called unit.register: "gauge.strain_x". Nothing of a register is guessed: `device probe` shows each one
 under every order.
 """
 

@@ -14,7 +14,7 @@ from ..loops.monte_carlo import drawn_plant
 DRAWN = range(1, 21)
 """Seeds of the plants on which the tuning is tried on paper."""
 _QUANTILE_KNOWN = 0.8
-"""Of Ms as accepted: what the twenty must keep, so that the hundred of `analyse` keep it, too."""
+"""Of Ms as accepted: what the twenty must keep, so that the hundred of `analyse margins` keep it, too."""
 
 
 class Borne:

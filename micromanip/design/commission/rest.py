@@ -64,5 +64,5 @@ def _require_samples(axis: str, role: str, of_axis: NDArray[Any], expected: floa
         raise CheckFailed(
             f"axis {axis}: the {_FRESH[role][0]} gives {came or 'no'} usable samples in {REST_S:g} s "
             "at rest: none come, or they are late, no numbers, flagged as invalid, or outside range_um of "
-            f"signals.{role}_{axis}; `micromanip probe CONFIG` shows what it says. Nothing was moved or closed"
+            f"signals.{role}_{axis}; `micromanip device probe CONFIG` shows what it says. Nothing was moved or closed"
         )

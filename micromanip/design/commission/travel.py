@@ -59,7 +59,7 @@ def check_travel(
         raise CheckFailed(
             f"axis {axis}: the stage sensor gave no usable sample while the actuator moved by {moved_um:.0f} um "
             "about the working point: none come, or they are late, no numbers, flagged as invalid, or outside "
-            f"range_um of {where}; `micromanip probe CONFIG` shows what it says. No loop was closed"
+            f"range_um of {where}; `micromanip device probe CONFIG` shows what it says. No loop was closed"
         )
     if own_um == 0.0:
         raise CheckFailed(

@@ -61,13 +61,13 @@ def read_history(file: Path) -> list[Check]:
     except FileNotFoundError:
         return []
     except UnicodeDecodeError:
-        raise CheckFailed(f"{file}: no text in UTF-8: is it a history of `micromanip drift`?") from None
+        raise CheckFailed(f"{file}: no text in UTF-8: is it a history of `micromanip analyse health`?") from None
     lines = text[: text.rfind("\n") + 1].splitlines()
     if not lines:
         return []
     rows = list(csv.reader(lines))
     if tuple(rows[0]) != HEADER:
-        raise CheckFailed(f"{file}:1: no history of `micromanip drift`: its first line is {','.join(HEADER)}")
+        raise CheckFailed(f"{file}:1: no history of `micromanip analyse health`: its first line is {','.join(HEADER)}")
     return [_check(file, number, row) for number, row in enumerate(rows[1:], 2)]
 
 

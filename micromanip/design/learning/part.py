@@ -85,6 +85,6 @@ def _require_good(voltage: Array, range_V: tuple[float, float], missed: float) -
     limited = float(np.mean((voltage <= range_V[0]) | (voltage >= range_V[1])))
     if limited > _MOST_LIMITED:
         raise CheckFailed(
-            f"the voltage was at an end of its range for {100 * limited:.2g} % of it; `micromanip preview` says where "
-            "the path asks for more than there is"
+            f"the voltage was at an end of its range for {100 * limited:.2g} % of it; `micromanip analyse path` says "
+            "where the path asks for more than there is"
         )

@@ -118,7 +118,7 @@ class Tuning:
         async with self._changing():
             self._refuse_on_trial()
             if self._candidate is not None and self._candidate.standing == SHADOWING:
-                raise CheckFailed("sensitivity refused: a candidate is compared; `micromanip withdraw` lets it go")
+                raise CheckFailed("refused: a candidate is compared; `micromanip candidate discard` lets it go")
             return await self._injecting.begin(axis, loop, amplitude_um, seed)
 
     def injected(self, number: int) -> Response:
@@ -239,7 +239,7 @@ class Tuning:
     async def promote(self) -> tuple[Shadow, list[Change]]:
         """Put the candidate in force, on trial; CheckFailed where there is none, or nothing is tracked."""
         async with self._changing():
-            self._candidate_for("promote", (SHADOWING,), "`micromanip shadow KEY=VALUE` offers a candidate")
+            self._candidate_for("promote", (SHADOWING,), "`micromanip candidate set KEY=VALUE` offers a candidate")
             self._refuse("promote", {})
             old = self._prepared.configuration
             await self._controller.command(PROMOTE)
@@ -285,7 +285,7 @@ class Tuning:
         if self._candidate is not None and self._candidate.standing == ON_TRIAL:
             raise CheckFailed(
                 f"nothing was changed: the promoted tuning, parameter version {self._candidate.version}, is on trial; "
-                "wait for its end (`micromanip shadow` shows it), or `micromanip withdraw`"
+                "wait for its end (`micromanip candidate show` shows it), or `micromanip candidate discard`"
             )
 
     def _drop_candidate(self) -> None:

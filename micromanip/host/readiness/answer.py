@@ -1,4 +1,4 @@
-"""The answer of ``micromanip rtcheck``: machine, findings, timed run, and whether hardware may be run on it."""
+"""The answer of ``micromanip system check``: machine, findings, timed run, and whether hardware may be run on it."""
 
 from __future__ import annotations
 

@@ -76,7 +76,7 @@ def simulated_cell(loop: Loop) -> Prepared:
         outputs="\n".join(outputs),
         axes="\n".join(_AXIS.format(axis=axis) for axis in "xyz"),
     )
-    return prepared(Source.parse(Path("the simulated cell of rtcheck"), text))
+    return prepared(Source.parse(Path("the simulated cell of system check"), text))
 
 
 async def run_in_ready(

@@ -16,7 +16,7 @@ _NICE = -10
 _TRIED = {
     "SCHED_FIFO": (
         "without it every other process delays the loop",
-        "LimitRTPRIO= in the unit (install-service writes it), or in /etc/security/limits.d: @micromanip - rtprio 90",
+        "LimitRTPRIO= in the unit (system install writes it), or in /etc/security/limits.d: @micromanip - rtprio 90",
     ),
     "locked memory": (
         "memory that was paged out comes back from the disk, in milliseconds",

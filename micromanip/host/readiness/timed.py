@@ -145,7 +145,7 @@ def refuse_beside_a_controller(root: Path = Path("/")) -> None:
             if any(word in _CONTROLLERS for word in words):
                 raise CheckFailed(
                     f"a controller runs here (process {process.name}): the timed run would hold its loop up. Stop it "
-                    "first, or look at the settings only: micromanip rtcheck --no-run"
+                    "first, or look at the settings only: micromanip system check --no-run"
                 )
 
 

@@ -62,14 +62,14 @@ def why_not(folder: Path = _FOLDER) -> str | None:
             "the kernel's trace is not mounted, or not for this user: sudo mount -t tracefs nodev /sys/kernel/tracing"
         )
     if not os.access(folder / "instances", os.W_OK):
-        return "the kernel's trace is root's: run rtcheck with sudo to see what made the loop late"
+        return "the kernel's trace is root's: run system check with sudo to see what made the loop late"
     return None
 
 
 @contextlib.contextmanager
 def traced(cpu: int, folder: Path = _FOLDER) -> Iterator[Trace]:
     """Trace `cpu`. Raises OSError where the kernel refuses."""
-    instance = folder / "instances" / f"micromanip-rtcheck-{os.getpid()}"
+    instance = folder / "instances" / f"micromanip-check-{os.getpid()}"
     instance.mkdir()
     try:
         for name, value in (

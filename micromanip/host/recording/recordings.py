@@ -31,7 +31,7 @@ _LOOK_S = 5.0
 """A folder that takes longer to be looked at is refused."""
 _LITTLE_BYTES = 100_000_000
 """Less is told at the start: three axes at 10 kHz fill it in a minute."""
-_NOTHING = "nothing is being recorded; `micromanip record start` begins"
+_NOTHING = "nothing is being recorded; `micromanip recording start` begins"
 
 
 def default_folder() -> Path:
@@ -58,7 +58,7 @@ class Recordings:
             found = [str(problem)]
         if found[0] is not None:
             self._say(
-                f"WARNING: recordings go to {self._folder}, and {found[0]}: `record start` will fail, or soon end; "
+                f"WARNING: recordings go to {self._folder}, and {found[0]}: `recording start` will fail, or soon end; "
                 "mend that, or name another folder, `run --recordings`"
             )
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 FAULT, OVERRUN, MARK = "fault", "overrun", "mark"
-"""Triggers: a fault that is latched, a deadline that was missed, `record mark`."""
+"""Triggers: a fault that is latched, a deadline that was missed, `recording mark`."""
 
 _LATE = 10_000
 """Cycles: a mark comes through two processes, and finds rows from before it still there."""

@@ -1,4 +1,4 @@
-"""What ``safe-outputs`` goes by: the snapshot of the last run, else a file that would be let run, else nothing."""
+"""What ``park`` goes by: the snapshot of the last run, else a file that would be let run, else nothing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What was valid when a controller last ran: a copy of its configuration, for ``safe-outputs``.
+"""What was valid when a controller last ran: a copy of its configuration, for ``park``.
 
 The daemon writes it once its drivers are up, and again where a change concerns the outputs. It lies in the state
 directory, named for the configuration's real path, and is believed only where nobody else can have written it. The
@@ -120,7 +120,7 @@ class SnapshotKeeper:
             except (OSError, NotUsable) as problem:
                 why = problem.strerror if isinstance(problem, OSError) else problem
                 self._say(
-                    f"WARNING: no snapshot for `micromanip safe-outputs` in {self._folder}: {why}; it will go by an "
+                    f"WARNING: no snapshot for `micromanip park` in {self._folder}: {why}; it will go by an "
                     f"older one, or by {self._path} as it is then"
                 )
 

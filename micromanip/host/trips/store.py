@@ -154,8 +154,8 @@ def find(folder: Path, wanted: str | None) -> Path:
     if len(meant) == 1:
         return meant[0]
     if meant:
-        raise UsageError(f"{len(meant)} trips in {folder} begin with {wanted}; `micromanip explain --list` shows them")
-    raise UsageError(f"there is no trip {wanted} in {folder}; `micromanip explain --list` shows what there is")
+        raise UsageError(f"{len(meant)} trips in {folder} begin with {wanted}; `micromanip trip list` shows them")
+    raise UsageError(f"there is no trip {wanted} in {folder}; `micromanip trip list` shows what there is")
 
 
 def prune(folder: Path, kept: int = KEPT) -> None:

@@ -23,7 +23,7 @@ Generated from `micromanip/faults.toml` and the defaults in `micromanip/settings
 them there.
 
 A fault stays latched until `micromanip reset`, and nothing arms itself again. Every trip leaves a black box:
-`micromanip explain` reads the newest one and says in which order things happened. `<value>` is what was measured,
+`micromanip trip show` reads the newest one and says in which order things happened. `<value>` is what was measured,
 `<limit>` what it was held against. Limits are those of `limits: hardware`; in brackets, where they differ, those of
 `limits: simulation`.
 """

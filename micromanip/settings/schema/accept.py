@@ -12,7 +12,7 @@ from .base import Settings
 
 
 class Accept(Settings):
-    """Acceptance of an axis by `commission`; margins and drawn plants by `analyse` too."""
+    """Acceptance of an axis by `commission`; margins and drawn plants by `analyse margins` too."""
 
     frequencies_Hz: tuple[Hertz, ...] = Field(
         default=(1.0, 5.0, 10.0), min_length=1, max_length=8, description="Sines that the strain gauge is to follow."
@@ -50,5 +50,5 @@ class Accept(Settings):
     )
     robust_percent: Percent = Field(default=90.0, description="Share of the drawn plants for which Ms stays below:")
     robust_sensitivity: Annotated[float, Field(strict=True, ge=1.2, le=20)] = Field(
-        default=3.0, description="Ms that this share of the drawn plants must keep, see `analyse`."
+        default=3.0, description="Ms that this share of the drawn plants must keep, see `analyse margins`."
     )

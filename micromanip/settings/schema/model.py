@@ -145,7 +145,7 @@ class Driver(Settings):
 
 
 class Simulation(Settings):
-    """The plant behind the devices that `micromanip simulate-device` plays: `driver`, and the keys of that driver."""
+    """The plant behind the devices that `micromanip device simulate` plays: `driver`, and the keys of that driver."""
 
     model_config = ConfigDict(extra="allow", frozen=True)
 
@@ -289,7 +289,7 @@ class Configuration(Settings):
     )
     simulation: NewStart[Simulation | None] = Field(
         default=None,
-        description="The plant behind the devices that `micromanip simulate-device` plays; besides `driver` "
+        description="The plant behind the devices that `micromanip device simulate` plays; besides `driver` "
         "it takes the keys of that driver. `run` does not use it.",
     )
 

@@ -88,7 +88,7 @@ def enabling_findings(configuration: Configuration, wiring: Wiring) -> Iterator[
 def simulated_findings(wiring: Wiring) -> Iterator[Finding]:
     """Drivers with wide limits, no watchdog and perhaps nobody asked, whose device may move something real.
 
-    What is not there yet (a link that simulate-device is going to make) can't be judged: look again once it is up.
+    What is not there yet (a link that device simulate is going to make) can't be judged: look again once it is up.
     """
     for name, driver in wiring.drivers.items():
         if driver.simulated and (why := driver.real_because):

@@ -131,7 +131,7 @@ def test_a_spreadsheets_byte_order_mark_and_line_ends_are_read(tmp_path):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("time;axis;tuning\n", r"drift.csv:1: no history of `micromanip drift`: its first line is time,axis"),
+        ("time;axis;tuning\n", r"drift.csv:1: no history of `micromanip analyse health`: its first line is time,axis"),
         (",".join(HEADER) + "\n2026-01-01T00:00:00+00:00,x,abc,5\n", r"drift.csv:2: 4 fields, 9 are expected"),
         (",".join(HEADER) + "\nyesterday,x,abc,,,,,,\n", r"drift.csv:2: time: 'yesterday' is no time like"),
         (",".join(HEADER) + '\n2026-01-01,x,abc,"5,1",,,,,\n', r"drift.csv:2: stage_gain: '5,1' is not a number"),

@@ -1,4 +1,4 @@
-"""The units that `simulate-device` plays for a configuration of config/, in a thread of the test."""
+"""The units that `device simulate` plays for a configuration of config/, in a thread of the test."""
 
 import time
 from contextlib import contextmanager

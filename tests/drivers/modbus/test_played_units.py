@@ -1,4 +1,4 @@
-"""The driver on the units that `simulate-device` plays, over TCP and a pseudo terminal, with faults of the line."""
+"""The driver on the units that `device simulate` plays, over TCP and a pseudo terminal, with faults of the line."""
 
 import re
 import time

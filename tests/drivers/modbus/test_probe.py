@@ -1,4 +1,4 @@
-"""`micromanip probe` on a Modbus line: each register under every order, and nothing written."""
+"""`micromanip device probe` on a Modbus line: each register under every order, and nothing written."""
 
 import json
 
@@ -20,7 +20,7 @@ def unit(tmp_path, monkeypatch):
 
 def probed(capsys, *arguments):
     try:
-        main(["probe", *map(str, arguments)])
+        main(["device", "probe", *map(str, arguments)])
     except SystemExit as end:
         return end.code, capsys.readouterr()
     return 0, capsys.readouterr()

@@ -1,4 +1,4 @@
-"""What `simulate-device` plays of a cell whose lines are pins of digital terminals."""
+"""What `device simulate` plays of a cell whose lines are pins of digital terminals."""
 
 import re
 

@@ -1,4 +1,4 @@
-"""What `simulate-device` plays of a cell with a drive: the drive moves the plant, and its faults come by command."""
+"""What `device simulate` plays of a cell with a drive: the drive moves the plant, and its faults come by command."""
 
 import json
 import time

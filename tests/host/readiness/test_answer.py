@@ -75,7 +75,7 @@ def test_beside_a_controller_nothing_is_run(tmp_path, module):
 def test_the_settings_alone_as_a_page_and_as_json(tmp_path, capsys):
     page = tmp_path / "page.html"
     with contextlib.suppress(SystemExit):  # as an ordinary user it is not ready
-        main(["rtcheck", "--no-run", "--out", str(page), "--json"])
+        main(["system", "check", "--no-run", "--out", str(page), "--json"])
     document = json.loads(capsys.readouterr().out)
     assert document["timed"] is None
     assert document["ready"] is (False if any(f["verdict"] == "bad" for f in document["findings"]) else None)
@@ -84,7 +84,7 @@ def test_the_settings_alone_as_a_page_and_as_json(tmp_path, capsys):
     assert document["machine"]["kernel"] in text
     assert all(finding["name"].replace("'", "&#x27;") in text for finding in document["findings"])
     with pytest.raises(SystemExit) as refused:
-        main(["rtcheck", "--no-run", "--out", str(page)])
+        main(["system", "check", "--no-run", "--out", str(page)])
     assert refused.value.code == 64
     assert page.read_text() == text
 

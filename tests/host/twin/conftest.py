@@ -2,7 +2,7 @@
 
 import pytest
 
-from micromanip.cli.bench import source_tree
+from micromanip.cli.system_bench import source_tree
 from micromanip.settings.check import prepare
 
 from .scene import TRACKING_CYCLES, Scene

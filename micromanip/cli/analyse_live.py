@@ -1,0 +1,150 @@
+"""``micromanip analyse live``: margins of a loop, measured while it runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from micromanip.client import Client
+from micromanip.errors import CheckFailed
+
+from .axes import one_axis_option
+from .echo import echo
+from .options import Quantity, StrictCommand, emit_json, json_option, socket_option
+from .results import out_option, results_folder
+
+if TYPE_CHECKING:
+    from micromanip.design.response import Measured
+    from micromanip.design.running import Running
+    from micromanip.replies import Injected
+    from micromanip.settings.check import Prepared
+
+amplitude_option = click.option(
+    "--amplitude-um", "amplitude_um", type=Quantity("Distance", least=0.001, most=10.0), default=0.3,
+    show_default=True, metavar="UM", help="Rms of the multisine on the actuator's set-point.",
+)  # fmt: skip
+
+
+@click.command(
+    "live",
+    cls=StrictCommand,
+    epilog="Example: micromanip analyse live --axis x     or, in virtual time: "
+    "micromanip analyse live config/simulated.yaml --axis x --loop stage",
+)
+@click.argument("config", type=click.Path(path_type=Path), metavar="[CONFIG]", required=False)
+@one_axis_option
+@click.option("--loop", type=click.Choice(["strain", "stage"]), default="strain", show_default=True, help="Its loop.")
+@amplitude_option
+@click.option("--seed", type=Quantity("Seed"), default=1, show_default=True, help="Draws its phases.")
+@out_option("a picture", metavar="DIR")
+@socket_option
+@json_option
+def command(
+    config: Path | None, axis: str, loop: Any, amplitude_um: float, seed: int, folder: Path | None, socket_path: Path,
+    as_json: bool,
+) -> None:  # fmt: skip
+    """Measure gain and phase margin of a loop, and Ms, while everything runs.
+
+    A small multisine is added to the actuator's set-point, twice for 5 s, within the limits; it begins and ends softly,
+    and is ended at once by a disarm, a fault, or the end of this command. The axis must be TRACKING or HOLDING; held
+    (`micromanip hold`) it is measured best. With CONFIG the simulated cell is measured, in virtual time.
+
+    Exit code 1 where measured and predicted do not agree, the confidence leaves it open, or margins are below `accept`.
+    """
+    from micromanip.design.running import document, judge_running, measure_virtually, simulated_actuator
+    from micromanip.errors import UsageError
+    from micromanip.settings.injected import require_axis
+
+    if config is not None:
+        from micromanip.settings.check import prepare
+
+        prepared = prepare(config)
+        require_axis(prepared.configuration, axis)
+        if not prepared.wiring.virtual:
+            raise UsageError(f"{config} is not a simulated cell: start it, and leave CONFIG out")
+        plant = measure_virtually(prepared, axis, loop, amplitude_um, seed)
+        path, where = _path(prepared, axis), f"{config}, in virtual time"
+    else:
+        prepared, path, plant = _live(axis, loop, amplitude_um, seed, socket_path)
+        where = f"the controller on {socket_path}"
+    modelled = loop == "strain" and prepared.wiring.virtual
+    actuator = simulated_actuator(prepared, axis) if modelled else None
+    found = judge_running(prepared.configuration, path, axis, loop, plant, actuator)
+    files = []
+    if folder is not None:
+        from micromanip.design.canvas import save
+        from micromanip.design.running_figures import picture
+
+        with results_folder(folder):
+            files = save(picture(found), folder, f"sensitivity_{axis}_{loop}", about=where)
+    if as_json:
+        emit_json(document(found, loop) | {"files": [str(file) for file in files]})
+    else:
+        _print(found, where, files)
+    if found.problem is not None:
+        raise CheckFailed(f"axis {axis}, {found.loop.name}: {found.problem}")
+
+
+def _path(prepared: Prepared, axis: str) -> Any:
+    from micromanip.settings.wiring.timing import feedback_path
+
+    return feedback_path(prepared.configuration, prepared.wiring, axis)
+
+
+def _live(axis: str, loop: str, amplitude_um: float, seed: int, socket_path: Path) -> tuple[Prepared, Any, Any]:
+    """What runs, and the response of its plant."""
+    from micromanip.design.running import DRAWS
+    from micromanip.settings.check import prepared
+    from micromanip.settings.text.source import Source
+    from micromanip.settings.wiring.timing import FeedbackPath
+
+    with Client(socket_path) as client:
+        begun, plant = inject(client, axis, loop, amplitude_um, seed, DRAWS)
+    running = prepared(Source.of(begun["configuration"], Path("(running)")))
+    return running, FeedbackPath(**begun["path"]), plant
+
+
+def inject(
+    client: Client, axis: str, loop: str, amplitude_um: float, seed: int, draws: int
+) -> tuple[Injected, Measured]:
+    """What was injected last, and the plant's response to `draws` multisines with phases from `seed` on.
+
+    Raises CheckFailed where the controller refuses it, or it was ended early.
+    """
+    from micromanip.design.running import plant_of
+
+    from .progress import steps
+
+    responses = []
+    with steps() as bar:
+        for draw in range(draws):
+            bar.say(f"axis {axis}, {loop} loop: multisine {draw + 1} of {draws}")
+            begun, response = client.inject(axis, loop, amplitude_um, seed + draw)
+            responses.append(response)
+    return begun, plant_of(responses)
+
+
+def _print(found: Running, where: str, files: list[Path]) -> None:
+    from micromanip.design.running import figures
+
+    from .tables import print_table
+
+    columns = ("slope", "", "Ms", "at, Hz", "gain margin, dB", "phase margin, deg")
+    rows = [
+        (f"{slope:.2f}", name, *(f"{value:.2f}" for value in figures(margins[k]).values()))
+        for k, slope in enumerate(found.slopes)
+        for name, margins in (("measured", found.measured), ("predicted", found.predicted))
+        if margins is not None
+    ]
+    print_table(columns, rows, f"Axis {found.axis}, {found.loop.name}")
+    low, high = found.loop.frequency_Hz[[0, -1]]
+    least, most = found.confidence
+    echo(f"Ms {least:.2f} to {most:.2f} by its confidence, {low:.0f} to {high:.0f} Hz; {where}")
+    if found.predicted is None:
+        echo("no prediction: the configuration holds no model of the actuator; `commission` finds one")
+    elif found.agrees:
+        echo("measured and predicted agree")
+    for file in files:
+        echo(f"wrote {file}")

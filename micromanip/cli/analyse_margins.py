@@ -1,0 +1,166 @@
+"""``micromanip analyse margins``: describing function, margins and robustness of the axes, with a verdict."""
+
+from __future__ import annotations
+
+from contextlib import nullcontext
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from micromanip.errors import CheckFailed, UsageError
+
+from .axes import axis_option, chosen_axes
+from .echo import echo
+from .options import Quantity, StrictCommand, config_argument, emit_json, json_option
+from .progress import steps
+from .results import Pictures, out_option, provenance
+
+if TYPE_CHECKING:
+    from micromanip.design.commission.coupled import Coupled
+    from micromanip.settings.check import Prepared
+
+
+@click.command(
+    "margins",
+    cls=StrictCommand,
+    epilog="Example: micromanip analyse margins config/simulated.yaml --axis x --out out/analyse",
+)
+@config_argument
+@out_option("the figures", required=True)
+@axis_option
+@click.option(
+    "--samples",
+    type=click.IntRange(0, 1_000_000),
+    default=100,
+    show_default=True,
+    help="Plants that are drawn, an axis.",
+)
+@click.option(
+    "--seed", type=Quantity("Seed"), default=1, show_default=True, help="Seed of the first plant; the next follow."
+)
+@click.option(
+    "--simulate", is_flag=True, help="Also run the whole cell, in virtual time, with every plant (driver simulated)."
+)
+@click.option(
+    "--jobs",
+    type=click.IntRange(-1, 1024),
+    default=-1,
+    show_default="one a CPU",
+    help="Processes that share the plants; 1: this one alone.",
+)
+@click.option(
+    "--scheduler", "address", metavar="ADDRESS",
+    help="Dask scheduler that takes the plants instead, e.g. tcp://host:8786.",
+)  # fmt: skip
+@click.option("--figures/--no-figures", default=True, show_default=True, help="Draw the figures.")
+@json_option
+def command(
+    config: Path, folder: Path, only: str, samples: int, seed: int, simulate: bool, jobs: int, address: str | None,
+    figures: bool, as_json: bool,
+) -> None:  # fmt: skip
+    """Judge the control of each axis before it runs: is the inverse regular, are the loops stable, with what margin?
+
+    A simulated cell's actuator is recorded in virtual time; on real hardware nothing moves, and the strain loop is
+    not judged. Exit code 1 where a criterion fails. docs/analysis.md explains the figures.
+    """
+    from micromanip.design.analysis import analyse_axis
+    from micromanip.design.criteria import criteria, notes, report
+    from micromanip.design.parallel import scheduler
+    from micromanip.settings.check import prepare
+    from micromanip.virtual.experiment import VirtualExperiment
+    from micromanip.virtual.variation import VariedCell
+
+    prepared = prepare(config)
+    shown = chosen_axes(prepared.configuration.axes, only, config)
+    if jobs == 0:
+        raise UsageError("--jobs 0 leaves nobody to work: 1 or more, or -1 for one a CPU")
+    cells = {name: VariedCell(prepared, name) for name in shown} if simulate else {}
+    for cell in cells.values():
+        cell.require_simulated()
+    seeds = range(seed, seed + samples)
+    analyses = []
+    with (
+        Pictures(folder if figures else None) as pictures,
+        steps() as bar,
+    ):
+        for name in shown:
+
+            def progress(what: str, axis: str = name) -> None:
+                bar.say(f"axis {axis}: {what}")
+
+            with scheduler(address) if address else nullcontext():
+                analysis = analyse_axis(
+                    prepared.configuration,
+                    name,
+                    VirtualExperiment(prepared) if prepared.wiring.virtual else None,
+                    seeds,
+                    play=cells.get(name),
+                    jobs=None if address else jobs,
+                    progress=progress,
+                )
+            analyses.append(analysis)
+            if figures:
+                from micromanip.design.analysis_figures import draw_analysis
+
+                progress("drawing")
+                about = provenance(prepared, name, seed)
+                pictures.draw(partial(draw_analysis, analysis, about=about))
+        written = pictures.put()
+    judged = [criterion for analysis in analyses for criterion in criteria(analysis)]
+    coupled = _coupled(prepared, seed) if only == "all" else None
+    if coupled is not None:
+        judged += [coupled.criterion(name) for name in shown]
+    failed = [criterion for criterion in judged if not criterion.passed]
+    if as_json:
+        files = [str(file) for file in written]
+        coupling = None if coupled is None else coupled.document()
+        axes = [report(analysis) for analysis in analyses]
+        emit_json({"passed": not failed, "axes": axes, "coupling": coupling, "figures": files})
+    else:
+        print_criteria(judged, "Analysis")
+        if coupled is not None:
+            _print_coupling(coupled)
+        for analysis in analyses:
+            for line in notes(analysis):
+                echo(f"axis {analysis.axis}: {line}")
+        if written:
+            echo(f"{len(written)} figures in {folder}/")
+    pictures.require_written()
+    if failed:
+        worst = failed[0]
+        raise CheckFailed(
+            f"{len(failed)} of {len(judged)} criteria fail, the first: axis {worst.axis}, {worst.name}: {worst.value} "
+            f"(wanted: {worst.limit})"
+        )
+
+
+def _coupled(prepared: Prepared, seed: int) -> Coupled | None:
+    """The coupling of a simulated cell's axes, measured in virtual time; None of any other, or one that is untuned."""
+    from micromanip.design.commission.coupled import look_at_coupling
+    from micromanip.virtual.experiment import VirtualExperiment
+
+    axes = prepared.configuration.axes.values()
+    if not prepared.wiring.virtual or len(axes) < 2 or any(axis.outer is None for axis in axes):
+        return None
+    return look_at_coupling(prepared.configuration, VirtualExperiment(prepared), seed)
+
+
+def _print_coupling(coupled: Coupled) -> None:
+    """A line per pair of axes."""
+    from .tables import print_table
+
+    columns = ("axis", "sees of", "at rest", "at most, over frequency", "gauge", "relative gain")
+    print_table(columns, coupled.rows(), "Coupling of the stages")
+
+
+def print_criteria(judged: list[Any], title: str) -> None:
+    """A line a criterion."""
+    from .tables import print_table
+
+    rows = (
+        (each.axis, each.name, each.value, each.limit, "[green]PASS[/]" if each.passed else "[red]FAIL[/]")
+        for each in judged
+    )
+    print_table(("axis", "criterion", "found", "wanted", ""), rows, title)

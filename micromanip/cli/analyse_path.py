@@ -1,0 +1,132 @@
+"""``micromanip analyse path``: whether the stage reaches a path, before a part is mounted."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from micromanip.errors import CheckFailed, UsageError
+
+from .axes import axis_option, chosen_axes
+from .echo import echo
+from .options import Quantity, StrictCommand, emit_json, json_option, warn
+from .results import out_option
+
+if TYPE_CHECKING:
+    from micromanip.design.preview.preview import AxisPreview, Preview
+
+_MOST_SHOWN = 24
+
+
+@click.command(
+    "path",
+    cls=StrictCommand,
+    epilog="Example: micromanip analyse path path.csv --config config/simulated.yaml --offset offset.csv",
+)
+@click.argument("file", type=click.Path(path_type=Path), metavar="PATH")
+@click.option("--config", type=click.Path(path_type=Path), metavar="CONFIG", required=True, help="The cell.")
+@axis_option
+@click.option(
+    "--reserve", "reserve_um", type=Quantity("DistanceOrZero"), default=3.0, show_default=True, metavar="UM",
+    help="Kept at each end of the set-point's range, and as much of the voltage's, for force, creep and noise.",
+)  # fmt: skip
+@click.option(
+    "--tolerance", "tolerance_um", type=Quantity("Distance"), metavar="UM",
+    help="Following error that is tolerated.  [default: 3 times the axis' accept.tracking_error_um, else 5]",
+)  # fmt: skip
+@click.option(
+    "--corner", "corner_hz", type=Quantity("Hertz", least=1e-3, most=10.0), default=0.2, show_default=True,
+    metavar="HZ", help="What is slower may be handed to the robot as an offset.",
+)  # fmt: skip
+@click.option("--offset", "offset_file", type=click.Path(path_type=Path), metavar="FILE", help="Write it, as CSV.")
+@out_option("pictures", metavar="DIR")
+@json_option
+def command(
+    file: Path, config: Path, only: str, reserve_um: float, tolerance_um: float | None, corner_hz: float,
+    offset_file: Path | None, folder: Path | None, as_json: bool,
+) -> None:  # fmt: skip
+    """Which stretches of PATH ask for more than the stage has; exit code 1 where one does.
+
+    PATH is a table of the robot's deviation (t_s, deviation_<axis>_um), or a recording: what the tracker saw in it.
+    docs/preview.md explains it.
+    """
+    from micromanip.design.preview.preview import preview_of
+    from micromanip.design.preview.seen import seen_path
+    from micromanip.settings.check import prepare
+
+    from .results import Pictures, require_room
+
+    prepared = prepare(config)
+    chosen = chosen_axes(prepared.configuration.axes, only, config)
+    if offset_file is not None:
+        if offset_file.exists():
+            raise UsageError(f"--offset {offset_file} is there already: nothing is replaced; name another file")
+        require_room(offset_file.parent, f"--offset {offset_file}")
+    path = seen_path(file, chosen)
+    with Pictures(folder) as pictures:
+        found = preview_of(prepared, path, reserve_um, tolerance_um, corner_hz)
+        if folder is not None:
+            from micromanip.design.preview.picture import draw_preview
+
+            for axis, left in zip(found.axes, found.left, strict=True):
+                settings = prepared.configuration.axes[axis.axis]
+                pictures.draw(partial(draw_preview, axis, left, settings, about=f"{file}, {config}"))
+        written = pictures.put()
+    if offset_file is not None:
+        found.offset.write(offset_file)
+        written = [*written, offset_file]
+    if as_json:
+        document = {"path": str(file), "config": str(config), "reserve_um": reserve_um, **found.document()}
+        emit_json({**document, "files": [str(each) for each in written]})
+    else:
+        warn(found.notes)
+        _print(found)
+        for each in written:
+            echo(f"wrote {each}")
+    pictures.require_written()
+    if not found.fits:
+        over = [stretch for axis in found.axes for stretch in axis.stretches]
+        first = min(over, key=lambda each: each.from_s)
+        raise CheckFailed(
+            f"{file} does not fit: {len(over)} stretches ask for more than there is, the first: axis {first.axis}, "
+            f"{first.what}, at {first.from_s:.2f} s"
+        )
+
+
+def _print(found: Preview) -> None:
+    from .tables import print_table
+
+    print_table(
+        ("axis", "deviation, um", "set-point, um", "voltage, V", "error rms, um", "peak, um", "verdict"),
+        [_row(axis, name) for name, axes in (("", found.axes), (" with offset", found.left)) for axis in axes],
+        f"Path of {found.seconds:.1f} s",
+    )
+    over = sorted((stretch for axis in found.axes for stretch in axis.stretches), key=lambda each: each.from_s)
+    rows = (
+        (
+            f"{each.from_s:.2f}", f"{each.to_s:.2f}", each.axis, each.what, f"{each.asked:.4g}", f"{each.limit:.4g}",
+            f"{each.over:.3g} {each.unit}",
+        )
+        for each in over[:_MOST_SHOWN]
+    )  # fmt: skip
+    print_table(("from, s", "to, s", "axis", "what", "asked", "limit", "over"), rows, "More than there is")
+    if len(over) > _MOST_SHOWN:
+        echo(f"and {len(over) - _MOST_SHOWN} more: --json has them all")
+    offset = found.document()["offset"]
+    echo(
+        f"offset for the robot, slower than {offset['corner_Hz']:g} Hz: at most {offset['peak_um']:.1f} um, "
+        f"{offset['speed_um_per_s']:.1f} um/s; with it the path {'fits' if offset['fits'] else 'does not fit either'}"
+    )
+
+
+def _row(axis: AxisPreview, name: str) -> list[str]:
+    told = axis.document()
+    ends = ["{:.1f} .. {:.1f}".format(*told[key]) if told[key] else "-" for key in (
+        "deviation_um", "setpoint_um", "voltage_V")]  # fmt: skip
+    error = told["error_um"]
+    over = len(axis.stretches)
+    verdict = "[green]fits[/]" if not over else f"[red]{over} stretch{'es' if over > 1 else ''} over[/]"
+    return [f"{axis.axis}{name}", *ends, f"{error['rms']:.3f}", f"{error['peak']:.2f}", verdict]

@@ -1,0 +1,188 @@
+"""The commands of ``micromanip``, by name. Each module is imported when its command is used, and not before."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Mapping
+from typing import Any
+
+import click
+from click.shell_completion import get_completion_class
+
+from .options import StrictCommand, StrictGroup, emit_answer, json_option
+
+SECTIONS = {
+    "The cell": {
+        "check": "validate a configuration and print its budget",
+        "run": "run a configuration: the daemon",
+        "park": "bring all outputs to their safe value, without a controller",
+        "status": "what the running controller does; --watch: the full screen",
+        "arm": "start tracking, softly",
+        "disarm": "stop tracking, softly",
+        "hold": "freeze the correction",
+        "reset": "clear a latched fault",
+        "jog": "move an axis by hand",
+        "log": "who asked for what, and when",
+    },
+    "Parameters of the running cell": {
+        "get": "running values; --watch: a live stream of them",
+        "set": "change running values",
+        "diff": "the file against what runs",
+        "save": "write running values into the file",
+        "reload": "take over the file as it is now",
+        "candidate": "a candidate tuning beside what runs: set, show, promote, discard",
+    },
+    "Design, and what was recorded": {
+        "commission": "from factory values to a tuned, validated axis, with its report",
+        "identify": "play a safe excitation on one axis and record it",
+        "fit": "models of a recording: hysteresis, linear, tracker",
+        "analyse": "margins and error of an axis: margins, error, path, live, health",
+        "evaluate": "the paper's experiment in virtual time",
+        "recording": "start, stop, mark, list, view, report, compare, export",
+        "replay": "a recorded run again: bit for bit, or under another tuning",
+        "trip": "black boxes of trips in plain words: list, show",
+        "learn": "corrects what repeats over parts: part, status, reset, export",
+    },
+    "Devices and the machine": {
+        "device": "drivers, and what answers on a bus: list, probe, esi, simulate",
+        "gateway": "scope, cell page and metrics for browsers",
+        "system": "this machine as a controller: check, install, bench",
+        "completion": "completion for a shell",
+    },
+}
+"""What ``--help`` says of each command, in the order of the work."""
+_MODULES = {
+    **dict.fromkeys(("arm", "disarm", "hold", "reset", "jog", "log"), "orders"),
+    **dict.fromkeys(("get", "set", "diff", "save", "reload"), "parameters"),
+    "completion": "commands",
+}
+"""Modules of the commands that share one; each other command has one of its own, by its name."""
+_EXAMPLE = "Example: micromanip run config/simulated.yaml --duration 10"
+
+
+class LazyGroup(StrictGroup):
+    """A group that imports the module of a command when that command is used."""
+
+    def __init__(self, name: str, modules: Mapping[str, str], **how: Any) -> None:
+        """`modules` has the module of each command, in the order in which ``--help`` shows them."""
+        super().__init__(name, **how)
+        self._modules = modules
+
+    def list_commands(self, _: click.Context) -> list[str]:
+        return list(self._modules)
+
+    def get_command(self, _: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name not in self._modules:
+            return None
+        module = importlib.import_module(f"micromanip.cli.{self._modules[cmd_name]}")
+        return next(c for c in vars(module).values() if isinstance(c, click.Command) and c.name == cmd_name)
+
+
+class _Root(LazyGroup):
+    """All commands; their help fits on one screen."""
+
+    def __init__(self, **how: Any) -> None:
+        names = [name for section in SECTIONS.values() for name in section]
+        super().__init__("micromanip", {name: _MODULES.get(name, name) for name in names}, **how)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        return _GROUPS.get(cmd_name) or super().get_command(ctx, cmd_name)
+
+    def format_help(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Usage, the commands by sections, and an example, without empty lines between them."""
+        self.format_usage(ctx, formatter)
+        formatter.write(f"{self.help}\n\n")
+        for title, section in SECTIONS.items():
+            formatter.write(f"{title}:\n")
+            formatter.indent()
+            formatter.write_dl([(f"{name:10}", does) for name, does in section.items()])
+            formatter.dedent()
+        formatter.write("`micromanip COMMAND --help` explains a command; `micromanip --version`.\n")
+        formatter.write(f"{_EXAMPLE}\n")
+
+
+def _group(name: str, about: str, example: str, modules: Mapping[str, str]) -> LazyGroup:
+    return LazyGroup(name, modules, help=about, epilog=f"Example: micromanip {name} {example}")
+
+
+_GROUPS = {
+    group.name: group
+    for group in (
+        _group(
+            "candidate",
+            "A candidate tuning computes beside what runs, and is put in force on trial.",
+            "set axes.x.outer.control_weight=12",
+            dict.fromkeys(("set", "show", "promote", "discard"), "candidate"),
+        ),
+        _group(
+            "fit",
+            "Fit models to a recording, ours or any CSV.",
+            "hysteresis x.csv --input u --output y",
+            {name: f"fit_{name}" for name in ("hysteresis", "linear", "tracker")},
+        ),
+        _group(
+            "analyse",
+            "Margins and error of an axis: from its models, from a recording, or in the running loop.",
+            "margins config/simulated.yaml --out out/analyse",
+            {name: f"analyse_{name}" for name in ("margins", "error", "path", "live", "health")},
+        ),
+        _group(
+            "recording",
+            "Record the running controller, every cycle, and read what was recorded.",
+            'start; micromanip recording mark "coolant on"',
+            {
+                **dict.fromkeys(("start", "stop", "mark"), "recording"),
+                "list": "recording_list",
+                "view": "recording_files",
+                "report": "recording_report",
+                "compare": "recording_report",
+                "export": "recording_files",
+            },
+        ),
+        _group(
+            "trip",
+            "The black boxes of trips, in plain words.",
+            "show --plot trip.png",
+            {"list": "trip", "show": "trip"},
+        ),
+        _group(
+            "learn",
+            "Learn from part to part what of the path error repeats, and a correction for it. "
+            "docs/tune.md explains it.",
+            "status",
+            dict.fromkeys(("part", "status", "reset", "export"), "learn"),
+        ),
+        _group(
+            "device",
+            "Installed drivers, what answers on their buses, and emulated devices.",
+            "probe config/can.yaml can0",
+            {"list": "device", "probe": "device", "esi": "device_esi", "simulate": "device_simulate"},
+        ),
+        _group(
+            "system",
+            "This machine: whether it keeps a loop's deadlines, the service, its speed.",
+            "check config/simulated.yaml",
+            {name: f"system_{name}" for name in ("check", "install", "bench")},
+        ),
+    )
+}
+
+
+@click.command("completion", cls=StrictCommand, epilog='Example: eval "$(micromanip completion bash)"')
+@click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
+@json_option
+@click.pass_context
+def completion(context: click.Context, shell: str, as_json: bool) -> None:
+    """Print the completion script for SHELL."""
+    kind = get_completion_class(shell)
+    assert kind is not None
+    script = kind(context.find_root().command, {}, "micromanip", "_MICROMANIP_COMPLETE").source()
+    emit_answer({"shell": shell, "script": script}, lambda _: click.echo(script), as_json)
+
+
+cli = click.version_option(package_name="micromanip")(
+    _Root(
+        context_settings={"help_option_names": ["-h", "--help"]},
+        help="Hold a machining spindle on its path with a piezo-actuated micro manipulator.",
+    )
+)

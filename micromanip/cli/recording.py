@@ -1,0 +1,102 @@
+"""``micromanip recording start``, ``stop``, ``mark``: recordings of the running controller."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import click
+
+from micromanip.client import Client
+from micromanip.errors import UsageError
+from micromanip.replies import Marked
+from micromanip.status_reply import Recorded
+
+from .echo import echo
+from .options import Quantity, StrictCommand, client_command
+
+
+def _show_begun(recorded: Recorded) -> None:
+    waits = f"; it waits for {' or '.join(recorded['waits_for'])}" if recorded["waits_for"] else ""
+    echo(f"recording to {recorded['file']}{waits}")
+
+
+def _show_ended(recorded: Recorded) -> None:
+    size = recorded["bytes"] / 1e6
+    echo(f"recorded {recorded['rows']} cycles to {recorded['file']}, {size:.1f} MB, {recorded['dropped']} lost")
+
+
+def _show_marked(marked: Marked) -> None:
+    echo(f"marked cycle {marked['cycle']} in {marked['file']}")
+
+
+@click.command(
+    "start",
+    cls=StrictCommand,
+    epilog="Example: micromanip recording start night.mcap --on fault --before 3 --after 2",
+)
+@click.argument("file", required=False)
+@click.option(
+    "--on",
+    "triggers",
+    type=click.Choice(["fault", "overrun", "mark"]),
+    multiple=True,
+    help="Wait for this, exact to the cycle; several: for the first of them.",
+)
+@click.option(
+    "--before", "before_s", type=Quantity("SecondsOrZero", most=5.0), default=0.0, help="Begin so much earlier, s."
+)
+@click.option(
+    "--after", "after_s", type=Quantity("SecondsOrZero", most=3600.0), help="End so long after the trigger, s."
+)
+@click.option(
+    "--segment",
+    "minutes",
+    type=Quantity("SecondsOrZero", least=0.1, most=1440.0),
+    help="Another file each so many minutes.",
+)
+@click.option(
+    "--quota",
+    "quota_GB",
+    type=Quantity("SecondsOrZero", least=0.001),
+    help="Remove the oldest of them beyond so many GB.",
+)
+@client_command(_show_begun)
+def start(
+    file: str | None,
+    triggers: tuple[str, ...],
+    before_s: float,
+    after_s: float | None,
+    minutes: float | None,
+    quota_GB: float | None,
+) -> Callable[[Client], Recorded]:
+    """Begin a recording: FILE.mcap, a name without a folder; named for the time without one.
+
+    It goes to the folder that `run --recordings` names, and replaces nothing there.
+    """
+    if (after_s is None) != (not triggers):
+        raise UsageError("--on and --after go together: how long to record after the trigger")
+    if (minutes is None) != (quota_GB is None):
+        raise UsageError("--segment and --quota go together: how long a file is, and how much all may take")
+    return lambda client: client.record_start(
+        file,
+        triggers=triggers,
+        before_s=before_s,
+        after_s=after_s,
+        segment_s=None if minutes is None else minutes * 60.0,
+        quota_bytes=None if quota_GB is None else round(quota_GB * 1e9),
+    )
+
+
+@click.command("stop", cls=StrictCommand, epilog="Example: micromanip recording stop")
+@client_command(_show_ended)
+def stop() -> Callable[[Client], Recorded]:
+    """End the recording; all that was recorded until now is in the file."""
+    return Client.record_stop
+
+
+@click.command("mark", cls=StrictCommand, epilog='Example: micromanip recording mark "coolant on"')
+@click.argument("text")
+@client_command(_show_marked)
+def mark(text: str) -> Callable[[Client], Marked]:
+    """Put a remark into the recording, at this cycle."""
+    return lambda client: client.record_mark(text)

@@ -1,0 +1,149 @@
+"""``micromanip recording report`` and ``compare``: a recorded run as a page, two side by side."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from .echo import echo
+from .options import StrictCommand, emit_answer, json_option
+from .results import require_new_page, write_new_page
+
+if TYPE_CHECKING:
+    from micromanip.design.recorded_run import RecordedRun
+
+
+@click.command("report", cls=StrictCommand, epilog="Example: micromanip recording report run.mcap --to run.html")
+@click.argument("file", type=click.Path(path_type=Path), metavar="FILE")
+@click.option(
+    "--to", "--out", "to", type=click.Path(path_type=Path), metavar="FILE.html",
+    help="New file.  [default: FILE with the ending .html]",
+)  # fmt: skip
+@json_option
+def report(file: Path, to: Path | None, as_json: bool) -> None:
+    """A recording of ours as one page: error, spectrum, voltage left, hysteresis loop, step response, timing, marks.
+
+    With --json its figures, too: those of `compare` for one run.
+    """
+    from micromanip.design.recorded_run import RecordedRun
+    from micromanip.design.run_figures import run_figures
+    from micromanip.design.run_report import run_report
+    from micromanip.recordings import open_telemetry
+
+    from .progress import steps
+
+    to = to or file.with_suffix(".html")
+    require_new_page(to)
+    telemetry = open_telemetry(file)
+    with steps() as bar:
+        run = RecordedRun(telemetry, bar.say)
+        bar.say("drawing")
+        figures = run_figures(run)
+        responses = {axis: run.axis[axis].steps.response() for axis in run.axes}
+        page = run_report(run, figures, responses)
+    _warn(run)
+    write_new_page(to, page)
+    document = {"report": str(to), "run": figures.document()}
+    document["step_response"] = {axis: found.document() for axis, found in responses.items()}
+    emit_answer(document, lambda _: echo(f"{to}, {len(page) / 1e3:.0f} kB"), as_json)
+
+
+@click.command(
+    "compare", cls=StrictCommand, epilog="Example: micromanip recording compare monday.mcap tuesday.mcap --to week.html"
+)
+@click.argument("first", type=click.Path(path_type=Path), metavar="A")
+@click.argument("second", type=click.Path(path_type=Path), metavar="B")
+@click.option(
+    "--to", "--out", "to", type=click.Path(path_type=Path), metavar="FILE.html",
+    help="New file: both as one page of HTML.",
+)  # fmt: skip
+@json_option
+def compare(first: Path, second: Path, to: Path | None, as_json: bool) -> None:
+    """Two recordings of ours: error, its spectrum, headroom, timing, and what differs in their configurations.
+
+    Whether B's error is lower or higher is judged with 95 % confidence, by as many independent pieces as the runs have.
+    --to draws both side by side, judges every quantity, and says what each parameter that differs means.
+    """
+    from micromanip.design.recorded_run import BANDS_Hz, RecordedRun
+    from micromanip.design.run_comparison import judged
+    from micromanip.design.run_comparison_page import comparison_page
+    from micromanip.design.run_confidence import difference
+    from micromanip.design.run_figures import configuration_changes, run_figures
+    from micromanip.recordings import open_telemetry
+
+    from .progress import steps
+
+    if to is not None:
+        require_new_page(to)
+    both = [open_telemetry(file) for file in (first, second)]
+    with steps() as bar:
+        runs = [RecordedRun(telemetry, bar.say) for telemetry in both]
+    for run in runs:
+        _warn(run)
+    a, b = figures = [run_figures(run) for run in runs]
+    changes = configuration_changes(*(run.telemetry.configuration for run in runs))
+    found_differences = judged(runs, figures)
+    axes = {}
+    for axis in (name for name in a.axes if name in b.axes):
+        squares = [run.squares[axis].whole for run in figures]
+        found = difference(*squares)
+        axes[axis] = {"ratio": found.ratio, "ratio_95": [found.low, found.high], "verdict": found.verdict}
+        axes[axis] |= {"independent": [each.batches for each in squares]}
+    document = {
+        "a": a.document(),
+        "b": b.document(),
+        "bands_Hz": BANDS_Hz,
+        "axes": axes,
+        "configuration": changes,
+        "quantities": [each.document() for each in found_differences],
+    }
+    if to is not None:
+        write_new_page(to, comparison_page(runs, figures, found_differences, changes))
+        document["report"] = str(to)
+    emit_answer(document, _show_comparison, as_json)
+
+
+def _show_comparison(document: dict[str, Any]) -> None:
+    from rich.text import Text
+
+    from .tables import Figures, out_console
+
+    console, a, b = out_console(), document["a"], document["b"]
+    console.print(Text(f"A {a['file']}, {a['tracking_s']:.1f} s of tracking"))
+    console.print(Text(f"B {b['file']}, {b['tracking_s']:.1f} s of tracking"))
+    errors = Figures("axis", "A rms", "B rms", "B to A", "95 %", "B is", "A max", "B max", title="Path error, um")
+    bands = [f"{low:g}-{high:g} Hz" for low, high in document["bands_Hz"]]
+    spectra = Figures("axis", "", *bands, "most at, Hz", "headroom, V", title="Path error by band, um rms")
+    for axis, found in document["axes"].items():
+        one, two = a["axes"][axis], b["axes"][axis]
+        low, high = found["ratio_95"]
+        errors.add_row(
+            axis, f"{one['rms_um']:.4f}", f"{two['rms_um']:.4f}", f"{found['ratio']:.3f}", f"{low:.3f} to {high:.3f}",
+            found["verdict"], f"{one['max_um']:.2f}", f"{two['max_um']:.2f}",
+        )  # fmt: skip
+        for name, figures in (("A", one), ("B", two)):
+            headroom = "-" if figures["headroom_V"] is None else f"{figures['headroom_V']:.1f}"
+            in_bands = (f"{value:.4f}" for value in figures["bands_um"])
+            spectra.add_row(axis, name, *in_bands, f"{figures['peak_Hz']:.1f}", headroom)
+    timing = Figures("", "p50", "p99.9", "max", "skipped", "lost", "faults", title="Timing, us")
+    for name, run in (("A", a), ("B", b)):
+        codes = ", ".join(run["faults"]) or "-"
+        for kind in ("lateness", "compute"):
+            values = (f"{value / 1e3:.2f}" for value in run[f"{kind}_ns"])
+            timing.add_row(f"{name} {kind}", *values, str(run["skipped"]), str(run["lost"]), codes)
+    console.print(errors, spectra, timing)
+    for change in document["configuration"]:
+        console.print(Text(f"{change['key']}: {change['old']} -> {change['new']}"))
+    if not document["configuration"]:
+        console.print(Text("the configurations are the same"))
+    if "report" in document:
+        console.print(Text(document["report"]))
+
+
+def _warn(run: RecordedRun) -> None:
+    from micromanip.design.run_report import damage
+
+    if told := damage(run):
+        echo(f"warning: {run.telemetry.file}:{told}", err=True)

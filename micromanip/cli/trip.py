@@ -1,0 +1,77 @@
+"""``micromanip trip list`` and ``trip show``: trips in plain words, from their black boxes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from micromanip.errors import UsageError, system_error
+
+from .echo import echo
+from .options import StrictCommand, emit_json, json_option
+
+if TYPE_CHECKING:
+    from micromanip.host.trips.store import Box
+
+
+_folder_option = click.option(
+    "--trips", "folder", type=click.Path(path_type=Path, file_okay=False),
+    help="Folder of the trips.  [default: /var/lib/micromanip/trips, or as for run]",
+)  # fmt: skip
+
+
+@click.command("list", cls=StrictCommand, epilog="Example: micromanip trip list")
+@_folder_option
+@json_option
+def list_(folder: Path | None, as_json: bool) -> None:
+    """List all trips, the newest last."""
+    from micromanip.host.trips.store import folder_to_read, summary, trips
+
+    folder = folder or folder_to_read()
+    found = [summary(file) for file in trips(folder)]
+    if as_json:
+        emit_json(found)
+        return
+    for entry in found:
+        echo(f"{entry['trip']}  {entry['seen']}")
+    if not found:
+        echo(f"no trips in {folder}")
+
+
+@click.command("show", cls=StrictCommand, epilog="Example: micromanip trip show --plot trip.png")
+@click.argument("trip", required=False)
+@click.option("--plot", type=click.Path(path_type=Path, dir_okay=False), help="Draw it into this .png or .svg file.")
+@_folder_option
+@json_option
+def show(trip: str | None, plot: Path | None, folder: Path | None, as_json: bool) -> None:
+    """Show what tripped, the order of causes, what the controller did, and what to do next.
+
+    TRIP is a file, or the name of a trip or its beginning; without it, the newest.
+    """
+    from micromanip.host.trips.report import lines, story
+    from micromanip.host.trips.store import Box, find, folder_to_read
+
+    if plot is not None and plot.suffix.lower() not in (".png", ".svg"):
+        raise UsageError(f"--plot {plot}: the file must end with .png or .svg")
+    file = find(folder or folder_to_read(), trip)
+    box = Box.load(file)
+    found = story(box, file)
+    if plot is not None:
+        _draw(box, plot)
+        found["plot"] = str(plot)
+    if as_json:
+        emit_json(found)
+        return
+    for line in lines(found):
+        echo(line)
+
+
+def _draw(box: Box, plot: Path) -> None:
+    from micromanip.host.trips.report import save
+
+    try:
+        save(box, plot)
+    except OSError as problem:
+        raise system_error(problem, f"--plot {plot} can't be written") from problem

@@ -1,0 +1,134 @@
+"""``analyse``: its verdicts, its document, its figures, and what it says where something is missing or wrong."""
+
+import contextlib
+import io
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from micromanip.cli.main import main
+
+from .command import code_of
+
+pytestmark = pytest.mark.long
+
+CONFIG = Path(__file__).parents[2] / "config"
+PAPER_CELL = CONFIG / "paper.yaml"
+SIMULATED, FACTORY = str(CONFIG / "simulated.yaml"), str(CONFIG / "factory.yaml")
+
+
+def run(capsys, *arguments):
+    """Exit code, standard output and standard error."""
+    return code_of("analyse", "margins", *arguments), *capsys.readouterr()
+
+
+def analysed(capsys, *arguments):
+    code, out, _ = run(capsys, *arguments, "--json", "--jobs", "1")
+    return code, json.loads(out)
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory):
+    """One run for the tests that only look: axis y, figures and whole cells included."""
+    folder = tmp_path_factory.mktemp("analysis")
+
+    out = io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.suppress(SystemExit):
+        main(
+            ["analyse", "margins", SIMULATED, "--axis", "y", "--out", str(folder), "--samples", "2", "--seed", "3",
+             "--simulate", "--jobs", "1", "--json"]
+        )  # fmt: skip
+    return json.loads(out.getvalue())
+
+
+def test_every_criterion_is_judged(report):
+    (axis,) = report["axes"]
+    names = [criterion["name"] for criterion in axis["criteria"]]
+    assert names == [
+        "invertible over the set-points",
+        "strain loop: stable",
+        "strain loop: gain margin",
+        "strain loop: phase margin",
+        "strain loop: limit cycle",
+        "outer loop: stable",
+        "outer loop: gain margin",
+        "outer loop: phase margin",
+        "outer loop: limit cycle",
+        "outer loop: drawn plants",
+        "played cells hold the path",
+    ]
+    assert report["passed"] == all(criterion["passed"] for criterion in axis["criteria"])
+    assert all(criterion["value"] and criterion["limit"] for criterion in axis["criteria"])
+
+
+def test_verdicts_follow_from_the_figures(report):
+    (axis,) = report["axes"]
+    passed = {criterion["name"]: criterion["passed"] for criterion in axis["criteria"]}
+    stage, strain = axis["stage"]["margins"], axis["strain"]["margins"]
+    assert passed["outer loop: gain margin"] == (stage["gain_dB"] >= 6.0)
+    assert passed["outer loop: phase margin"] == (stage["phase_deg"] >= 35.0)
+    assert passed["strain loop: phase margin"] == all(m["phase_deg"] >= 35.0 for m in strain)
+    assert passed["strain loop: stable"] == all(m["radius"] < 1.0 for m in strain)
+    kept = sum(s["stage"]["stable"] and s["stage"]["sensitivity"] <= 3.0 for s in axis["samples"])
+    assert passed["outer loop: drawn plants"] == (kept >= 0.9 * len(axis["samples"]))
+    assert passed["outer loop: limit cycle"] == (axis["stage"]["limit_cycles"] == [])
+    assert len(strain) == 3
+    assert min(axis["strain"]["slopes"]) < 1.0 < max(axis["strain"]["slopes"])
+
+
+def test_the_describing_function_is_in_the_document(report):
+    describing = report["axes"][0]["describing"]
+    gain = np.array(describing["gain_V_per_um"])
+    assert len(gain) == len(describing["amplitude_um"]) == len(describing["v0_V"]) > 100
+    assert (np.diff(gain) < 0).all(), "with positive weights the inverse needs ever less voltage for an um"
+    assert describing["problems"] == []
+    assert describing["attainable_um"][0] < 2.0 < 128.0 < describing["attainable_um"][1]
+
+
+def test_seeds_name_the_plants(report):
+    samples, played = report["axes"][0]["samples"], report["axes"][0]["played"]
+    assert [s["seed"] for s in samples] == [p["seed"] for p in played] == [3, 4]
+    assert all(s["drawn"] == p["drawn"] for s, p in zip(samples, played, strict=True))
+    assert all(p["rms_um"] < 0.05 * p["range_um"] for p in played)
+
+
+def test_figures_are_written_as_png_and_svg(report):
+    files = [Path(name) for name in report["figures"]]
+    names = {"figure7_describing_function_y", "describing_map_y", "bode_y", "nyquist_y", "drawn_plants_y"}
+    assert {file.stem for file in files} == names
+    assert {file.suffix for file in files} == {".png", ".svg"}
+    for file in files:
+        content = file.read_bytes()
+        assert len(content) > 5_000
+        assert content.startswith(b"\x89PNG") or b"<svg" in content[:1000]
+
+
+def test_a_seed_alone_gives_the_same_plant(report, capsys, tmp_path):
+    options = ("--axis", "y", "--out", str(tmp_path), "--no-figures", "--samples", "1", "--seed", "4")
+    _, again = analysed(capsys, SIMULATED, *options)
+    assert again["axes"][0]["samples"] == [report["axes"][0]["samples"][1]]
+    assert again["figures"] == []
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_untuned_cell_is_told_what_it_lacks(capsys, tmp_path):
+    options = ("--axis", "x", "--out", str(tmp_path), "--no-figures", "--samples", "0", "--jobs", "1")
+    code, out, err = run(capsys, FACTORY, *options)
+    assert "axis x: no describing function: the hysteresis model is none" in out
+    assert "axis x: no margins of the outer loop" in out
+    assert "strain loop" in out
+    assert code == 1
+    assert "strain loop: phase margin" in err, "the anchor PID has little phase margin at the flexure's mode"
+
+
+def test_too_much_gain_fails(capsys, tmp_path):
+    text = PAPER_CELL.read_text(encoding="utf-8")
+    file = tmp_path / "hot.yaml"
+    file.write_text(text.replace("control_weight: 10.0", "control_weight: 0.01"), encoding="utf-8")
+    options = ("--axis", "y", "--out", str(tmp_path), "--no-figures", "--samples", "0")
+    code, report = analysed(capsys, str(file), *options)
+    assert code == 1
+    failed = {c["name"] for c in report["axes"][0]["criteria"] if not c["passed"]}
+    assert "outer loop: gain margin" in failed

@@ -1,0 +1,74 @@
+"""`micromanip analyse path`: verdict and exit code, its document, pictures and offset; what it can't take."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from micromanip.cli.analyse_path import command
+from micromanip.errors import CheckFailed, UsageError
+
+CONFIG = Path(__file__).parents[2] / "config" / "simulated.yaml"
+
+
+def path_file(folder, amplitude_um):
+    time_s = np.arange(0.0, 3.0, 0.004)
+    begun = np.clip(time_s / 0.5, 0.0, 1.0) ** 2
+    columns = [amplitude_um * begun * np.sin(2.0 * np.pi * 0.5 * time_s), 20.0 * begun, 0.0 * begun]
+    file = folder / "path.csv"
+    header = "t_s,deviation_x_um,deviation_y_um,deviation_z_um"
+    np.savetxt(file, np.column_stack([time_s, *columns]), delimiter=",", header=header, comments="", fmt="%.6f")
+    return file
+
+
+def asked(*arguments):
+    return CliRunner().invoke(command, [str(each) for each in arguments])
+
+
+def test_a_path_that_fits_ends_with_0_and_is_drawn(tmp_path):
+    out, offset = tmp_path / "out", tmp_path / "offset.csv"
+    file = path_file(tmp_path, 150.0)
+    result = asked(file, "--config", CONFIG, "--axis", "x", "--out", out, "--offset", offset, "--corner", 1, "--json")
+    assert result.exit_code == 0
+    found = json.loads(result.stdout)
+    (axis,) = found["axes"]
+    assert (found["fits"], axis["axis"], axis["stretches"]) == (True, "x", [])
+    assert axis["deviation_um"] == pytest.approx([-150.0, 150.0], rel=0.01)
+    assert axis["setpoint_um"] == pytest.approx([36.0, 96.0], abs=1.0)
+    assert found["offset"]["corner_Hz"] == 1.0
+    assert found["files"] == [str(out / "preview_x.png"), str(out / "preview_x.svg"), str(offset)]
+    assert offset.read_text(encoding="utf-8").startswith("t_s,offset_x_um\n0,")
+
+
+def test_a_path_that_does_not_fit_ends_with_1_and_says_where(tmp_path):
+    result = asked(path_file(tmp_path, 330.0), "--config", CONFIG)
+    assert isinstance(result.exception, CheckFailed)
+    assert "does not fit" in str(result.exception)
+    assert "axis x, tracker range, at 0.4" in str(result.exception)
+    assert "with it the path" in result.stdout
+    assert "More than there is" in result.stdout
+
+
+def test_what_can_not_be_previewed_is_told(tmp_path):
+    file = path_file(tmp_path, 10.0)
+    for arguments, kind, message in (
+        ((file, "--config", CONFIG, "--axis", "q"), UsageError, "there is no axis q"),
+        ((file, "--config", CONFIG, "--offset", file), UsageError, "is there already: nothing is replaced"),
+        ((file, "--config", CONFIG, "--offset", tmp_path / "gone" / "o.csv"), UsageError, "--offset"),
+        ((file, "--config", CONFIG, "--reserve", "70"), CheckFailed, "a reserve of 70 um leaves nothing"),
+        ((tmp_path / "gone.csv", "--config", CONFIG), CheckFailed, "no such file"),
+        ((CONFIG, "--config", CONFIG), CheckFailed, "simulated.yaml"),
+    ):
+        result = asked(*arguments)
+        assert isinstance(result.exception, kind), result.exception
+        assert message in str(result.exception)
+        assert result.exception.exit_code == (64 if kind is UsageError else 1)
+    assert file.read_text(encoding="utf-8").startswith("t_s,")
+
+
+def test_the_configuration_must_be_given(tmp_path):
+    result = asked(path_file(tmp_path, 10.0))
+    assert result.exit_code == 2
+    assert "--config" in result.output

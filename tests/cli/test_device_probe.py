@@ -1,0 +1,167 @@
+"""``micromanip device probe``: what answers on a bus, and a clear word where it can't be looked at."""
+
+import json
+from functools import partial
+from pathlib import Path
+
+import pytest
+from conformance.example import UdpPeer, UdpStage
+
+from micromanip.bus import device_lock
+from micromanip.bus.device_lock import DeviceLocks
+from micromanip.bus.driver import Answer, BusDriver
+from micromanip.settings.check import prepare
+
+from .command import code_of
+
+
+class Stage(UdpStage):
+    """The driver of the example; a test may take its probe."""
+
+    probed = None
+
+    def probe(self, seconds):
+        return self.probed(seconds) if self.probed else super().probe(seconds)
+
+
+class Blind(UdpStage):
+    """It has no probe."""
+
+    probe = BusDriver.probe
+
+
+@pytest.fixture
+def config(tmp_path, announce, monkeypatch):
+    """A configuration, with a peer that is not started; what else is in the file does not matter."""
+    monkeypatch.setattr(device_lock, "FOLDER", tmp_path / "locks")
+    announce("stage", f"{__name__}:Stage")
+    announce("blind", f"{__name__}:Blind")
+    peer = UdpPeer()
+    file = tmp_path / "cell.yaml"
+    file.write_text(
+        "axes: 5\ndrivers:\n"
+        f"  stage: {{driver: stage, port: {peer.port}, serial_number: 7}}\n"
+        f"  blind: {{driver: blind, port: {peer.port}, serial_number: 7}}\n"
+        "  cell: {driver: simulated}\n  wrong: {driver: stage, port: 70000, serial_number: 7}\n"
+        "  none: {driver: stagge}\n"
+    )
+    return file, peer
+
+
+ended = partial(code_of, "device", "probe")
+
+
+def test_answers_in_a_table(config, capsys):
+    file, peer = config
+    peer.start()
+    try:
+        assert ended(file, "stage", "--seconds", "0.2") == 0
+        assert not peer.writes(), "nothing is moved"
+    finally:
+        peer.kill()
+    header, first, *rest = capsys.readouterr().out.splitlines()
+    assert header.split() == ["answers", "name", "value", "note"]
+    assert first.split() == ["udp", f"127.0.0.1:{peer.port}", "serial_number", "7"]
+    assert rest[0].split() == ["strains", "in", "um", "strain_x", "0"]
+    assert rest[1].split() == ["strain_y", "0"]
+
+
+def test_answers_as_a_document(config, monkeypatch, capsys):
+    monkeypatch.setattr(Stage, "probed", lambda self, seconds: iter([Answer("unit 3", {"pressure": 1.5}, "[busy]")]))
+    assert ended(config[0], "stage", "--seconds", "0.2", "--json") == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["device"] == f"udp 127.0.0.1:{config[1].port}"
+    assert document["answers"] == [{"name": "unit 3", "values": {"pressure": 1.5}, "note": "[busy]", "is_value": True}]
+
+
+def test_terminal_shows_the_newest(config, monkeypatch, capsys):
+    file, _ = config
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True)
+    answers = [Answer("unit 3", {"pressure": 1.5}, "[busy]"), Answer("unit 3", {"pressure": 2.5}, "[idle]")]
+    monkeypatch.setattr(Stage, "probed", lambda self, seconds: iter(answers))
+    assert ended(file, "stage", "--seconds", "0.2") == 0
+    last = [line for line in capsys.readouterr().out.splitlines() if "unit 3" in line][-1]
+    assert "2.5" in last
+    assert "[idle]" in last
+
+
+def test_ctrl_c_shows_what_was_found(config, monkeypatch, capsys):
+    def interrupted(self, seconds):
+        yield Answer("unit 3", {})
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Stage, "probed", interrupted)
+    assert ended(config[0], "stage") == 0
+    assert "unit 3" in capsys.readouterr().out
+
+
+def test_no_device_is_69(config, capsys):
+    assert ended(config[0], "stage", "--seconds", "0.1") == 69
+    line = capsys.readouterr().err.strip()
+    device = f"udp 127.0.0.1:{config[1].port}"
+    assert line.startswith(f"micromanip: {device} ")
+    assert line.count(device) == 1
+    assert "\n" not in line
+
+
+def test_silent_bus_is_69_and_a_document(config, monkeypatch, capsys):
+    monkeypatch.setattr(Stage, "probed", lambda self, seconds: iter(()))
+    assert ended(config[0], "stage", "--seconds", "0.1", "--json") == 69
+    shown = capsys.readouterr()
+    assert json.loads(shown.out)["answers"] == []
+    assert "nothing answered on udp" in shown.err
+    assert "drivers.stage" in shown.err
+
+
+def test_refusals_alone_are_69_and_shown(config, monkeypatch, capsys):
+    """An exception is an answer, but no value."""
+    answers = [Answer("cell.strain_x", {}, "exception 2", is_value=False), Answer("b", {}, "silent", is_value=False)]
+    monkeypatch.setattr(Stage, "probed", lambda self, seconds: iter(answers))
+    assert ended(config[0], "stage", "--seconds", "0.1") == 69
+    out, err = capsys.readouterr()
+    assert "exception 2" in out
+    assert "silent" in out
+    assert "cell.strain_x: exception 2 (and 1 more)" in err
+
+
+def test_a_value_that_was_read_once_is_enough(config, monkeypatch):
+    said = [Answer("unit 3", {"pressure": 1.5}), Answer("unit 3", {}, "no answer", is_value=False)]
+    monkeypatch.setattr(Stage, "probed", lambda self, seconds: iter(said))
+    assert ended(config[0], "stage", "--seconds", "0.1") == 0
+
+
+def test_device_in_use_is_refused(config, monkeypatch, capsys):
+    monkeypatch.setattr(Stage, "probed", lambda self, seconds: pytest.fail("it looked all the same"))
+    with DeviceLocks([f"udp 127.0.0.1:{config[1].port}"]):
+        assert ended(config[0], "stage") == 69
+    assert f"udp 127.0.0.1:{config[1].port}" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("driver", "code", "message"),
+    [
+        ("blind", 64, "driver blind has no probe"),
+        ("stag", 64, "did you mean stage?"),
+        ("wrong", 78, "cell.yaml:6: drivers.wrong.port: "),
+        ("none", 78, "cell.yaml:7: drivers.none.driver: no driver called stagge is installed; did you mean stage?"),
+    ],
+)
+def test_what_cannot_be_looked_at(driver, code, message, config, capsys):
+    assert ended(config[0], driver) == code
+    shown = capsys.readouterr().err
+    assert message in shown
+    assert len(shown.strip().splitlines()) == 1
+
+
+def test_a_simulated_cell_shows_what_its_sensors_say_at_rest(capsys):
+    simulated = Path(__file__).parents[2] / "config" / "simulated.yaml"
+    assert ended(simulated, "cell", "--seconds", "0.5", "--json") == 0
+    document = json.loads(capsys.readouterr().out)
+    (answer,) = document["answers"]
+    assert set(answer["values"]) == set(prepare(simulated).configuration.signals)
+    assert abs(answer["values"]["strain_x"]) < 2.0, "the gauges rest at 0 V"
+    assert answer["values"]["stage_x"] == "-300, not good", "beyond the sensor's range"
+    assert ended(simulated, "cell", "--seconds", "0.5") == 0
+    shown = capsys.readouterr().out
+    assert f"strain_x         {answer['values']['strain_x']:.6g}" in shown, "the same seed, the same values"
+    assert "0.5 s of virtual time" in shown

@@ -61,7 +61,7 @@ class Result:
 
 @dataclass
 class Report:
-    """Everything that one ``micromanip bench`` found out."""
+    """Everything that one ``micromanip system bench`` found out."""
 
     results: list[Result] = field(default_factory=list)
     skipped: dict[str, str] = field(default_factory=dict)

@@ -17,7 +17,7 @@ from micromanip.rt import mailbox as w
 from micromanip.rt.states import STATE_NAMES
 
 MICROMANIP = Path(sys.executable).with_name("micromanip")
-PARK, SIMULATE = ("safe-outputs",), ("simulate-device",)
+PARK, SIMULATE = ("park",), ("device", "simulate")
 """What is typed to bring outputs to rest, and to play a device."""
 TAG = "MICROMANIP_TEST_TAG"
 PATIENCE_S = 150.0  # compiling anew, on a busy machine, takes a minute

@@ -78,7 +78,7 @@ async def save_recording(source: Source, configuration: RunningConfiguration, fi
     if first < history.oldest_full:
         raise UsageError(
             f"a recording has every cycle, and those before cycle {history.oldest_full} are known as least and "
-            "greatest only: zoom in, or save as CSV; `micromanip record start` records for longer"
+            "greatest only: zoom in, or save as CSV; `micromanip recording start` records for longer"
         )
     orders = {
         "file": str(file),

@@ -99,7 +99,7 @@ def test_after_a_run_and_a_typing_error_the_outputs_come_to_park_within_the_slew
         config.write_text(config.read_text().replace("park_V: 0", "park_V: 1100"))
         before = bench.device.report()["outputs"]
         assert max(before[name]["max"] for name in AXES) > 20.0, "there is something to bring to rest"
-        (snapshot,) = (state / "micromanip" / "safe-outputs").iterdir()
+        (snapshot,) = (state / "micromanip" / "park").iterdir()
 
         os.chown(snapshot, 4711, 4711)
         code, _, err = safe_outputs(config, state)

@@ -8,7 +8,7 @@ from click.testing import CliRunner
 from learner.production import BEGIN_S, Production, text
 
 from campaigns.running_controller import until
-from micromanip.cli.learn import command
+from micromanip.cli.commands import cli
 from micromanip.client import Client
 from micromanip.rt import mailbox as w
 from tests.cells import changed
@@ -40,7 +40,7 @@ def test_a_memory_is_played_and_learned_from_on_the_real_loop(run, tmp_path):
     cell = run(changed(made, ("folder: learned", f"folder: {tmp_path / 'learned'}"))).reach("TRACKING")
 
     def typed(*words):
-        found = CliRunner().invoke(command, [*words, "--socket", str(cell.socket)])
+        found = CliRunner().invoke(cli, ["learn", *words, "--socket", str(cell.socket)])
         assert found.exit_code == 0, found.output
         return found.stdout
 

@@ -122,7 +122,7 @@ def test_it_goes_by_what_last_ran_and_says_so(config, tmp_path, capsys):
 
 def test_what_was_left_and_can_not_be_used_is_a_warning(config, tmp_path, capsys):
     write(Source.read(config), {}, tmp_path / "micromanip")
-    (snapshot,) = (tmp_path / "micromanip" / "safe-outputs").iterdir()
+    (snapshot,) = (tmp_path / "micromanip" / "park").iterdir()
     snapshot.chmod(0o666)
     assert ended(config, "--json") == 0
     said = capsys.readouterr()

@@ -69,7 +69,7 @@ def test_the_newest_counts_and_a_writer_that_was_killed_leaves_the_one_before(co
         with pytest.raises(OSError, match="disk full"):
             kept(config, folder)
     assert plan_of(config).configuration.outputs["voltage_x"].park_V == 0
-    assert len(list((folder / "safe-outputs").iterdir())) == 1
+    assert len(list((folder / "park").iterdir())) == 1
     kept(config, folder)
     assert plan_of(config).configuration.outputs["voltage_x"].park_V == 5
 
@@ -257,7 +257,7 @@ def test_the_keeper_follows_what_concerns_the_outputs(config, folder, monkeypatc
 @pytest.mark.parametrize("spoil", [lambda folder: folder.write_text(""), foreign])
 def test_a_snapshot_that_cannot_be_written_is_a_warning(config, folder, spoil):
     folder.mkdir(parents=True)
-    target = folder / "safe-outputs"
+    target = folder / "park"
     if spoil is foreign:
         target.mkdir()
     spoil(target)

@@ -25,7 +25,7 @@ from micromanip.files import HeldFolder
 from micromanip.settings.check import Prepared
 from micromanip.settings.text.source import Source
 
-_FOLDER, _FORMAT = "safe-outputs", 1
+_FOLDER, _FORMAT = "park", 1
 _MOST_BYTES = 4_000_000
 _CONCERNS = ("schema_version", "loop", "start", "drivers", "outputs", "switches")
 

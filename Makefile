@@ -20,7 +20,7 @@ $(READY): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "Python 3.11 or newer is needed, found $$($(PYTHON) -V)"; exit 1; }
 	@$(PYTHON) -m venv $(VENV) || { echo "the module venv is missing: apt-get install python3-venv"; exit 1; }
 	# a third of what is installed is ever imported: who imports a module first compiles it
-	$(BIN)/pip install --quiet --disable-pip-version-check --no-compile --constraint constraints.txt --editable '.[all]'
+	$(BIN)/pip install --quiet --disable-pip-version-check --no-compile --constraint constraints.txt --editable '.[dev]'
 	# its client wants an older paho-mqtt; its decoder, which the tests hold ours against, wants none
 	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --no-deps pysparkplug
 	@touch $(READY)

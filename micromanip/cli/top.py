@@ -19,15 +19,10 @@ def command(socket_path: Path) -> None:
     """State, faults, each axis and its error, five times a second.
 
     Keys arm, hold, disarm and reset, each after a question. Leaving it changes nothing.
-    It needs a terminal, and the extra `top`.
+    It needs a terminal.
     """
-    try:
-        from .top_screen import Top
-    except ModuleNotFoundError as missing:
-        raise UsageError(
-            f"top needs {missing.name}, which comes with the extra: pip install 'micromanip[top]'; "
-            "`micromanip status --watch` does without"
-        ) from missing
+    from .top_screen import Top
+
     if not all(stream.isatty() for stream in (sys.stdin, sys.stdout, sys.stderr)):  # textual draws on the last
         raise UsageError("top needs a terminal; `micromanip status --watch` prints a line now and then anywhere")
     Client(socket_path).close()  # who starts it without a controller is told at once

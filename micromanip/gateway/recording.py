@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.errors import CheckFailed, DeviceUnavailable, UsageError, system_error
+from micromanip.errors import CheckFailed, UsageError, system_error
 from micromanip.recordings import mcap_layout as layout
 from micromanip.replies import RunningConfiguration
 
@@ -22,7 +22,7 @@ async def save(source: Source, configuration: RunningConfiguration, first: int, 
     """Write the cycles `first` to `last` into the new `file`; how many rows.
 
     Raises UsageError where some of them are not there row by row any more, CheckFailed where they are overwritten
-    meanwhile, DeviceUnavailable without the extra or without room.
+    meanwhile, DeviceUnavailable without room.
     """
     history = source.history
     if first > last:
@@ -42,8 +42,6 @@ async def save(source: Source, configuration: RunningConfiguration, first: int, 
     }
     try:
         recording = await asyncio.to_thread(_begun, orders)
-    except ImportError as missing:
-        raise DeviceUnavailable("a recording needs mcap here: pip install micromanip[recording]") from missing
     except OSError as problem:
         raise system_error(problem, file.parent) from problem
     try:

@@ -10,7 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.errors import CheckFailed, DeviceUnavailable, UsageError, did_you_mean, system_error
+from micromanip.errors import CheckFailed, UsageError, did_you_mean, system_error
+from micromanip.extras import required
 from micromanip.files.table_line import table_line
 
 from .hdf5 import ENDINGS as HDF5
@@ -54,14 +55,13 @@ def export(telemetry: Telemetry, to: Path, cut: Cut | None = None, signals: Sequ
     except OSError as problem:
         raise system_error(problem, f"--to {to}") from problem
     try:
-        rows = writer(telemetry, to, names, cut or (0.0, np.inf))
+        with required(f"--to {to}", "formats"):
+            rows = writer(telemetry, to, names, cut or (0.0, np.inf))
         if cut is not None:
             _require_any(rows, telemetry)
     except BaseException as problem:
         with contextlib.suppress(OSError):
             to.unlink()
-        if isinstance(problem, ImportError):
-            raise DeviceUnavailable(f"{to}: {problem.name} is needed: pip install micromanip[all]") from problem
         if isinstance(problem, OSError):
             raise system_error(problem, to) from problem
         raise

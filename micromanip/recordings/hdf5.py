@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from micromanip.errors import CheckFailed
+from micromanip.extras import required
 
 from .arrays import WIDE, columns_of
 from .table import Array, Table
@@ -27,11 +28,9 @@ _UNIT_ATTRIBUTES = ("units", "unit", "Units", "Unit")
 
 
 def require_h5py(file: Path) -> Any:
-    """The library. CheckFailed where it is not installed."""
-    try:
+    """The library. DeviceUnavailable where it is not installed."""
+    with required(f"{file}: reading HDF5", "formats"):
         import h5py
-    except ImportError as problem:
-        raise CheckFailed(f"{file}: reading HDF5 needs the extra: pip install micromanip[recording]") from problem
     return h5py
 
 

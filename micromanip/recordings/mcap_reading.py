@@ -264,7 +264,7 @@ def _declared(file: Path, stream: IO[bytes]) -> list[Any]:
 
 
 def _parsed(file: Path, kind: str, content: bytes) -> Any:
-    records, data_stream = _library(file)
+    records, data_stream = _library()
     try:
         return getattr(records, kind).read(data_stream.ReadDataStream(io.BytesIO(content)))
     except (ValueError, struct.error, _failure()) as problem:
@@ -283,11 +283,9 @@ def _chunk(file: Path, content: bytes, *, sure: bool = True) -> list[Any]:
         raise CheckFailed(f"{file}: {_WHY} ({problem})") from problem
 
 
-def _library(file: Path) -> tuple[Any, Any]:
-    try:
-        from mcap import data_stream, records
-    except ImportError as problem:
-        raise CheckFailed(f"{file}: reading MCAP needs the extra: pip install micromanip[recording]") from problem
+def _library() -> tuple[Any, Any]:
+    from mcap import data_stream, records
+
     return records, data_stream
 
 

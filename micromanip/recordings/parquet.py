@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from micromanip.errors import CheckFailed
+from micromanip.extras import required
 
 from .table import Array, Table
 
@@ -16,12 +17,10 @@ _MOST_VALUES = 250_000_000
 
 
 def read_parquet(file: Path) -> Table:
-    """The columns of numbers. CheckFailed where it is cut off, or the extra is missing."""
-    try:
+    """The columns of numbers. CheckFailed where it is cut off, DeviceUnavailable where the extra is missing."""
+    with required(f"{file}: reading Parquet", "formats"):
         import pyarrow
         from pyarrow import parquet
-    except ImportError as problem:
-        raise CheckFailed(f"{file}: reading Parquet needs the extra: pip install micromanip[parquet]") from problem
 
     def reading(name: str, stamped: bool) -> Callable[[], Array]:
         def read() -> Array:

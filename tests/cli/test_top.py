@@ -168,12 +168,3 @@ def test_without_a_terminal_it_says_what_does(tmp_path, capsys):
         main(["top", "--socket", str(tmp_path / "none")])
     assert ended.value.code == 64
     assert "status --watch" in capsys.readouterr().err
-
-
-def test_without_the_extra_it_names_it(tmp_path, capsys, monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "textual.app", None)
-    monkeypatch.delitem(__import__("sys").modules, "micromanip.cli.top_screen")
-    with pytest.raises(SystemExit) as ended:
-        main(["top", "--socket", str(tmp_path / "none")])
-    assert ended.value.code == 64
-    assert "pip install 'micromanip[top]'" in capsys.readouterr().err

@@ -18,6 +18,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NoReturn
 
+from micromanip.extras import advice
 from micromanip.host.orders import Orders, tell
 from micromanip.host.ring import RingReader
 from micromanip.host.shared_memory import CONTROL, RING, STATUS, Segments
@@ -49,7 +50,7 @@ def main() -> int:
     try:
         recording = _opened(orders)
     except ImportError:
-        tell(problem="install the extra first: pip install micromanip[recording]")
+        tell(problem=f"h5py is missing: {advice('formats')}")
         return 69
     except (OSError, RuntimeError) as problem:
         tell(problem=f"{orders['file']} can't be written: {_said(problem)}")

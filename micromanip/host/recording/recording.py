@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from micromanip.errors import CheckFailed, DeviceUnavailable, UsageError, system_error
+from micromanip.extras import advice
 from micromanip.host.child import Child
 from micromanip.recordings.hdf5 import ENDINGS as HDF5
 from micromanip.rt import mailbox as w
@@ -74,7 +75,7 @@ def require_library(file: Path) -> None:
     if library is None:
         raise UsageError(f"{file}: a recording is an MCAP file, {MCAP}, or an HDF5 file, {HDF5[0]}: name it so")
     if importlib.util.find_spec(library) is None:
-        raise DeviceUnavailable(f"recording to {file} needs {library}: pip install micromanip[recording]")
+        raise DeviceUnavailable(f"recording to {file} needs {library}: {advice('formats')}")
 
 
 class RecorderProcess:

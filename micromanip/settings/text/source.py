@@ -12,6 +12,7 @@ from typing import Any
 from micromanip.errors import ConfigError
 from micromanip.files.byte_order_mark import marked_encoding
 from micromanip.files.regular_file import open_regular
+from micromanip.files.shipped import shipped
 
 from . import renames, yaml_nodes
 from .place import Finding, Path
@@ -140,7 +141,7 @@ def _read_text(file: pathlib.Path) -> str:
         with open_regular(file) as stream:
             content = stream.read(_MAX_BYTES + 1)
     except FileNotFoundError:
-        raise ConfigError(f"{file}: no such file; config/ has examples") from None
+        raise ConfigError(f"{file}: no such file; {shipped('config')} has examples") from None
     except IsADirectoryError:
         raise ConfigError(f"{file}: a directory; name the YAML file in it") from None
     except OSError as error:

@@ -2,7 +2,10 @@
 PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
+BASE   := $(VENV)/.base
 READY  := $(VENV)/.installed
+# a third of what is installed is ever imported: who imports a module first compiles it
+PIP    := $(BIN)/pip install --quiet --disable-pip-version-check --no-compile --constraint constraints.txt
 # more than cores: while some tests wait for processes and links, others compute; those of `check` do not wait
 JOBS   ?= 3
 TESTS  := $(BIN)/python -m pytest -p tools.again_alone -n $(JOBS) --dist loadgroup
@@ -16,16 +19,19 @@ unexport PYTHONDONTWRITEBYTECODE
 help:             ## this list
 	@grep -hE '^[a-z-]+: .*##|^[a-z-]+:  *##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
 
-$(READY): pyproject.toml constraints.txt
+$(BASE): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "Python 3.11 or newer is needed, found $$($(PYTHON) -V)"; exit 1; }
 	@$(PYTHON) -m venv $(VENV) || { echo "the module venv is missing: apt-get install python3-venv"; exit 1; }
-	# a third of what is installed is ever imported: who imports a module first compiles it
-	$(BIN)/pip install --quiet --disable-pip-version-check --no-compile --constraint constraints.txt --editable '.[dev]'
+	$(PIP) --editable .
+	@touch $(BASE)
+
+$(READY): $(BASE)
+	$(PIP) --editable '.[dev]'
 	# its client wants an older paho-mqtt; its decoder, which the tests hold ours against, wants none
-	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --no-deps pysparkplug
+	$(PIP) --no-deps pysparkplug
 	@touch $(READY)
 
-run: $(READY)     ## the paper's experiment, then 10 s of the real loop at 10 kHz on the simulated cell
+run: $(BASE)     ## the paper's experiment, then 10 s of the real loop at 10 kHz on the simulated cell
 	$(BIN)/micromanip evaluate config/simulated.yaml --out out/evaluate
 	$(BIN)/micromanip run config/simulated.yaml --duration 10 --socket out/control.sock
 

@@ -70,7 +70,7 @@ def command(
         if learned and not tuned:
             raise UsageError("--learned needs a commissioned axis, and its own PID is what it has: E is D, repeated")
         task = bar.add_task(
-            "evaluate", total=(21 if tuned else 15) + (6 if learned else 0) + (5 * len(shown) if figures else 0)
+            "evaluate", total=(21 if tuned else 15) + (6 if learned else 0) + (4 * len(shown) if figures else 0)
         )
         runs = evaluate(configuration, experiment, own_pid, tuned, progress=lambda: bar.advance(task))
         quick = evaluate_fast(configuration, experiment, own_pid, tuned, progress=lambda: bar.advance(task))

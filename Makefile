@@ -32,6 +32,7 @@ $(READY): $(BASE)
 	@touch $(READY)
 
 run: $(BASE)     ## the paper's experiment, then 10 s of the real loop at 10 kHz on the simulated cell
+	@$(BIN)/python -m tools.compiled run  # by one process, which types each law once; the two would do it twice
 	$(BIN)/micromanip evaluate config/simulated.yaml --out out/evaluate
 	$(BIN)/micromanip run config/simulated.yaml --duration 10 --socket out/control.sock
 

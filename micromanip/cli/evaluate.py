@@ -12,6 +12,7 @@ from micromanip.errors import UsageError
 
 from .axes import require_axis_of
 from .axis_names import complete_axis
+from .compiling import show_compiling
 from .options import Quantity, StrictCommand, config_argument, json_option, prepare_and_warn, print_json
 from .prose import say
 from .results import Pictures, out_option, provenance
@@ -63,6 +64,7 @@ def command(
         Pictures(folder if figures else None) as pictures,
         Progress(console=Console(stderr=True), transient=True) as bar,
     ):
+        show_compiling(bar.console.print)
         experiment = VirtualExperiment(prepared)
         configuration = with_models(prepared.configuration, experiment, bar.console.print)
         known = any(axis.commissioned or axis.actuator for axis in configuration.axes.values())

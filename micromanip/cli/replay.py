@@ -10,6 +10,7 @@ import click
 
 from micromanip.errors import UsageError
 
+from .compiling import show_compiling
 from .options import Quantity, StrictCommand, json_option, print_answer
 from .prose import say
 from .recording_options import Cut, warn_of_damage
@@ -88,9 +89,8 @@ def command(
         raise UsageError("--cut goes with --with or --vary; without them the whole recording is compared")
     from micromanip.recordings import open_telemetry
     from micromanip.replay import replay
-    from micromanip.rt.jit import Compiler
 
-    Compiler.tell = staticmethod(lambda name: say(f"compiling {name} (the first time only)", err=True))
+    show_compiling()
     telemetry = open_telemetry(file)
     warn_of_damage(telemetry)
     found = replay(telemetry)

@@ -29,6 +29,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
+from .progress import Progress
+
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 _KEPT_CACHES = 24
@@ -249,6 +251,8 @@ class Compiler:
 
     tell: ClassVar[Callable[[str], None]] = staticmethod(lambda _: None)
     """Hears the name of each function that has to be compiled because it is not in the cache."""
+    tell_left: ClassVar[Callable[[str, float], None]] = staticmethod(lambda _name, _seconds: None)
+    """Hears meanwhile, now and then, how many seconds are left."""
 
     def __init__(self, package_file: str, *, allocates: bool = False, also: tuple[Path, ...] = ()) -> None:
         """`also` are folders of other packages whose functions are built into this one's."""
@@ -304,10 +308,15 @@ class Compiler:
     def _cached(self, function: Any, build: Callable[[bool], Any], *, tell: bool) -> Any:
         """What `build(cache)` makes; whether there is a cache is found out once."""
         is_kept = self.keeps(function)
+        outer = Progress.current
         if tell and not is_kept:
             Compiler.tell(function.__name__)
+            Progress.current = outer or Progress(function, Compiler.tell_left)
         with self._cache_folder():
-            return build(bool(self._caches))
+            try:
+                return build(bool(self._caches))
+            finally:
+                Progress.current = outer
 
     def keeps(self, function: Any) -> bool:
         """Whether machine code of `function` is in the cache."""

@@ -2,7 +2,10 @@
 PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
+BASE   := $(VENV)/.base
 READY  := $(VENV)/.installed
+# a third of what is installed is ever imported: who imports a module first compiles it
+PIP    := $(BIN)/pip install --quiet --disable-pip-version-check --no-compile --constraint constraints.txt
 # more than cores: while some tests wait for processes and links, others compute; those of `check` do not wait
 JOBS   ?= 3
 TESTS  := $(BIN)/python -m pytest -p tools.again_alone -n $(JOBS) --dist loadgroup
@@ -16,14 +19,18 @@ unexport PYTHONDONTWRITEBYTECODE
 help:             ## this list
 	@grep -hE '^[a-z-]+: .*##|^[a-z-]+:  *##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
 
-$(READY): pyproject.toml constraints.txt
+$(BASE): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "Python 3.11 or newer is needed, found $$($(PYTHON) -V)"; exit 1; }
 	@$(PYTHON) -m venv $(VENV) || { echo "the module venv is missing: apt-get install python3-venv"; exit 1; }
-	# a third of what is installed is ever imported: who imports a module first compiles it
-	$(BIN)/pip install --quiet --disable-pip-version-check --no-compile --constraint constraints.txt --editable '.[all]'
+	$(PIP) --editable .
+	@touch $(BASE)
+
+$(READY): $(BASE)
+	$(PIP) --editable '.[dev]'
 	@touch $(READY)
 
-run: $(READY)     ## the paper's experiment, then 10 s of the real loop at 10 kHz on the simulated cell
+run: $(BASE)     ## the paper's experiment, then 10 s of the real loop at 10 kHz on the simulated cell
+	@$(BIN)/python -m tools.compiled run  # by one process, which types each law once; the two would do it twice
 	$(BIN)/micromanip evaluate config/simulated.yaml --out out/evaluate
 	$(BIN)/micromanip run config/simulated.yaml --duration 10 --socket out/control.sock
 
@@ -42,7 +49,7 @@ test: $(READY)    ## lint and all tests; the laws compiled, bounds-checked and a
 	$(TESTS) -m 'not thorough' tests --ignore=tests/rt
 
 compiled: $(READY)  # by one process, which types each law once; each worker of pytest would do the same
-	@$(BIN)/python -m tests.compiled
+	@$(BIN)/python -m tools.compiled
 
 collected: $(READY)  # what pytest makes of a new or changed test is kept; each worker would make the same. Errors: later
 	@$(BIN)/pytest --collect-only -qqq tests --ignore=tests/rt >/dev/null || true

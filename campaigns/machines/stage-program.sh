@@ -15,7 +15,7 @@ mount --bind "$packages" /opt/micromanip/packages # wherever it lies: a service 
 echo /opt/micromanip/packages >"$own/packages.pth"
 cp -rp "$repository/micromanip" "$repository/drivers/micromanip_drivers" "$packages"/micromanip-*.dist-info "$own"
 mkdir -p /opt/micromanip/share/micromanip
-cp -rp "$repository/systemd" /opt/micromanip/share/micromanip
+cp -rp "$repository/systemd" "$repository/config" /opt/micromanip/share/micromanip
 cat >/opt/micromanip/bin/micromanip <<PROGRAM
 #!/opt/micromanip/bin/python
 import sys

@@ -19,6 +19,7 @@ class OutputWriter:
         """`noted` gets what the outputs were given last (NaN: nobody knows) whenever the device has taken something."""
         self._driver, self._safe, self._noted = driver, safe, noted
         self._sent: dict[int, Values] = {}
+        """Values of each task that the device has not confirmed yet."""
         self.taken_s: dict[int, float] = {}
         """When the device took the outputs of each task last (time.monotonic)."""
 

@@ -90,7 +90,6 @@ class Worker:
         self._values = [output.safe for output in rules.outputs]
         self._given = np.full(len(image.wanted()[0]), math.nan)  # as long as the image's, the driver's outputs first
         self._writer = OutputWriter(driver, self.safe, self._note_given)
-        """Values of each task that the device has not confirmed yet."""
         self._decided_ns = 0
         self._inbox = Inbox()
         self._schedule = Schedule((), 0)

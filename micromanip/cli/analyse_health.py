@@ -153,7 +153,7 @@ def _draw(checks: list[Check], judged: Judged, configuration: Configuration, fol
     from micromanip.design.drift.picture import picture
 
     drawn = picture(checks, judged, configuration.axes[judged.axis].accept)
-    return save(drawn, folder, f"drift_{judged.axis}", about=f"tuning {checks[-1].tuning}")
+    return [save(drawn, folder, f"drift_{judged.axis}", about=f"tuning {checks[-1].tuning}")]
 
 
 def _document(check: Check, judged: Judged) -> dict[str, Any]:

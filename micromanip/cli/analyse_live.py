@@ -78,7 +78,7 @@ def command(
         from micromanip.design.running_figures import picture
 
         with results_folder(folder):
-            files = save(picture(found), folder, f"sensitivity_{axis}_{loop}", about=where)
+            files.append(save(picture(found), folder, f"sensitivity_{axis}_{loop}", about=where))
     if as_json:
         emit_json(document(found, loop) | {"files": [str(file) for file in files]})
     else:

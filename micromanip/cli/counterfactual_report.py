@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any, NoReturn
 
-from .echo import echo
+from .compiling import show_compiling
 from .options import emit_answer
 from .recording_options import open_recording
 
@@ -18,10 +18,9 @@ def predict_tuning(file: Path, config: Path, cut: tuple[float, float] | None, as
     from micromanip.replay.counterfactual import DRAWS, FIGURES, SETTLE_S, Rerun, predict
     from micromanip.replay.fitting import fit_models
     from micromanip.replay.window import take_window, tooth_caveats
-    from micromanip.rt.jit import Compiler
     from micromanip.settings.commissioned import changes_since
 
-    Compiler.tell = staticmethod(lambda name: echo(f"compiling {name} (the first time only)", err=True))
+    show_compiling()
     telemetry = open_recording(file)
     _, recorded = recorded_configuration(telemetry)
     from micromanip.settings.check import prepare

@@ -12,6 +12,7 @@ import click
 from micromanip.errors import UsageError
 
 from .axes import complete_axis, require_axis_of
+from .compiling import show_compiling
 from .echo import echo
 from .options import Quantity, StrictCommand, config_argument, emit_json, json_option
 from .progress import steps
@@ -52,11 +53,12 @@ def command(
         raise UsageError(f"evaluate runs in virtual time: driver {real[0]} of {config} can't, it has a time of its own")
     shown = [only] if only else names
     with Pictures(folder if figures else None) as pictures, steps() as bar:
+        show_compiling(bar.console.print)
         experiment = VirtualExperiment(prepared)
         configuration = with_models(prepared.configuration, experiment, bar.console.print)
         known = any(axis.commissioned or axis.actuator for axis in configuration.axes.values())
         tuned = known and not own_pid
-        total = (21 if tuned else 15) + (5 * len(shown) if figures else 0)
+        total = (21 if tuned else 15) + (4 * len(shown) if figures else 0)
         numbers = itertools.count(1)
 
         def progress() -> None:

@@ -10,6 +10,7 @@ import click
 
 from micromanip.errors import UsageError
 
+from .compiling import show_compiling
 from .echo import echo
 from .options import Quantity, StrictCommand, emit_answer, json_option
 from .recording_options import Cut, open_recording
@@ -87,9 +88,8 @@ def command(
     if cut is not None:
         raise UsageError("--cut goes with --with or --vary; without them the whole recording is compared")
     from micromanip.replay import replay
-    from micromanip.rt.jit import Compiler
 
-    Compiler.tell = staticmethod(lambda name: echo(f"compiling {name} (the first time only)", err=True))
+    show_compiling()
     telemetry = open_recording(file)
     found = replay(telemetry)
     difference = found.difference

@@ -11,7 +11,6 @@ import click
 
 from micromanip.client import Client
 from micromanip.errors import UsageError
-from micromanip.extras import required
 
 from .echo import echo
 from .options import Quantity, StrictCommand, emit_answer, json_option, socket_option
@@ -37,8 +36,8 @@ def command(watch: bool, every_s: float, socket_path: Path, as_json: bool) -> No
 
             emit_answer(client.status(), status, as_json)
         elif all(stream.isatty() for stream in (sys.stdin, sys.stdout, sys.stderr)):  # textual draws on the last
-            with required("status --watch on a terminal", "top"):
-                from .status_screen import StatusScreen
+            from .status_screen import StatusScreen
+
             StatusScreen(socket_path).run()
         else:
             with contextlib.suppress(KeyboardInterrupt):

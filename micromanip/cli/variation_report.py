@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from micromanip.errors import CheckFailed
 
-from .echo import echo
+from .compiling import show_compiling
 from .options import emit_answer
 from .recording_options import open_recording
 from .results import keep, require_new, require_room
@@ -70,11 +70,10 @@ def _recorded(file: Path, config: Path | None, cut: tuple[float, float] | None) 
     from micromanip.replay.comparable import recorded_configuration, require_comparable
     from micromanip.replay.fitting import fit_models
     from micromanip.replay.window import take_window
-    from micromanip.rt.jit import Compiler
     from micromanip.settings.check import prepared
     from micromanip.settings.text.source import Source
 
-    Compiler.tell = staticmethod(lambda name: echo(f"compiling {name} (the first time only)", err=True))
+    show_compiling()
     telemetry = open_recording(file)
     source, recorded = recorded_configuration(telemetry)
     base = prepared(source if config is None else Source.read(config))

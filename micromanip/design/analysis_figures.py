@@ -189,5 +189,4 @@ def draw_analysis(analysis: AxisAnalysis, folder: Path, about: str = "") -> list
         drawings["bode"], drawings["nyquist"] = bode(loops), nyquist(loops, analysis.settings.accept)
     if analysis.samples:
         drawings["drawn_plants"] = drawn_plants(analysis.samples, analysis.settings.accept)
-    files = (save(figure, folder, f"{name}_{analysis.axis}", about=about) for name, figure in drawings.items())
-    return [file for pair in files for file in pair]
+    return [save(figure, folder, f"{name}_{analysis.axis}", about=about) for name, figure in drawings.items()]

@@ -11,27 +11,26 @@ from matplotlib.figure import Figure
 _SIZE, _DPI = (7.0, 4.5), 130
 
 
-def save(figure: Figure, folder: Path, name: str, dpi: int = _DPI, about: str = "") -> list[Path]:
-    """Write `figure` as PNG and SVG, each whole or not at all; the files. Raises OSError.
+def save(figure: Figure, folder: Path, name: str, dpi: int = _DPI, about: str = "") -> Path:
+    """Write `figure` as SVG, whole or not at all; the file. Raises OSError.
 
     `about` stands below it in small print: where it comes from.
     """
     if about:
         figure.supxlabel(about, fontsize="x-small", color="dimgrey")
     lay_out(figure, dpi)
-    files = [folder / f"{name}.png", folder / f"{name}.svg"]
-    for file in files:
-        try:
-            with rc_context({"svg.hashsalt": "micromanip"}):  # the same figure, the same bytes
-                figure.savefig(file, dpi=dpi, metadata={"Date": None} if file.suffix == ".svg" else None)
-        except OSError:
-            file.unlink(missing_ok=True)
-            raise
-    return files
+    file = folder / f"{name}.svg"
+    try:
+        with rc_context({"svg.hashsalt": "micromanip"}):  # the same figure, the same bytes
+            figure.savefig(file, dpi=dpi, metadata={"Date": None})
+    except OSError:
+        file.unlink(missing_ok=True)
+        raise
+    return file
 
 
 def lay_out(figure: Figure, dpi: float) -> None:
-    """Place the panels of `figure` once; each file of it would be laid out, and drawn in vain, by itself."""
+    """Place the panels of `figure` once; a file of it would be laid out, and drawn in vain, by itself."""
     engine = figure.get_layout_engine()
     if engine is not None:
         figure.dpi = dpi

@@ -1,4 +1,4 @@
-"""Pictures like the paper's figures 2, 5, 8 and 9, and of creep, as PNG and SVG."""
+"""Pictures like the paper's figures 2, 5, 8 and 9, as SVG."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from micromanip.rt.records import MAX_AXES
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
 from micromanip.settings.schema.model import Configuration
-from micromanip.settings.schema.reference import File, Hold, Step
+from micromanip.settings.schema.reference import File
 
 from . import paper
 from .canvas import panels, save
@@ -22,7 +22,6 @@ from .experiment import Experiment, with_axes, with_reference
 from .hysteresis import predict
 from .tuning import record_hysteresis
 
-CREEP_S = 60.0
 _COLOURS = {"A": "tab:blue", "B": "tab:red", "C": "tab:green"}
 
 Array = NDArray[np.float64]
@@ -98,30 +97,9 @@ def input_output(runs: list[Run], axis: int) -> Figure:
     return figure
 
 
-def creep(configuration: Configuration, experiment: Experiment, axis: int) -> Figure:
-    """Position after a step, open loop (creeping) and under integral action."""
-    seconds, rate = CREEP_S, configuration.loop.rate_hz
-    every = rate // 1000
-    open_loop = with_reference(
-        with_axes(configuration, mode="voltage"), Step(source="step", offset_um=20.0, step_um=90.0)
-    )
-    closed = with_reference(with_axes(configuration, mode="strain"), Hold(source="hold", offset_um=90.0))
-    figure, (panel,) = panels(1, "Creep after a step of 90 V, and under feedback")
-    for label, variant in (("open loop", open_loop), ("under integral action", closed)):
-        position = experiment(variant, seconds, every=every)["axis"]["true_strain_um"][:, axis]
-        after = np.arange(1, len(position) + 1) * every / rate
-        panel.semilogx(after, position - position[np.searchsorted(after, 0.1)], label=label, lw=0.8, rasterized=True)
-    panel.set(
-        xlabel="time after the step, s", ylabel="true position since 0.1 s, um", xlim=(0.1, seconds), ylim=(-1.0, 6.0)
-    )
-    panel.legend()
-    panel.grid(alpha=0.3, which="both")
-    return figure
-
-
 def draw_all(
     configuration: Configuration, experiment: Experiment, runs: list[Run], axis: int, folder: Path, about: str = ""
-) -> Iterator[list[Path]]:
+) -> Iterator[Path]:
     """Draw the pictures of one axis into `folder`, one after the other; `about` says where they come from."""
     rate = configuration.loop.rate_hz
     drawings: list[tuple[str, Callable[[], Figure]]] = [
@@ -129,7 +107,6 @@ def draw_all(
         ("figure5_model", lambda: model_and_data(configuration, experiment, axis)),
         ("figure8_control_error", lambda: control_errors(runs, axis, rate)),
         ("figure9_input_output", lambda: input_output(runs, axis)),
-        ("creep", lambda: creep(configuration, experiment, axis)),
     ]
     name = list(configuration.axes)[axis]
     for title, draw in drawings:

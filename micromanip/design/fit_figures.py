@@ -70,14 +70,14 @@ def draw_fit(result: Fitted, record: Record, held_out: Record | None, folder: Pa
     """Draw all of them into `folder`; the files."""
     predicted = result.predict(record.u)
     what = f"{result.kind}, rms {result.rms_percent:.2f} % of the stroke"
-    files = save(_beside(result, record, predicted, what), folder, "figure5_model", dpi)
-    files += save(_residuals(result, record, predicted - record.y, what), folder, "residuals", dpi)
+    files = [save(_beside(result, record, predicted, what), folder, "figure5_model", dpi)]
+    files.append(save(_residuals(result, record, predicted - record.y, what), folder, "residuals", dpi))
     if held_out is not None and result.validation is not None:
         other = result.held_out if result.held_out is not None else result.predict(held_out.u)
         other = other - (other - held_out.y)[result.burn_in :].mean()
         what = f"not fitted to: rms {result.validation['rms_percent']:.2f} % of the stroke"
-        files += save(_beside(result, held_out, other, what), folder, "held_out", dpi)
-        files += save(_residuals(result, held_out, other - held_out.y, what), folder, "held_out_residuals", dpi)
+        files.append(save(_beside(result, held_out, other, what), folder, "held_out", dpi))
+        files.append(save(_residuals(result, held_out, other - held_out.y, what), folder, "held_out_residuals", dpi))
     if isinstance(result.settings, PrandtlIshlinskii):
-        files += save(_density(result.settings), folder, "density", dpi)
+        files.append(save(_density(result.settings), folder, "density", dpi))
     return files

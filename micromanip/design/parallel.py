@@ -9,7 +9,8 @@ from typing import Any, TypeVar
 import joblib
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 
-from micromanip.errors import DeviceUnavailable, UsageError
+from micromanip.errors import DeviceUnavailable
+from micromanip.extras import required
 
 _ANSWERS_S = 10
 
@@ -36,13 +37,11 @@ def scheduler(address: str, *shared: object) -> Iterator[None]:
     """Let the Dask scheduler at `address`, e.g. tcp://host:8786, take the work of `each` inside.
 
     Every worker gets one copy of each object that `each` is told as `shared`. The calls of a killed worker go to the
-    others. Raises UsageError without the extra `cluster`, DeviceUnavailable where no scheduler answers,
-    or all workers with a copy are gone.
+    others. Raises DeviceUnavailable without the extra `cluster`, where no scheduler answers, or where all workers
+    with a copy are gone.
     """
-    try:
+    with required("a Dask scheduler", "cluster"):
         from distributed import CancelledError, Client, KilledWorker
-    except ImportError as problem:
-        raise UsageError("a cluster needs the packages of the extra: pip install 'micromanip[cluster]'") from problem
     connect: Any = Client
     try:
         client = connect(address, timeout=_ANSWERS_S)

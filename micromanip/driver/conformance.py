@@ -3,7 +3,7 @@
 from importlib.util import find_spec
 
 if find_spec("pytest") is None:
-    raise ModuleNotFoundError("the conformance suite needs pytest: pip install 'micromanip[conformance]'")
+    raise ModuleNotFoundError("the conformance suite needs pytest: install pytest beside micromanip")
 
 from micromanip.conformance.contract import BusDriverContract
 from micromanip.conformance.peer import Golden, Peer

@@ -238,7 +238,7 @@ def _orders(prepared: Prepared, name: str, descriptor: int, offset: int) -> dict
 
 
 def _rules(prepared: Prepared, name: str) -> dict[str, Any]:
-    """What the worker goes by that can be changed while it runs (``io.worker.Rules``)."""
+    """What the worker goes by that can be changed while it runs (``micromanip.bus.worker.Rules``)."""
     configuration = prepared.configuration
     return {
         "outputs": [asdict(output) for output in prepared.wiring.safe_outputs(name, configuration)],

@@ -46,8 +46,8 @@ from .statistics import Gathered, report
 from .workers import Workers
 
 _HEARTBEAT_S = 0.02
-_NICE = -10
 """The loop ends when it has no sign of life of this process for a second."""
+_NICE = -10
 _WORKERS, _SWITCH_S = 2, 0.001
 """Threads that check values and write files, and how soon they let the heartbeat have its turn."""
 _LOOK_S = 0.2

@@ -152,9 +152,9 @@ def _compile(orders: dict[str, Any]) -> None:
         os._exit(0)
 
 
-def _tell_compiling(name: str) -> None:
+def _tell(text: str) -> None:
     """A line for people: the host passes it on."""
-    print(json.dumps({"text": f"compiling {name} for this processor, once after an update"}), flush=True)  # noqa: T201
+    print(json.dumps({"text": text}), flush=True)  # noqa: T201
 
 
 def main() -> int:
@@ -167,7 +167,8 @@ def main() -> int:
     segments = Segments.attach(descriptors, writable=True)
     control, status, ring = segments.control.record(CONTROL), segments.status.record(STATUS), segments.ring.record(RING)
     samples = segments.sample_table()
-    Compiler.tell = staticmethod(_tell_compiling)
+    Compiler.tell = staticmethod(lambda name: _tell(f"compiling {name} for this processor, once after an update"))
+    Compiler.tell_left = staticmethod(lambda name, seconds: _tell(f"compiling {name}: {seconds:.0f} s left"))
     try:
         with contextlib.nullcontext() if _may_call_blas(orders) else without_blas():
             _compile(orders)

@@ -15,7 +15,7 @@ from .table import Array, Table
 
 
 def read_parquet(file: Path) -> Table:
-    """The columns of numbers. CheckFailed where it is cut off."""
+    """The columns of numbers. CheckFailed where it is cut off, DeviceUnavailable where the extra is missing."""
     with required(f"{file}: Parquet", "formats"):
         import pyarrow
         from pyarrow import parquet

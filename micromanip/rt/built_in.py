@@ -16,6 +16,8 @@ from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 from numba.extending import models, register_model
 
+from .progress import Progress
+
 
 class BuiltIn(types.Dispatcher):
     """One specialisation for all values of an argument: numba would make one for each literal fault code."""
@@ -57,3 +59,10 @@ class PartCompiler(Compiler):
 
     def __init__(self, typing: Any, target: Any, library: Any, *rest: Any) -> None:
         super().__init__(typing, target, library or _Part(target.codegen(), "part"), *rest)
+
+    def compile_extra(self, func: Any) -> Any:
+        """Numba's result for `func`."""
+        made = super().compile_extra(func)
+        if Progress.current is not None:
+            Progress.current.compiled(func)
+        return made

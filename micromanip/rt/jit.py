@@ -29,6 +29,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
+from .progress import Progress
+
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 _KEPT_CACHES = 24
@@ -98,12 +100,31 @@ def _loaded(cache: Any, signature: Any, target: Any) -> Any:
         return cache._load_overload(signature, target)
 
 
+def _places(caching: Any, config: Any) -> list[Any]:
+    """Where numba looks for machine code: numba's own ways, and before these ours, by the module's name.
+
+    Numba's own way in a given folder is by place and time of the source. Our folder is keyed by all sources already:
+    whatever is installed of these very sources, wherever and whenever, shares it.
+    """
+
+    class ByModule(caching.UserProvidedCacheLocator):  # type: ignore[misc]
+        def __init__(self, function: Any, file: str) -> None:
+            super().__init__(function, file)
+            self._cache_path = str(Path(config.CACHE_DIR, function.__module__))
+
+        def get_source_stamp(self) -> str:
+            return ""
+
+    return [ByModule, *caching.CacheImpl._locator_classes]
+
+
 @functools.cache
 def _numba() -> Any:
     """numba, told to put up with the disk, not to write so much, and to load only what it is to load."""
     import numba
     from numba.core import caching
 
+    caching.CacheImpl._locator_classes = _places(caching, numba.config)
     # numba's own place for this, which it fills on Windows only; elsewhere a disk that fills would end the program
     caching.Cache._guard_against_spurious_io_errors = _in_spite_of_the_disk  # type: ignore[assignment,method-assign]
     caching.Cache.load_overload = _loaded  # type: ignore[method-assign]
@@ -230,6 +251,8 @@ class Compiler:
 
     tell: ClassVar[Callable[[str], None]] = staticmethod(lambda _: None)
     """Hears the name of each function that has to be compiled because it is not in the cache."""
+    tell_left: ClassVar[Callable[[str, float], None]] = staticmethod(lambda _name, _seconds: None)
+    """Hears meanwhile, now and then, how many seconds are left."""
 
     def __init__(self, package_file: str, *, allocates: bool = False, also: tuple[Path, ...] = ()) -> None:
         """`also` are folders of other packages whose functions are built into this one's."""
@@ -285,15 +308,18 @@ class Compiler:
     def _cached(self, function: Any, build: Callable[[bool], Any], *, tell: bool) -> Any:
         """What `build(cache)` makes; whether there is a cache is found out once."""
         is_kept = self.keeps(function)
+        outer = Progress.current
         if tell and not is_kept:
             Compiler.tell(function.__name__)
+            Progress.current = outer or Progress(function, Compiler.tell_left)
         with self._cache_folder():
-            return build(bool(self._caches))
+            try:
+                return build(bool(self._caches))
+            finally:
+                Progress.current = outer
 
     def keeps(self, function: Any) -> bool:
-        """Whether machine code of `function`, as it is installed here, is in the cache: numba keeps another place's
-        apart, though it is the same.
-        """
+        """Whether machine code of `function` is in the cache."""
         if self._caches is None:
             self._caches = self._open_cache()
         caching = _numba().core.caching

@@ -27,7 +27,7 @@ def test_the_document_sums_to_the_whole_and_pictures_are_drawn(tmp_path):
     assert {cause["how"] for cause in axis["causes"]} == {"computed"}
     assert axis["measured_um"] is None
     assert axis["bound"]["ratio"] == pytest.approx(axis["rms_um"] / axis["bound"]["rms_um"])
-    assert {file.name for file in tmp_path.iterdir()} == {"budget_x.png", "budget_x.svg"}
+    assert {file.name for file in tmp_path.iterdir()} == {"budget_x.svg"}
 
 
 def test_what_is_known_is_not_called_the_whole(monkeypatch):

@@ -46,7 +46,7 @@ def test_a_spindle_that_is_exchanged_is_seen(tmp_path):
     assert done.exit_code == 1
     assert "mode_Hz drifts since" in done.exception.args[0]
     assert len(history.read_text().splitlines()) == 8
-    assert {file.name for file in (tmp_path / "out").iterdir()} == {"drift_x.png", "drift_x.svg"}
+    assert {file.name for file in (tmp_path / "out").iterdir()} == {"drift_x.svg"}
 
 
 def test_bad_input_changes_nothing(tmp_path):

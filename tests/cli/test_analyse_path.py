@@ -38,7 +38,7 @@ def test_a_path_that_fits_ends_with_0_and_is_drawn(tmp_path):
     assert axis["deviation_um"] == pytest.approx([-150.0, 150.0], rel=0.01)
     assert axis["setpoint_um"] == pytest.approx([36.0, 96.0], abs=1.0)
     assert found["offset"]["corner_Hz"] == 1.0
-    assert found["files"] == [str(out / "preview_x.png"), str(out / "preview_x.svg"), str(offset)]
+    assert found["files"] == [str(out / "preview_x.svg"), str(offset)]
     assert offset.read_text(encoding="utf-8").startswith("t_s,offset_x_um\n0,")
 
 

@@ -41,14 +41,16 @@ def test_help_fits_a_narrow_terminal(width, monkeypatch, capsys):
         assert "/run/micromanip/control.sock" in shown or "status" not in name
 
 
-def test_an_error_is_wrapped_on_a_terminal_and_whole_in_a_log(monkeypatch, capsys):
+def test_an_error_is_wrapped_on_a_terminal_and_whole_in_a_log(tmp_path, monkeypatch, capsys):
     """COLUMNS may be exported by whatever started us; what reads a log or a pipe looks for whole lines all the same."""
-    said = "micromanip: a configuration that is not there.yaml: no such file; config/ has examples"
+    (tmp_path / "a configuration that is a folder").mkdir()
+    monkeypatch.chdir(tmp_path)
+    said = "micromanip: a configuration that is a folder: a directory; name the YAML file in it"
     monkeypatch.setenv("COLUMNS", "40")
-    assert code_of("check", "a configuration that is not there.yaml") == 78
+    assert code_of("check", "a configuration that is a folder") == 78
     assert capsys.readouterr().err.splitlines() == [said]
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
-    assert code_of("check", "a configuration that is not there.yaml") == 78
+    assert code_of("check", "a configuration that is a folder") == 78
     lines = capsys.readouterr().err.splitlines()
     assert max(map(len, lines)) <= 40
     assert " ".join(" ".join(lines).split()) == said

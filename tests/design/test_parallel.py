@@ -2,14 +2,13 @@
 
 import os
 import signal
-import sys
 
 import joblib
 import pytest
 
 from micromanip.design.loops import monte_carlo
 from micromanip.design.parallel import each, scheduler
-from micromanip.errors import DeviceUnavailable, UsageError
+from micromanip.errors import DeviceUnavailable
 
 from .test_perturbation import PERIOD_S, sides
 
@@ -51,12 +50,6 @@ def worker_of(seed):
     from distributed import get_worker
 
     return get_worker().address
-
-
-def test_without_the_extra_it_says_what_to_install(monkeypatch):
-    monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(UsageError, match=r"micromanip\[cluster\]"), scheduler("tcp://127.0.0.1:8786"):
-        pass
 
 
 def test_an_address_that_is_none_is_said_at_once():

@@ -133,7 +133,7 @@ def test_the_command(tracking, tmp_path):
     assert (document["axis"], document["loop"]) == ("x", "strain")
     assert 1.0 < document["measured"]["Ms"] < 4.0
     assert document["agrees"] is (document["problem"] is None) or document["problem"]
-    assert {file.name for file in (tmp_path / "out").iterdir()} >= {"sensitivity_x_strain.png"}
+    assert {file.name for file in (tmp_path / "out").iterdir()} >= {"sensitivity_x_strain.svg"}
 
 
 def test_its_drift_is_checked(tracking, tmp_path):

@@ -44,7 +44,7 @@ def test_threads_that_compile_do_not_wait_for_each_other(tmp_path):
     done = subprocess.run(
         [sys.executable, "-c", f"import runpy; runpy.run_path({str(program)!r})"],
         env=os.environ | {"XDG_CACHE_HOME": str(tmp_path)},
-        capture_output=True, text=True, timeout=60, check=False,
+        capture_output=True, text=True, timeout=240, check=False,
     )  # fmt: skip
     assert done.stderr == ""
     assert done.stdout == "6.0 190.0\n"

@@ -264,7 +264,7 @@ def test_no_configuration_at_all(cell, content, expected):
 @pytest.mark.parametrize(
     ("name", "expected"),
     [
-        ("none.yaml", "none.yaml: no such file; config/ has examples"),
+        ("none.yaml", f"none.yaml: no such file; {Path(__file__).resolve().parents[2] / 'config'} has examples"),
         (".", ".: a directory; name the YAML file in it"),
         ("circle", "circle: can't be read: Too many levels of symbolic links"),
     ],

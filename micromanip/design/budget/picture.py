@@ -36,4 +36,4 @@ def draw_budget(budget: AxisBudget, folder: Path, about: str = "") -> Iterator[P
         bar.axvline(budget.bound.rms_um**2, color="k", linestyle=":", label=f"bound: {budget.bound.rms_um:.3f} um")
     bar.legend(loc="upper center", bbox_to_anchor=(0.5, -0.25), ncols=2, fontsize="small", frameon=False)
     bands.set(xscale="log", xlabel="frequency, Hz", ylabel="um^2 per 1/6 octave")
-    yield from save(figure, folder, f"budget_{budget.axis}", about=about)
+    yield save(figure, folder, f"budget_{budget.axis}", about=about)

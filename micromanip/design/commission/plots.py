@@ -103,7 +103,7 @@ def figure_9(runs: list[Run], index: int) -> tuple[Plot, ...]:
 
 def _over_phase(run: Run, index: int) -> tuple[Array, Array]:
     rows = run.rows["axis"][run.settled :, index]
-    turns = np.arange(len(rows)) * 1e-4 * run.frequency_hz
+    turns = np.arange(len(rows)) / run.rate_hz * run.frequency_hz
     whole = turns < max(np.floor(turns[-1] + 1e-6), 1.0)
     return folded((360.0 * turns[whole]) % 360.0, (rows["reference_um"] - rows["strain_um"])[whole], 2 * _BINS)
 

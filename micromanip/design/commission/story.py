@@ -97,8 +97,9 @@ def _strain(found: Commissioned, analysis: AxisAnalysis) -> Section:
             analysis.strain.margins[worst],
         )
     text = (
-        "The largest integral gain for which the sensitivity stays below its limit, at every slope that the hysteresis "
-        "gives the actuator."
+        "The PID with the least cost. The cost adds the residual error, which feedback leaves, and the gauge noise, "
+        "which feedback amplifies. The sensitivity stays below its limit at every slope of the hysteresis and within "
+        "the uncertainty of the measured response."
     )
     return Section("Strain PID", text, figures, plots)
 
@@ -110,7 +111,10 @@ def _stage(found: Commissioned) -> Section:
         "model beside the measured response": f"{found.stage.fit_percent:.1f} %",
         "first mode": f"{mode_Hz:.1f} Hz, damping {damping:.3f}",
     }
-    text = "Noise on the set-point with the strain loop closed; the others hold their working points."
+    text = (
+        "A multisine on the set-point excites the stage. The strain loop of this axis is closed; the other axes rest "
+        "at their park voltages."
+    )
     return Section("Stage dynamics", text, figures, (tried_orders(found), *measured_response(found)))
 
 

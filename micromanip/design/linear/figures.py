@@ -89,12 +89,12 @@ def free_run(result: Judged) -> Figure:
 
 def draw_linear(result: Judged, folder: Path) -> list[Path]:
     """Draw all of them into `folder`; the files."""
-    files = save(singular_values(result), folder, "singular_values")
+    files = [save(singular_values(result), folder, "singular_values")]
     record = result.held_out[0]
     for o, output in enumerate(record.outputs):
         for i, driven in enumerate(record.inputs):
-            files += save(bode(result, o, i), folder, f"bode_{_plain(driven)}_{_plain(output)}")
-    return files + save(free_run(result), folder, "free_run")
+            files.append(save(bode(result, o, i), folder, f"bode_{_plain(driven)}_{_plain(output)}"))
+    return [*files, save(free_run(result), folder, "free_run")]
 
 
 def _plain(name: str) -> str:

@@ -38,4 +38,4 @@ def draw_preview(axis: AxisPreview, left: AxisPreview, settings: Axis, folder: P
     path.legend(fontsize="small", frameon=False)
     setpoint.set(ylabel="set-point, um")
     error.set(ylabel="following error, um", xlabel="s of the path")
-    yield from save(figure, folder, f"preview_{axis.axis}", about=about)
+    yield save(figure, folder, f"preview_{axis.axis}", about=about)

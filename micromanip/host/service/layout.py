@@ -10,6 +10,7 @@ from pathlib import Path
 
 import micromanip
 from micromanip.errors import CheckFailed, DeviceUnavailable, MicromanipError
+from micromanip.shipped import shipped
 
 UNIT, GATEWAY = "micromanip.service", "micromanip-gateway.service"
 CONFIG = Path("/etc/micromanip/cell.yaml")
@@ -104,13 +105,8 @@ def _quoted(program: Path) -> str:
 
 
 def _templates() -> Path:
-    """The folder ``systemd/`` of the source tree, or what an installation has of it."""
-    assert micromanip.__file__ is not None
-    places = (
-        Path(micromanip.__file__).resolve().parent.parent / "systemd",
-        Path(sys.prefix) / "share" / "micromanip" / "systemd",
-    )
-    for place in places:
-        if (place / "micromanip.service.in").is_file():
-            return place
-    raise CheckFailed(f"this installation lacks the service's files; they belong into {places[-1]}")
+    """The folder ``systemd/``; raises CheckFailed where it is not there."""
+    place = shipped("systemd")
+    if (place / "micromanip.service.in").is_file():
+        return place
+    raise CheckFailed(f"this installation lacks the service's files; they belong into {place}")

@@ -11,6 +11,7 @@ from typing import Any
 
 from micromanip.errors import ConfigError
 from micromanip.files import marked_encoding, open_regular
+from micromanip.shipped import shipped
 
 from . import yaml_nodes
 from .place import Finding, Path
@@ -124,7 +125,7 @@ def _read_text(file: pathlib.Path) -> str:
         with open_regular(file) as stream:
             content = stream.read(_MAX_BYTES + 1)
     except FileNotFoundError:
-        raise ConfigError(f"{file}: no such file; config/ has examples") from None
+        raise ConfigError(f"{file}: no such file; {shipped('config')} has examples") from None
     except IsADirectoryError:
         raise ConfigError(f"{file}: a directory; name the YAML file in it") from None
     except OSError as error:

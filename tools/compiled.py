@@ -1,6 +1,8 @@
 """Compiles all that has the cycle of the cell built in, by one process, before `make test` starts many.
 
-    python -m tests.compiled
+    python -m tools.compiled [run]
+
+With `run` it compiles what `make run` uses, and no more.
 
 The loop, its copy in virtual time, the replay of rows and the shadow of a tuning consist of the same laws. Numba keeps
 machine code of each, but what it finds out about a law (two thirds of the time) only within a process: four processes
@@ -10,9 +12,12 @@ twin: a quarter of the time that it takes alone.
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 from micromanip_drivers.simulated.driver import SimulatedCell
 
+from micromanip.cli.compiling import show_compiling
 from micromanip.replay.fitting import displacements
 from micromanip.replay.kernel import replay_rows
 from micromanip.rt.cell import cell_cycle
@@ -26,10 +31,14 @@ from micromanip.rt.swap import swap_cell
 from micromanip.rt.virtual import run_virtual
 
 
-def main() -> None:
+def main(only: str = "") -> None:
     """Compile, or find it in the cache."""
-    prepare(run_loop, run_virtual, replay_rows, displacements)
+    show_compiling()
+    prepare(run_loop, run_virtual)
     SimulatedCell(SimulatedCell.Options(), 100_000).functions()
+    if only == "run":
+        return
+    prepare(replay_rows, displacements)
     Compiled.laws_compiled = True  # as the tests call a law
     p, s = (np.zeros(2, kind) for kind in (CELL_PARAMETERS, CELL_STATE))
     start_shadow(p[0], p[1], s[0], s[1])
@@ -41,4 +50,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    main(*sys.argv[1:])

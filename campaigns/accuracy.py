@@ -18,7 +18,7 @@ import yaml
 from micromanip.design import paper
 from micromanip.design.budget.configured import bound_of, cell_of
 from micromanip.design.evaluation import TUNED, evaluate, table
-from micromanip.design.loops import each
+from micromanip.design.parallel import each
 from micromanip.errors import CheckFailed
 from micromanip.settings.check import Prepared
 from micromanip.settings.schema.model import Configuration

@@ -67,9 +67,7 @@ def _utc(unix_s: float) -> str:
 
 
 def _ended(telemetry: Telemetry) -> str:
-    if telemetry.end.get("complete"):
-        return "in order"
-    return str(telemetry.end.get("problem") or "broken off, or still being written")
+    return "in order" if telemetry.end else "broken off, or still being written"
 
 
 def _seconds(telemetry: Telemetry) -> float | None:

@@ -63,7 +63,7 @@ def test_trip_is_on_disk_before_a_reset(run):
     assert RAMPING in box.rows["state"][at:]
     assert box.meta["configuration"] == cell.config.read_text()
     assert box.parameters["version"].tolist() == [1]
-    assert box.parameters["axis"]["pid"]["gain"][0, 0] == 0.6
+    assert box.parameters["axis"]["pid"]["K_V_per_um"][0, 0] == 0.6
     assert box.state[0]["cycle"] >= box.trip["cycle"]
     told = json.loads(explained(cell, "--json"))
     assert (told["code"], told["axis"], told["configuration"]["now"]) == ("X-201", "y", "unchanged")

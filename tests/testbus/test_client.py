@@ -110,7 +110,7 @@ def test_too_many_bytes_are_refused(bus):
 
 def test_without_a_hub_it_says_what_to_do():
     with pytest.raises(
-        can.CanInitializationError, match="no hub for channel nowhere: start `micromanip device simulate"
+        can.CanInitializationError, match="no hub for channel nowhere: start `micromanip device"
     ):
         HubBus("nowhere")
 

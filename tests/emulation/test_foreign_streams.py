@@ -19,7 +19,7 @@ from micromanip.bus.inbox import Inbox
 from micromanip.settings.text.source import Source
 
 from .lines import ELSEWHERE, free_port, write_cell
-from .test_stream_device import CAPACITIVE, TRACKER
+from .test_stream_device import CAPACITIVE
 
 pytestmark = pytest.mark.realtime  # so is a foreign program
 
@@ -133,27 +133,3 @@ def test_socat_plays_a_recording(tmp_path):
             line.close()
             socat.terminate()
     assert got[-1] == pytest.approx(GAPS_UM[-1])
-
-
-@needs_socat
-@pytest.mark.parametrize("stranger", [False, True])
-def test_socat_sends_datagrams(tmp_path, stranger):
-    port, listen = free_port(socket.SOCK_DGRAM), free_port(socket.SOCK_DGRAM)
-    line = driver(tmp_path, TRACKER, port=port, listen=listen)
-    recording = tmp_path / "recording"
-    recording.write_bytes(b"".join(datagram(i, 1e-3 * x, 1e-3 * y) for i, (x, y) in enumerate(GAPS_UM)))
-    to = f"UDP-SENDTO:127.0.0.1:{listen}" + ("" if stranger else f",bind=127.0.0.1:{port}")
-
-    def feed():
-        subprocess.run(["socat", "-u", f"-b{SIZE}", f"FILE:{recording}", to], check=True, timeout=10)
-
-    try:
-        with feeding(feed):
-            if stranger:
-                with pytest.raises(LinkError):
-                    line.open()
-            else:
-                line.open()
-                assert_from_the_recording(heard(line, 0.3))
-    finally:
-        line.close()

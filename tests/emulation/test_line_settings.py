@@ -73,15 +73,3 @@ def test_port_in_use(tmp_path):
     finally:
         first.close()
     Devices(file, loop=VirtualLoop()).close()
-
-
-def test_address_of_another_machine(tmp_path):
-    file = write_cell(tmp_path, GCS.format(port="tcp: {host: 192.0.2.1, port: 50000}"))
-    with pytest.raises(DeviceUnavailable, match="at an address of this machine"):
-        Devices(file, loop=VirtualLoop())
-
-
-def test_name_that_nobody_knows(tmp_path):
-    file = write_cell(tmp_path, GCS.format(port="tcp: {host: no.such.host.invalid, port: 50000}"))
-    with pytest.raises(DeviceUnavailable, match="can't be listened on"):
-        Devices(file, loop=VirtualLoop())

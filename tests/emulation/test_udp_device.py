@@ -8,7 +8,6 @@ import pytest
 from drivers.called import Called
 from testbus.loop_in_thread import LoopInThread
 
-from micromanip.bus.errors import IdentityMismatch
 from micromanip.bus.safe_state import VOLTAGE, SafeOutput
 from micromanip.driver.wire import DOWN, TAKEN
 from micromanip.emulation.devices import Devices
@@ -102,16 +101,6 @@ def cell(tmp_path):
     found.close()
 
 
-def test_a_voltage_moves_the_stage_and_the_sensors_say_so(cell):
-    cell.open().run(0.05)
-    codes, before = cell.run(0.05)
-    codes, after = cell.lift(30.0).run(0.2, 30.0)
-    assert codes[-1] == 0
-    assert np.mean(after[-20:]) - np.mean(before) > 10.0
-    assert cell.outputs_report()["voltage_x"]["max"] == pytest.approx(30.0, abs=1e-4)
-    assert cell.statistics["losses"] == 0
-
-
 @pytest.mark.parametrize(
     ("kind", "keys", "counter"),
     [
@@ -177,15 +166,3 @@ def test_a_controller_that_dies_leaves_the_device_to_its_watchdog(cell):
     until(lambda: cell.devices.cell.voltages()["voltage_x"] == 0.0, "the amplifier is not discharged")
     assert cell.devices.cell.amplifiers[0].trips == 1
     assert cell.driver.safe_in_host()(cell.context) == 0
-
-
-def test_another_device_is_refused(cell):
-    cell.order(inject="identity")
-    with pytest.raises(IdentityMismatch, match=r"serial_number \d+, the configuration says 20417"):
-        cell.driver.begin(cell.context)
-
-
-def test_probe_shows_who_answers(cell):
-    (answer,) = {found.name: found for found in cell.driver.probe(0.3)}.values()
-    assert answer.values == {"serial_number": 20417, "version": 3}
-    assert cell.outputs_report()["voltage_x"]["samples"] == 0

@@ -1,10 +1,8 @@
 """DBC files of whole machines: what is wrong in them where nobody looks keeps no message from being used."""
 
-import can
 import cantools
 import pytest
 from micromanip_drivers.canbus.database import Database, usable
-from micromanip_drivers.canbus.listening import heard
 
 from micromanip.errors import ConfigError
 
@@ -81,31 +79,6 @@ def test_a_message_of_j1939_that_takes_several_frames(tmp_path):
     (tmp_path / "truck.dbc").write_text(MACHINE + protocol)
     with pytest.raises(ConfigError, match=r"32 bytes, which classic CAN has not: J1939 sends it in several frames"):
         Database(tmp_path / "truck.dbc").message("receive.Parts", "Parts")
-
-
-class Once:
-    """A link on which one frame comes."""
-
-    def __init__(self, frame):
-        self.frames = [(frame, 0)]
-
-    def open(self):
-        pass
-
-    def close(self):
-        pass
-
-    def receive(self, _):
-        frames, self.frames = self.frames, []
-        return frames
-
-
-def test_signals_over_each_other_are_not_shown_as_if_all_were_there(machine):
-    [answer] = heard(
-        Once(can.Message(arbitration_id=648, data=bytes(8), is_extended_id=False)), machine.by_identifier(), 0.01
-    )
-    assert answer.note == "Unled, signals not shown: multiplexed"
-    assert "code" not in answer.values
 
 
 def test_lines_stay_where_they_are():

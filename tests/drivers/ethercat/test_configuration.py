@@ -55,35 +55,6 @@ def test_an_output_that_nobody_needs_stays_at_its_safe_value():
     assert image.sent()[0]["template"][image.image_at] == 0b0010
 
 
-def test_gaps_and_spare_fields_may_have_the_names_of_others():
-    two = options(
-        terminals={
-            "one": ANALOGUE,
-            "two": PINS_IN
-            | {
-                "inputs": {
-                    "gap": {
-                        "pdo": 0x1A00,
-                        "fields": {
-                            "gap": {"index": 0, "type": "bit3"},
-                            "error": {"index": 0x6000, "type": "bool", "spare": True},
-                            "line": {"index": 0x6001, "type": "bool"},
-                        },
-                    }
-                }
-            },
-        }
-    )
-    assert Ethercat(two, PERIOD_NS).inputs.count("error") == 1
-
-
-def test_slower_inputs_come_after_those_of_each_cycle():
-    driver = Ethercat(options(), PERIOD_NS)
-    assert driver.inputs == ("ok", "strain", "count", "deviation")
-    rates = {channel.name: channel.rate_hz for channel in driver.slow_inputs}
-    assert rates == {"ok": 10_000, "strain": 10_000, "count": 1000, "deviation": 1000}
-
-
 def without(keys, *path):
     """The keys but for one."""
     first, *rest = path
@@ -159,12 +130,6 @@ def with_fields(direction, change):
     return DRIVE | {direction: {name: pdo | {"fields": change(dict(pdo["fields"]))}}}
 
 
-def test_objects_of_a_drive_are_whole_bytes():
-    shifted = with_fields("inputs", lambda fields: {"ready": {"index": 0x2000, "type": "bool"}} | fields)
-    with pytest.raises(ConfigError, match=r"stage\.inputs: statusword begins at bit 1 of a byte"):
-        Ethercat(options(terminals={"stage": shifted}), PERIOD_NS)
-
-
 def lacking(name):
     return lambda fields: {each: keys for each, keys in fields.items() if each != name}
 
@@ -208,12 +173,6 @@ def test_words_of_a_drive_are_no_outputs_and_its_switches_take_no_bytes():
         "amplifier_ok",
     )
     assert image.bytes == (2 + 1 + 4) + (2 + 1 + 4 + 2) + 9
-
-
-def test_an_interface_at_either_end_of_a_ring_is_its_own():
-    ring = Ethercat(options("near", return_interface="far", clocks=False), PERIOD_NS)
-    assert (ring.device, ring.devices) == ("ethercat near", ("ethercat near", "ethercat far"))
-    assert Ethercat(options("near"), PERIOD_NS).devices == ("ethercat near",)
 
 
 def of_page(name):

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 from micromanip_drivers.ethercat.described import compare_with_file, differences
-from micromanip_drivers.ethercat.options import EthercatOptions, Terminal
+from micromanip_drivers.ethercat.options import Terminal
 
 from micromanip.bus.ethercat.esi import read_esi
 from micromanip.bus.ethercat.esi_keys import terminal_keys
@@ -126,23 +126,6 @@ def test_the_keys_of_a_digital_terminals_file_agree_with_it(tmp_path):
     assert what == "0x7010:01 of 2 bits, but entry 1 is 0x7010:01 of 1 bits, Output (BOOL)"
 
 
-def test_a_file_without_a_revision_is_about_all_of_them(tmp_path):
-    prepare(with_files(tmp_path, sample=SAMPLE.read_text().replace(' RevisionNo="#x00000001"', "")))
-
-
-def test_a_terminal_with_slots_has_pdos_that_its_file_has_not(tmp_path):
-    device = of_tracker(tmp_path, ("<Mailbox>", "<Slots/><Mailbox>"))
-    ((key, what, _),) = differences(terminal(inputs={"more": {"pdo": 0x1A10, "fields": COUNT}}), device)
-    assert key == "inputs.more.pdo"
-    assert what.endswith("it has slots, and PDOs of their modules are not read: leave esi out")
-
-
-def test_what_else_a_terminal_has_not(tmp_path):
-    device = of_tracker(tmp_path, ("<CoE", "<FoE"), ("<Dc>", "<Other>"), ("</Dc>", "</Other>"))
-    asked = terminal(settings={"range": {"index": 0x8000, "type": "uint8", "value": 1}}, sync0_shift_us=10.0, inputs={})
-    assert [key for key, _, _ in differences(asked, device)] == ["settings", "sync0_shift_us"]
-
-
 def test_pdos_that_exclude_each_other_and_one_that_is_mandatory(tmp_path):
     second = "<Index>#x1a00</Index>", "<Index>#x1a00</Index><Exclude>#x1a01</Exclude>"
     other = "<Mailbox>", '<TxPdo Mandatory="1"><Index>#x1a01</Index><Name>More</Name></TxPdo><Mailbox>'
@@ -170,13 +153,6 @@ def test_the_newest_revision_is_meant_where_any_will_do(tmp_path):
     compare_with_file("tracker", any_of_them, tmp_path)
     with pytest.raises(ConfigError, match=r"terminals\.tracker\.inputs\.deviation\.pdo: there is no PDO 0x1a00 among"):
         compare_with_file("tracker", any_of_them.model_copy(update={"revision": 0}), tmp_path)
-
-
-def test_without_a_file_nothing_is_looked_at(tmp_path):
-    for each in EthercatOptions.model_validate(
-        {"interface": "none0", "terminals": {"a": {"vendor": 1, "product": 2}}}
-    ).terminals.values():
-        compare_with_file("a", each, tmp_path)
 
 
 def test_pdos_of_two_areas_are_refused(tmp_path):

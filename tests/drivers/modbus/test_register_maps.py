@@ -1,12 +1,10 @@
 """Register maps of any kind: planned into transactions, asked of a simulated unit, and read back as they are."""
 
-import itertools
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from micromanip_drivers.modbus.options import ModbusOptions
-from micromanip_drivers.modbus.plan import MOST, plan_tasks
+from micromanip_drivers.modbus.plan import plan_tasks
 from micromanip_drivers.modbus.task_options import REGISTERS
 
 from micromanip.emulation.modbus.register import DeviceRegister
@@ -71,18 +69,6 @@ def test_what_is_read_is_what_the_unit_has(found, data):
         assert said.startswith(exchange.answer_head(b""))
         got |= dict(zip(exchange.inputs, exchange.values(said), strict=True))
     assert got == values
-
-
-@given(register_maps(most=60))
-def test_transactions_are_as_few_as_the_gaps_allow(found):
-    read = {name: {"address": address, "type": kind} for name, (address, kind) in found.items()}
-    (plan,) = plans({"t": {"function": 4, "rate_hz": 1, "read": read}})
-    rows = sorted(found.values())
-    gaps = sum(later[0] > row[0] + REGISTERS[row[1]] for row, later in itertools.pairwise(rows))
-    counts = [int.from_bytes(exchange.request({})[3:5], "big") for exchange in plan.exchanges]
-    assert max(counts) <= MOST[4]
-    assert sum(counts) == sum(REGISTERS[kind] for _, kind in rows)
-    assert len(counts) == gaps + 1 if sum(counts) <= MOST[4] else len(counts) >= gaps + 1
 
 
 @given(register_maps(most=12), st.data())

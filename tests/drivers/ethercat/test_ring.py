@@ -51,12 +51,6 @@ def level(bench, value):
     bench.line.applications[2].memory[INPUTS : INPUTS + 4].view("<i4")[0] = value
 
 
-def test_a_whole_ring_is_brought_up_and_told_as_one(bench):
-    assert {application.state for application in bench.line.applications} == {OP}
-    assert "cut_behind" not in bench.statistics
-    assert (bench.statistics["cuts"], bench.statistics["wrong_working_counter"]) == (0, 0)
-
-
 @pytest.mark.parametrize("place", PLACES)
 def test_a_cut_costs_no_cycle_and_no_sample(bench, place):
     bench.exchange(0.5, 0.0)

@@ -188,15 +188,6 @@ def test_a_device_that_began_anew_is_not_given_what_it_had_before(bench):
     assert bench.statistics["restarts"] == 1
 
 
-def test_a_flood_is_taken_in_portions_and_the_newest_counts_in_the_end(bench):
-    bench.follow()
-    for k in range(80):
-        bench.say(strain=k)
-    for _ in range(4):
-        bench.exchange(0, 0)
-    assert bench.signals[0]["value"] == pytest.approx(79.0)
-
-
 @pytest.mark.long  # a hundred thousand datagrams
 def test_garbage_changes_no_sample_and_no_output(bench, request):
     bench.follow()

@@ -59,17 +59,6 @@ def samples(bus):
     return [sample for sample in inbox if bus.inputs[sample.channel].name == "Sensors.strain_x"]
 
 
-def test_counters_and_status_are_no_channels(bus):
-    assert [channel.name for channel in bus.outputs] == [
-        *(f"Voltages.voltage_{axis}" for axis in "xyz"),
-        *(f"Voltages.{switch}" for switch in ("amplifier_enable", "feed_hold", "heartbeat")),
-    ]
-    names = [channel.name for channel in bus.inputs]
-    assert len(names) == 15
-    assert "Sensors.Count" not in names
-    assert "Sensors.Status" not in names
-
-
 def test_a_frozen_counter_gives_no_samples_although_values_move(bus, peer):
     for value in (1.0, 2.0, 3.0):
         send(peer, Count=5, strain_x=value)
@@ -85,11 +74,6 @@ def test_a_status_of_zero_can_be_bad(peer):
         send(peer, Status=value)
     assert [sample.status for sample in samples(bus)] == [-1, 0, 2, 0]
     bus.close()
-
-
-def test_a_latency_that_is_not_known_is_the_time_of_the_frame(bus):
-    assert bus.inputs[0].latency_s == pytest.approx(88.8e-6)
-    assert bus.outputs[0].latency_s == pytest.approx(55.8e-6)
 
 
 def test_a_second_controller_is_a_fault(bus, peer):
@@ -177,11 +161,6 @@ def test_a_silence_must_be_longer_than_the_device_is_silent_anyway():
     with pytest.raises(ValidationError, match=r"silence_ms 100 is less than three periods .* \(20 Hz\).* or null"):
         options(silence_ms=100, receive={"Sensors": {"rate_hz": 20.0}, "Tracker": {"rate_hz": 2.0}})
     options(silence_ms=150, receive={"Sensors": {"rate_hz": 20.0}, "Tracker": {"rate_hz": 2.0}})
-
-
-def test_an_fd_message_needs_an_fd_bus():
-    with pytest.raises(ConfigError, match=r"receive.Sensors: Sensors is a CAN FD message.*data_bitrate"):
-        CanBus(options(data_bitrate=None), FOLDER)
 
 
 @pytest.mark.parametrize(

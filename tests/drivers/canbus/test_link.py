@@ -38,14 +38,6 @@ def later_ns(seconds):
     return time.monotonic_ns() + round(seconds * 1e9)
 
 
-def test_error_frames_are_counted_and_kept_back(link, peer):
-    peer.send(can.Message(is_error_frame=True, is_extended_id=False))
-    peer.send(frame(3))
-    assert [message.arbitration_id for message, _ in link.receive(0)] == [3]
-    assert link.statistics()["error_frames"] == 1
-    assert link.statistics()["frames_in"] == 1
-
-
 @pytest.mark.parametrize(
     ("interface", "channel", "words"),
     [

@@ -53,13 +53,3 @@ def test_known_messages_are_decoded_and_their_rate_is_told():
     assert answer.values["strain_x"] == pytest.approx(7.0)
     assert answer.values["rate_hz"] == pytest.approx(60.0)
     assert answer.values["fd"] is True
-
-
-def test_strangers_are_shown_as_they_are():
-    found = answers(frame(0x300, b"xy"), frame(0x18FF0001, b"", extended=True), frame(0x10, b"\x01"))
-    assert [(answer.name, answer.values["data"]) for answer in found] == [
-        ("message 0x010", "01"),
-        ("message 0x300", "78 79"),
-        ("message 0x18ff0001 (extended)", ""),
-    ]
-    assert {answer.note for answer in found} == {"not in the database"}

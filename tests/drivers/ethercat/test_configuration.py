@@ -15,7 +15,7 @@ from micromanip.errors import ConfigError
 from micromanip.settings.check import prepare
 from tools.bus_faults.ethercat_cells import drive_cell
 
-from .bench import AMPLIFIER, ANALOGUE, GAUGE, PERIOD_NS, PINS_IN, PINS_OUT, options
+from .bench import AMPLIFIER, GAUGE, PERIOD_NS, PINS_IN, PINS_OUT, options
 from .drive_bench import DRIVE, drive
 
 
@@ -30,29 +30,6 @@ def test_a_frame_holds_count_image_states_and_time():
     ]
     assert image.working_counter == 3 + 1
     assert (image.placed["gauge"].inputs_at, image.placed["gauge"].input_bytes) == (6, 9)
-
-
-def test_bits_lie_one_behind_the_other_and_each_terminal_has_bytes_of_its_own():
-    both = options(terminals={"pins": PINS_OUT, "analogue": ANALOGUE, "lines": PINS_IN})
-    image, driver = Image(both), Ethercat(both, PERIOD_NS)
-    assert [(p.outputs_at, p.output_bytes, p.inputs_at, p.input_bytes) for p in image.placed.values()] == [
-        (0, 1, 1, 0),
-        (1, 0, 1, 4),
-        (1, 0, 5, 1),
-    ]
-    lines = tuple(f"line_{k}" for k in range(8))
-    assert driver.outputs == ("enable", "feed_hold_line", "lamp")
-    assert driver.inputs == ("underrange", "overrange", "limit_1", "error", "temperature", *lines)
-    received, sent = image.received()[0], image.sent()[0]
-    at = [(int(n["at"]) - image.image_at, int(n["bit"]), int(n["bits"])) for n in received["number"][:6]]
-    assert at == [(1, 0, 1), (1, 1, 1), (1, 2, 2), (1, 6, 1), (2, 5, 16), (5, 0, 1)]
-    assert [int(n["bit"]) for n in sent["number"][:3]] == [0, 2, 3]
-
-
-def test_an_output_that_nobody_needs_stays_at_its_safe_value():
-    kept = changed_field(PINS_OUT, "outputs", "channel_1", "unused", safe=0) | {"settings": AMPLIFIER["settings"]}
-    image = Image(options(terminals={"pins": kept}))
-    assert image.sent()[0]["template"][image.image_at] == 0b0010
 
 
 def without(keys, *path):
@@ -149,19 +126,6 @@ def lacking(name):
 def test_a_drive_that_lacks_what_it_needs_is_refused(terminal, said):
     with pytest.raises(ValidationError, match=said):
         options(terminals={"stage": terminal})
-
-
-@pytest.mark.parametrize(
-    ("terminal", "said"),
-    [
-        (drive(enable="controlword"), "controlword is a word that the driver itself fills"),
-        (drive(enable="voltage"), "the output voltage must have switch: true"),
-        (drive(ok="position"), "drive.ok: position is there already, of stage"),
-    ],
-)
-def test_channels_of_a_drive_are_its_own(terminal, said):
-    with pytest.raises(ConfigError, match=said):
-        Ethercat(options(terminals={"stage": terminal}), PERIOD_NS)
 
 
 def test_words_of_a_drive_are_no_outputs_and_its_switches_take_no_bytes():

@@ -23,11 +23,6 @@ def test_requests_are_those_of_the_library():
     assert TcpFraming().seal(0x11, pdu) == FramerSocket(DecodePDU(False)).buildFrame(request)
 
 
-def test_a_frame_of_the_specification():
-    """The checksum that the specification of the serial line works out."""
-    assert RtuFraming().seal(2, bytes.fromhex("07")).hex() == "02074112"
-
-
 @pytest.mark.parametrize("framing", [TcpFraming, RtuFraming])
 def test_an_answer_in_pieces_is_complete_with_its_last_byte(framing):
     framing = framing()

@@ -127,36 +127,3 @@ def test_a_device_that_is_away_is_a_lost_link_and_comes_back(unit, kind, lost, m
         unit.order('{"device": "clear"}')
         until(cycle.opened)
         until(lambda: cycle.turn(amplifier_enable=1.0))
-
-
-@pytest.mark.parametrize("name", ["modbus.yaml"])
-def test_a_half_open_connection(unit):
-    """The device hangs and has forgotten us when it goes on: whoever speaks to it is told so."""
-    with Cycle(unit) as cycle:
-        until(lambda: cycle.turn(amplifier_enable=1.0))
-        unit.order('{"inject": "hang", "for_s": 0.05}')
-        cycle.turns(2)
-        unit.order('{"inject": "disconnect"}')
-        with pytest.raises(LinkError, match="is gone"):
-            cycle.turns(50)
-        cycle.driver.close()
-        until(cycle.opened)
-        until(lambda: cycle.turn(amplifier_enable=1.0))
-
-
-@FILES
-def test_signal_faults_and_silence_reach_the_registers(unit):
-    with Cycle(unit) as cycle:
-        until(lambda: cycle.turn(amplifier_enable=1.0))
-        unit.order('{"device": "offset", "signal": "stage_x", "value": 25}')
-        before = cycle.values["stage_x"]
-        until(lambda: cycle.turn(amplifier_enable=1.0))
-        assert cycle.values["stage_x"] - before == pytest.approx(25.0, abs=3.0) or before <= -290
-        unit.order('{"device": "stop_counter"}')
-        time.sleep(0.005)
-        cycle.turns(2)
-        assert cycle.turns(3) == 0, "nothing is fresh"
-        assert cycle.driver.statistics()["repeated"] >= 3
-        unit.order('{"device": "silence", "message": "cell"}')
-        cycle.turns(1)
-        assert any("no answer" in error for error in cycle.errors)

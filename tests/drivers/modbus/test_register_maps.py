@@ -95,13 +95,3 @@ def test_registers_that_overlap_are_refused(found, data):
     read = {n: {"address": a, "type": k} for n, (a, k) in found.items()} | {"new": {"address": at, "type": other}}
     with pytest.raises(ConfigError, match=r"units\.u\.tasks\.t\.read\.\w+: overlaps with units\.u\.tasks\.t\.read\."):
         plans({"t": {"function": 3, "rate_hz": 1, "read": read}})
-
-
-def test_a_register_of_two_tasks_is_refused_when_both_write_it():
-    def task(name):
-        return {"function": 16, "rate_hz": 1, "write": {name: {"address": 5, "type": "uint16", "cyclic_safe": True}}}
-
-    with pytest.raises(ConfigError, match=r"tasks\.two\.write\.b: overlaps with units\.u\.tasks\.one\.write\.a"):
-        plans({"one": task("a"), "two": task("b")})
-    with pytest.raises(ConfigError, match="task one has a a already"):
-        plans({"one": task("a"), "two": task("a")})

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from micromanip.bus.can_bits import classic_bits, error_frame_s, fd_bits, fd_length, worst_case_s
+from micromanip.bus.can_bits import classic_bits, fd_bits, fd_length, worst_case_s
 
 MBIT = 1_000_000
 
@@ -85,32 +85,6 @@ def test_cycles_of_known_buses():
     assert worst_case_s(8, MBIT, 8 * MBIT) == pytest.approx(47e-6, abs=0.5e-6)
 
 
-def test_longest_frames():
-    assert classic_bits(8) == 135
-    assert classic_bits(8, extended=True) == 160
-
-
-def test_an_extended_identifier_costs_and_a_bit_rate_that_stays_costs_more():
-    assert worst_case_s(8, MBIT, 5 * MBIT) < worst_case_s(8, MBIT, 5 * MBIT, extended=True)
-    assert worst_case_s(8, MBIT) < worst_case_s(8, MBIT, MBIT)
-
-
 def test_fd_lengths_are_rounded_up():
     assert [fd_length(n) for n in (0, 8, 9, 24, 25, 64)] == [0, 8, 12, 24, 32, 64]
     assert fd_bits(9) == fd_bits(12)
-
-
-@pytest.mark.parametrize("length", [9, -1])
-def test_classic_frames_of_other_lengths_are_refused(length):
-    with pytest.raises(ValueError, match="carries 0 to 8 bytes"):
-        classic_bits(length)
-
-
-@pytest.mark.parametrize("length", [65, -1])
-def test_fd_frames_of_other_lengths_are_refused(length):
-    with pytest.raises(ValueError, match="carries 0 to 64 bytes"):
-        fd_bits(length)
-
-
-def test_an_error_frame_is_shorter_than_any_frame():
-    assert 0 < error_frame_s(MBIT) < worst_case_s(0, MBIT)

@@ -8,7 +8,7 @@ import pytest
 
 from micromanip.bus.ethercat.esi import esi_listing, esi_products, read_esi
 from micromanip.bus.ethercat.esi_keys import lines_of, not_mapped, terminal_keys
-from micromanip.errors import ConfigError, MicromanipError
+from micromanip.errors import ConfigError
 
 SAMPLE = Path(__file__).parents[2] / "config" / "ethercat" / "piezo-cell.xml"
 ONE = """\
@@ -76,17 +76,6 @@ def test_a_device_becomes_keys(tmp_path):
     }
     assert list(not_mapped(device)) == []
     assert "        aim: {index: 0x7000, subindex: 1, type: int16}" in lines_of(name, keys)
-
-
-@pytest.mark.parametrize(
-    ("kind", "bits", "ours"),
-    [("BIT", 1, "bool"), ("BIT2", 2, "bit2"), ("BIT11", 11, "bit11"), ("BIT8", 8, "uint8"), ("BOOL", 17, None)],
-)
-def test_bits_become_fields_where_type_and_width_agree(tmp_path, kind, bits, ours):
-    (device,) = read(tmp_path, ONE.replace("BOOL", kind).replace("<BitLen>1</", f"<BitLen>{bits}</"))
-    fields = terminal_keys(device, set())[1]["outputs"]["out"]["fields"]
-    assert fields.get("on", {}).get("type") == ours
-    assert [entry.name for _, entry in not_mapped(device)] == ([] if ours else ["On"])
 
 
 @pytest.mark.parametrize(
@@ -201,26 +190,6 @@ def test_files_as_makers_write_them(tmp_path, data):
     coupler, broken, *others = esi_listing(tmp_path / "device.xml")
     assert [str(each).rpartition("/")[2][:13] for each in (coupler, broken)] == ["device.xml:8:", "device.xml:9:"]
     assert [each.product for each in others] == [0x0C1F3052, 202321999]
-
-
-def test_a_file_that_only_refers_to_another(tmp_path):
-    """ETG.2000 lets a maker split a series into files."""
-    with pytest.raises(
-        ConfigError, match=r"device\.xml:1: there is no <Device> .*; it refers to another file: more\.xml$"
-    ):
-        read(tmp_path, ONE[: ONE.index("<Descr")] + "<InfoReference>more.xml</InfoReference></EtherCATInfo>")
-
-
-def test_a_file_that_is_not_there_and_a_folder(tmp_path):
-    for path in (tmp_path / "none.xml", tmp_path):
-        with pytest.raises(MicromanipError, match=re.escape(str(path))):
-            read_esi(path)
-
-
-@pytest.mark.parametrize("text", [b"", b"\0" * 100, b"\xff\xfe", "<EtherCATInfo/>".encode("utf-16")])
-def test_what_is_no_text_at_all(tmp_path, text):
-    with pytest.raises(ConfigError, match=r"device\.xml:\d+: "):
-        read(tmp_path, text)
 
 
 def mutated(chance, data):

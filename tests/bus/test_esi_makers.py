@@ -36,14 +36,6 @@ def types(found):
     return [(each["type"], each.get("spare", False)) for each in of_pdo["fields"].values()]
 
 
-@pytest.mark.parametrize("said", ["#x6041", "#X6041", "0x6041", "#x0x6041", "24641", " #x00006041 "])
-def test_numbers_as_they_are_written(tmp_path, said):
-    found = device(
-        tmp_path, pdo("#x1a00", entry(said, 16, "UINT")), code=said, head=f"<Vendor><Id>{said}</Id></Vendor>"
-    )
-    assert (found.vendor, found.product, found.inputs[0].entries[0].index) == (0x6041, 0x6041, 0x6041)
-
-
 @pytest.mark.parametrize(
     ("kind", "bits", "ours"),
     [
@@ -75,18 +67,6 @@ def test_what_is_no_number_of_ours_is_spare(tmp_path, kind, bits, ours):
     said = "\n".join(lines_of(*terminal_keys(found, set())))
     assert (", spare: true}" in said) == ours[1]
     assert any("is spare: its type is not known" in each for each in remarks(found)) == ours[1]
-
-
-def test_what_has_more_bits_than_a_number_is_no_field(tmp_path):
-    found = device(tmp_path, pdo("#x1a00", entry("#x6000", 1600, "INT"), entry("#x0", 31), entry("#x6001", 8, "USINT")))
-    assert types(found) == [("uint8", False)]
-    assert [each.bits for _, each in not_mapped(found)] == [1600, 31]
-    assert sum("there is no type of so many bits" in each for each in remarks(found)) == 2
-
-
-def test_a_range_that_the_file_hints_at_is_told(tmp_path):
-    found = device(tmp_path, pdo("#x1a00", entry("#x6000", 16, ' DScale="+/-10">INT', "Value")))
-    assert list(remarks(found)) == ["PDO 0x1a00: 0x6000:00 Value, 16 bits INT stands for +/-10, says the file"]
 
 
 def begun(found):
@@ -129,12 +109,6 @@ def test_pdos_that_lie_behind_each_other_are_one_area(tmp_path, managers, bits, 
     assert len(apart) == 2 - len(taken)
 
 
-def test_a_device_of_which_nothing_is_assigned(tmp_path):
-    found = device(tmp_path, *(pdo(f"#x1a0{k}", entry("#x6000", 16, "INT"), keys="") for k in range(2)))
-    assert begun(found) == [[], []]
-    assert list(remarks(found)) == ["none of its inputs is assigned from the start; it has the PDOs 0x1a00, 0x1a01"]
-
-
 @pytest.mark.parametrize(
     ("encoding", "name"),
     [
@@ -158,12 +132,3 @@ def test_files_of_the_far_east(tmp_path, encoding, name):
     assert (found.name, found.inputs[0].entries[0].name, found.line) == (name, name, 3)
     (tmp_path / "far.xml").write_bytes(text.encode("gbk", "replace").replace(b"T</Type>", b"\x81\xff</Type>"))
     assert read_esi(tmp_path / "far.xml")[0].product == 1, "what is no letter is no reason"
-
-
-@pytest.mark.parametrize("declared", ["", '<?xml version="1.0"?>\n', '<?xml version="1.0" encoding="utf-8"?>\n'])
-def test_letters_of_windows_in_a_file_that_says_otherwise(tmp_path, declared):
-    device(tmp_path, pdo("#x1a00", entry("#x6000", 16, "INT", "±10 µA")))
-    text = declared + (tmp_path / "maker.xml").read_text()
-    (tmp_path / "maker.xml").write_bytes(text.encode("cp1252"))
-    (found,) = read_esi(tmp_path / "maker.xml")
-    assert found.inputs[0].entries[0].name == "±10 µA"

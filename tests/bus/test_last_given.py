@@ -1,6 +1,5 @@
 """What a device was given last: it outlives whoever wrote it, and nobody else can say it."""
 
-import math
 import os
 import signal
 import time
@@ -21,17 +20,6 @@ def file_in(folder):
 
 def reopened(folder, names=NAMES):
     return LastGiven.open(DEVICE, names, folder).read()
-
-
-def test_nothing_was_given_yet(tmp_path):
-    assert reopened(tmp_path) is None
-
-
-def test_what_was_given_is_there_for_the_next_one(tmp_path):
-    given = LastGiven.open(DEVICE, NAMES, tmp_path)
-    for k in range(5):
-        given.write([80.0 + k, math.nan])
-        assert reopened(tmp_path) == [80.0 + k, None]
 
 
 def test_a_writer_that_was_killed_leaves_whole_values(tmp_path):

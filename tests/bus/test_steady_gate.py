@@ -15,7 +15,6 @@ from micromanip.rt.steady.gate import (
     decide,
     note_given,
     note_sent,
-    note_turn,
     rests,
     state_holds,
     take_confirmed,
@@ -112,16 +111,6 @@ def test_it_holds_as_long_as_the_state_does(asked, follows, dead):
     if holds and not follows:
         decide(record)
         assert record["value"][: len(values)].tolist() == values == SAFE
-
-
-def test_a_turn_is_told_of_the_outputs_of_its_task():
-    compiled, python = np.zeros(1, IMAGE), np.zeros(1, IMAGE)
-    record = lent(following())
-    for now_ns, task in enumerate((0, 1, 0), NOW_NS):
-        note_turn(record, compiled[0], task, now_ns)
-        ProcessImage(python).tell_turn(TASKS[task], now_ns)
-        assert compiled.tobytes() == python.tobytes()
-    assert compiled[0]["turned_ns"][: len(EVERY)].tolist() == [NOW_NS + k for k in (2, 1, 2, 1, 1)]
 
 
 def test_what_the_loop_is_just_writing_is_not_taken():

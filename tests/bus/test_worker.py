@@ -149,14 +149,6 @@ def largest_step(driver, begins_at=0.0):
     return max(abs(later - earlier) for earlier, later in itertools.pairwise(voltages))
 
 
-def test_what_the_loop_decides_arrives_and_what_is_measured_comes_back(bench):
-    bench.follow(40.0)
-    bench.until(lambda: bench.signals[0]["sequence"] > 3, 40.0)
-    assert bench.signals[0]["value"] == bench.signals[0]["sequence"]
-    assert bench.cycle(40.0) == AWAY
-    assert bench.image.link == "up"
-
-
 def test_a_loop_that_dies_leaves_outputs_that_come_to_rest(bench):
     bench.follow(80.0)
     seen = len(bench.driver.given)
@@ -204,23 +196,6 @@ def test_a_device_that_is_not_the_right_one_is_not_tried_again(bench, monkeypatc
     assert bench.driver.opened == opened
     assert bench.image.output_state == "unknown"
     assert events(bench) == ["up", "lost", "latched"]
-
-
-def test_a_link_that_does_not_come_is_tried_with_growing_pauses(bench):
-    bench.driver.open_errors = [LinkError("no such device")] * 3
-    bench.driver.errors.append(LinkError("unplugged"))
-    bench.until(lambda: bench.driver.opened >= 5, 0.0)
-    bench.until(lambda: bench.image.link == "up", 0.0)
-    pauses = [document["retry_s"] for document in bench.said if document["event"] == "lost"]
-    assert pauses[:4] == sorted(pauses[:4])
-    assert pauses[3] > 4 * pauses[0]
-
-
-def test_a_bug_of_the_driver_ends_the_worker(bench):
-    bench.follow(10.0)
-    bench.driver.errors.append(ZeroDivisionError("oops"))
-    bench.until(lambda: bench.bug is not None, 10.0)
-    assert isinstance(bench.bug, ZeroDivisionError)
 
 
 def test_it_ends_only_when_the_outputs_are_at_rest(bench):
@@ -312,13 +287,6 @@ def test_what_the_device_says_is_where_the_ramp_begins(said):
         assert bench.driver.given[0][0] == pytest.approx(120.0, abs=0.1)
         assert largest_step(bench.driver, 120.0) <= STEP_V + 1e-9
     assert "outputs" not in [document["event"] for document in said]
-
-
-def test_where_nobody_knows_it_is_said(said):
-    with running(Bench()) as bench:
-        bench.until(lambda: bench.safe.state == RESTING)
-    told = [document["text"] for document in said if document["event"] == "outputs"]
-    assert told == ["nobody knows what its outputs were given last: they begin at their safe values"]
 
 
 def test_a_voltage_out_of_range_is_told(said):

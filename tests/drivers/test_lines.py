@@ -2,10 +2,8 @@
 
 import numpy as np
 import pytest
-from micromanip_drivers.simulated.driver import SimulatedCell
-from micromanip_drivers.simulated.options import Options
 
-from .simulated_bench import PERIOD_NS, Bench, quiet
+from .simulated_bench import Bench, quiet
 
 
 def bench(**options):
@@ -17,18 +15,6 @@ def volts(cell):
     return float(cell.c["s"][0]["amplifier_V"])
 
 
-def test_channels_exist_with_the_option_only():
-    plain, wired = SimulatedCell(Options(), PERIOD_NS), SimulatedCell(Options(lines={}), PERIOD_NS)
-    assert wired.inputs[: len(plain.inputs)] == plain.inputs
-    assert wired.inputs[len(plain.inputs) :] == (
-        *("enable", "interlock", "retracted"),
-        *("amplifier_ok_x", "amplifier_ok_y", "amplifier_ok_z"),
-        *("temperature_ok_x", "temperature_ok_y", "temperature_ok_z"),
-    )
-    assert plain.outputs == ("voltage_x", "voltage_y", "voltage_z")
-    assert wired.outputs == (*plain.outputs, "amplifier_enable", "feed_hold", "heartbeat")
-
-
 def test_an_enabled_amplifier_is_the_same_bit_for_bit():
     plain, wired = Bench({"axes": ["x", "y"]}), Bench({"axes": ["x", "y"], "lines": {}})
     for k in range(3000):
@@ -38,16 +24,6 @@ def test_an_enabled_amplifier_is_the_same_bit_for_bit():
         if k > 0:
             assert (wired.signals[: len(plain.signals)] == plain.signals).all()
     assert volts(plain) > 50.0
-
-
-def test_good_lines_read_one_and_are_fresh():
-    cell = bench()
-    cell.exchange(0.0, 1.0, 0.0, 0.0)
-    cell.exchange(0.0, 1.0, 0.0, 0.0)
-    assert [cell.line(n) for n in ("enable", "interlock", "amplifier_ok_x", "temperature_ok_x")] == [1.0] * 4
-    assert cell.line("retracted") == 0.0
-    assert (cell.signals["sequence"][8:] == 2).all()
-    assert (cell.signals["time_ns"][8:] == cell.now_ns).all()
 
 
 def test_a_disabled_amplifier_bleeds_with_its_time_constant():
@@ -116,12 +92,6 @@ def test_watchdog_of_the_amplifier():
     cell.exchange(60.0, 0.0, 0.0, 0.0)
     for k in range(200):
         cell.exchange(60.0, 1.0, 0.0, float(k % 2))
-    assert (cell.line("amplifier_ok_x"), volts(cell)) == (1.0, pytest.approx(60.0, abs=0.01))
-
-
-def test_without_a_watchdog_the_heartbeat_may_stand():
-    cell = bench()
-    cell.hold(1000, 60.0, 1.0, 0.0, 0.0)
     assert (cell.line("amplifier_ok_x"), volts(cell)) == (1.0, pytest.approx(60.0, abs=0.01))
 
 

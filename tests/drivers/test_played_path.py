@@ -53,14 +53,3 @@ def test_a_file_that_is_none_is_told_with_the_key(tmp_path):
             Bench(quiet(deviation={"file": str(file)}), opened=False)
     with pytest.raises(ConfigError, match="no such file"):
         Bench(quiet(deviation={"file": str(tmp_path / "gone.csv")}), opened=False)
-
-
-def test_more_rows_than_fit_are_refused(tmp_path):
-    with pytest.raises(ConfigError, match="65537 rows; at most 65536 are played"):
-        Bench(quiet(deviation={"file": file_of(tmp_path, np.zeros(65_537))}), opened=False)
-
-
-def test_a_budget_of_a_file_is_refused(tmp_path):
-    bench = Bench(quiet(deviation={"file": file_of(tmp_path)}), opened=False)
-    with pytest.raises(ConfigError, match="a budget is of sines"):
-        bench.driver.simulated_axis("x")

@@ -1,15 +1,12 @@
 """The simulated stack's hysteresis: a Preisach operator, against its definition."""
 
-import itertools
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from micromanip_drivers.simulated.options import Plant
-from micromanip_drivers.simulated.preisach import everett, preisach_step, reset_memory
+from micromanip_drivers.simulated.preisach import preisach_step, reset_memory
 from micromanip_drivers.simulated.records import MEMORY, PREISACH, STACK
-from scipy.integrate import dblquad
 
 PLANT = Plant()
 
@@ -36,24 +33,6 @@ def along(v, p=P, s=None):
 def density(radius, middle):
     m = (middle - 60.0) / 75.0
     return float(P["c"] * np.exp(-P["d"] * radius) * (1.0 + P["k1"] * m + P["k2"] * m * m))
-
-
-@pytest.mark.parametrize(
-    ("a", "b"), [(140.0, -20.0), (60.0, 10.0), (61.0, 60.0), (60.01, 60.0), (150.0, 149.0), (0.0, -20.0)]
-)
-def test_everett_is_the_integral_of_the_density(a, b):
-    """Over all loops between b and a, by half width and middle; small triangles by the series."""
-    R, M = (a - b) / 2, (a + b) / 2
-    integral, _ = dblquad(
-        lambda m, r: density(r, m), 0.0, R, lambda r: M - (R - r), lambda r: M + (R - r), epsrel=1e-10
-    )
-    assert everett(P, a, b) == pytest.approx(integral, rel=1e-9)
-
-
-def test_series_and_closed_form_meet():
-    edge = 2 * 0.05 / P["d"]
-    below, above = (everett(P, 50.0 + edge * k, 50.0) for k in (1 - 1e-9, 1 + 1e-9))
-    assert above == pytest.approx(below, rel=1e-7)
 
 
 def relay_weights(low, high):
@@ -99,36 +78,6 @@ VOLTS = st.floats(-20.0, 150.0)
 COURSES = st.lists(VOLTS, min_size=1, max_size=40)
 
 
-@given(COURSES, st.lists(st.floats(0.0, 1.0), max_size=10))
-def test_rate_independence(v, parts):
-    """Points on the way between two inputs change nothing at the end of it."""
-    for part in sorted(parts):
-        slow = [x for a, b in itertools.pairwise(v) for x in (a, a + part * (b - a))] + v[-1:]
-        assert along(slow)[-1] == pytest.approx(along(v)[-1], abs=1e-9)
-
-
-@given(COURSES, VOLTS, VOLTS, st.lists(st.floats(0.0, 1.0), max_size=20))
-def test_return_point_memory(history, a, b, inside):
-    """A minor loop, whatever happens in it, closes exactly."""
-    _, s = operator()
-    along([*history, a, b], P, s)
-    before = along([a], P, s)[0]
-    minor = [min(a, b) + part * abs(a - b) for part in inside]
-    after = along([*minor, b, a], P, s)[-1]
-    assert after == pytest.approx(before, abs=1e-9)
-
-
-@given(COURSES)
-def test_wipe_out(history):
-    """Beyond all that was, only the last extreme counts."""
-    _, s = operator()
-    along(history, P, s)
-    assert along([151.0], P, s)[0] == pytest.approx(along([151.0])[0], abs=1e-9)
-    assert s["depth"] == 1
-    along([-20.0], P, s)
-    assert along([40.0], P, s)[0] == pytest.approx(along([40.0])[0], abs=1e-9)
-
-
 @given(COURSES, st.floats(-200.0, -20.0))
 def test_negative_saturation(history, below):
     """Further down than -20 V nothing happens, and nothing is remembered."""
@@ -136,15 +85,6 @@ def test_negative_saturation(history, below):
     along(history, P, s)
     assert along([below, -20.0, below - 5.0], P, s) == pytest.approx([0.0, 0.0, 0.0], abs=1e-9)
     assert along([60.0], P, s)[0] == pytest.approx(along([60.0])[0], abs=1e-9)
-
-
-@given(COURSES, VOLTS, VOLTS)
-def test_output_rises_with_the_input(history, a, b):
-    _, s = operator()
-    along(history, P, s)
-    t = s.copy()
-    low, high = along([min(a, b)], P, s)[0], along([max(a, b)], P, t)[0]
-    assert low <= high + 1e-12
 
 
 def test_full_memory_forgets_its_smallest_loops_only():

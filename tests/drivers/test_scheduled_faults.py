@@ -50,24 +50,6 @@ def test_value_replaces_the_reading_for_its_time():
     assert (bad["sequence"] == good["sequence"]).all()
 
 
-def test_offset_adds():
-    bad, good = played({**NOISY, "faults": [fault("stage_x", "offset", 2.0)]}, "stage_x")
-    assert differing(bad, good) == DURING
-    assert (bad["value"] - good["value"])[AT - 1 : AT - 1 + CYCLES] == pytest.approx(2.0)
-
-
-def test_scale_multiplies():
-    """A gauge in mm for um, or one with its leads swapped."""
-    bad, good = played({**NOISY, "faults": [fault("strain_x", "scale", -1e-3)]}, "strain_x")
-    assert differing(bad, good) == DURING
-    assert bad["value"][AT - 1] == pytest.approx(-1e-3 * good["value"][AT - 1])
-
-
-def test_for_ever():
-    bad, good = played({**NOISY, "faults": [fault("strain_x", "offset", 2.0, for_s=None)]}, "strain_x")
-    assert differing(bad, good) == list(range(AT, 31))
-
-
 def test_freeze_repeats_the_last_value_with_a_running_sequence():
     bad, good = played({**NOISY, "faults": [fault("strain_x", "freeze")]}, "strain_x")
     assert (bad["value"][AT - 1 : AT - 1 + CYCLES] == good["value"][AT - 2]).all()
@@ -107,12 +89,6 @@ def test_drop_lets_no_sample_come():
     assert np.diff(bad["sequence"][AT - 2 + CYCLES :]).tolist() == [1] * (len(bad) - AT - CYCLES + 1)
 
 
-def test_spike_is_one_sample():
-    bad, good = played({**NOISY, "faults": [fault("strain_x", "spike", 20.0, for_s=None)]}, "strain_x")
-    assert differing(bad, good) == [AT]
-    assert bad["value"][AT - 1] - good["value"][AT - 1] == pytest.approx(20.0)
-
-
 def test_a_slow_channel_is_hit_at_its_own_rate():
     """The tracker comes every 10 cycles: its next sample is the one that is spoilt, once."""
     times = {"at_s": 0.0011, "for_s": 0.002}
@@ -125,26 +101,10 @@ def test_a_slow_channel_is_hit_at_its_own_rate():
     assert differing(bad, good) == list(range(20, 30))
 
 
-def test_faults_of_one_channel_act_in_their_order():
-    faults = [fault("strain_x", "value", 7.0), fault("strain_x", "offset", 1.0)]
-    bad, _ = played({**NOISY, "faults": faults}, "strain_x")
-    assert (bad["value"][AT - 1 : AT - 1 + CYCLES] == 8.0).all()
-
-
 def test_an_overrun_does_not_jump_over_a_fault():
     faults = [fault("strain_x", "value", 7.0, for_s=2e-4)]  # the 10th and 11th period
     bad, good = played({**NOISY, "faults": faults}, "strain_x", 6, periods=4)
     assert differing(bad, good) == [3]
-
-
-def test_lines_have_faults_too():
-    cell = Bench(quiet(lines={}, faults=[fault("amplifier_ok_x", "value"), fault("interlock", "value")]))
-    seen = []
-    for _ in range(20):
-        cell.exchange(0.0, 1.0, 0.0, 0.0)
-        seen.append((cell.line("amplifier_ok_x"), cell.line("interlock"), cell.line("temperature_ok_x")))
-    assert [k + 1 for k, line in enumerate(seen) if line == (0.0, 0.0, 1.0)] == DURING
-    assert set(seen) == {(0.0, 0.0, 1.0), (1.0, 1.0, 1.0)}
 
 
 def test_a_failed_exchange_returns_its_code_and_leaves_the_samples():
@@ -157,13 +117,6 @@ def test_a_failed_exchange_returns_its_code_and_leaves_the_samples():
     assert set(codes) == {0, 17}
     assert sequence[AT - 2] == sequence[AT - 2 + CYCLES]
     assert cell.c["periods"] == 20  # the plant has gone on all the time
-
-
-def test_the_same_schedule_gives_the_same_samples():
-    faults = [fault("strain_x", "spike", 5.0, for_s=None), fault("stage_x", "freeze")]
-    a, _ = played({**NOISY, "faults": faults}, "stage_x")
-    b, _ = played({**NOISY, "faults": faults}, "stage_x")
-    assert a.tobytes() == b.tobytes()
 
 
 def refused(options):

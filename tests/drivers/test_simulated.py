@@ -3,15 +3,12 @@
 import numpy as np
 import pytest
 from micromanip_drivers.simulated import mechanics
-from micromanip_drivers.simulated.driver import SimulatedCell
 from micromanip_drivers.simulated.noise import normal, uniform
-from micromanip_drivers.simulated.options import Options, Plant
-from micromanip_drivers.simulated.records import AXIS_STATE, CHANNELS
-from pydantic import ValidationError
+from micromanip_drivers.simulated.options import Plant
+from micromanip_drivers.simulated.records import AXIS_STATE
 from scipy import signal, stats
 
-from micromanip.bus.cyclic import CyclicDriver
-from micromanip.bus.registry import driver_class, installed
+from micromanip.bus.registry import driver_class
 from micromanip.errors import ConfigError
 
 from .simulated_bench import NO_FORCE, PERIOD_NS, QUIET_PLANT, QUIET_TRACKER, STILL, Bench, quiet
@@ -21,30 +18,9 @@ PERIOD_S = PERIOD_NS * 1e-9
 # -- found, configured, opened -------------------------------------------------------------------------
 
 
-def test_it_is_found_by_its_entry_point():
-    assert "simulated" in installed()
-    assert driver_class("simulated") is SimulatedCell
-    assert issubclass(SimulatedCell, CyclicDriver)
-    assert SimulatedCell.simulated
-
-
 def test_an_unknown_driver_is_named_with_its_neighbour():
     with pytest.raises(ConfigError, match="did you mean simulated"):
         driver_class("simulatd")
-
-
-def test_options_are_strict():
-    with pytest.raises(ValidationError, match="sede"):
-        Options.model_validate({"sede": 1})
-    with pytest.raises(ConfigError, match="there is no axis w"):
-        SimulatedCell(Options(variation={"w": Plant()}), PERIOD_NS)
-
-
-def test_channels_of_three_axes():
-    driver = SimulatedCell(Options(), PERIOD_NS)
-    assert driver.outputs == ("voltage_x", "voltage_y", "voltage_z")
-    assert len(driver.inputs) == 3 * len(CHANNELS)
-    assert driver.inputs[:2] == ("strain_x", "stage_x")
 
 
 def test_exchange_before_open_and_after_close_returns_a_code():
@@ -68,12 +44,6 @@ def test_safe_discharges():
     assert bench.c["s"][0]["latched_V"] == 0.0
     bench.record(200, "strain", volts=lambda k: 0.0)
     assert bench.c["s"][0]["amplifier_V"] == pytest.approx(0.0, abs=0.01)
-
-
-def test_at_rest_nothing_moves():
-    rows = Bench(quiet()).record(500, "true_strain", "true_stage", "strain", volts=lambda k: 0.0)
-    assert np.ptp(rows[:, :2], axis=0).max() < 1e-4
-    assert np.ptp(rows[:, 2]) <= 360.0 / 2**16 + 1e-12
 
 
 # -- determinism, overruns -----------------------------------------------------------------------------
@@ -106,16 +76,6 @@ def test_an_overrun_advances_by_the_periods_that_passed(periods):
         assert once.signal(name)["value"] == pytest.approx(each.signal(name)["value"], abs=1e-12), name
     assert once.c["s"][0]["force_N"] == each.c["s"][0]["force_N"] != 0.0
     assert once.signal("strain")["time_ns"] == each.signal("strain")["time_ns"]
-
-
-def test_an_overrun_does_not_lose_the_trackers_samples():
-    """One comes each ms, also where every exchange is three periods after the other."""
-    bench = Bench(quiet(deviation={}))
-    for _ in range(100):
-        bench.exchange(0.0, periods=3)
-    assert bench.signal("deviation")["sequence"] == 30
-    age_ns = bench.now_ns - bench.signal("deviation")["time_ns"]
-    assert 1_000_000 <= age_ns < 2_000_000 + 3 * PERIOD_NS
 
 
 # -- amplifier and converters --------------------------------------------------------------------------
@@ -167,38 +127,6 @@ def test_output_converter_has_16_bits_over_300_V():
 # -- mechanics -------------------------------------------------------------------------------------------
 
 
-A, B = mechanics.continuous(Plant())
-FREQUENCIES = np.linspace(10.0, 200.0, 20_000)
-
-
-def response(row, column, frequencies_Hz):
-    """Transfer function from an input to a state, by solving at each frequency."""
-    return np.array(
-        [np.linalg.solve(2j * np.pi * f * np.eye(5) - A, B[:, column])[row] for f in np.atleast_1d(frequencies_Hz)]
-    )
-
-
-def test_modes():
-    modes = np.linalg.eigvals(A[:4, :4])
-    frequencies = np.sort(np.abs(modes))[::2] / (2 * np.pi)
-    assert frequencies == pytest.approx([63.0, 2400.0], rel=0.02)
-    assert -modes.real / np.abs(modes) == pytest.approx(0.04, rel=1e-6)
-
-
-def test_antiresonance_of_the_strain_gauge():
-    gain = np.abs(response(4, 0, FREQUENCIES))
-    assert FREQUENCIES[np.argmax(gain)] == pytest.approx(63.0, abs=2.0)
-    assert FREQUENCIES[np.argmin(gain[FREQUENCIES < 90])] == pytest.approx(67.0, abs=1.5)
-
-
-def test_gain_and_compliance():
-    static = -np.linalg.solve(A, B)
-    assert static[2, 0] / static[0, 0] == pytest.approx(5.0, abs=0.02)
-    assert static[2, 1] == pytest.approx(0.53, abs=0.01)
-    assert static[4] == pytest.approx(static[0])
-    assert mechanics.rest(Plant()) == pytest.approx(static[:, 0])
-
-
 @pytest.mark.parametrize("step_s", [0.5e-4, 2.5e-3])
 @pytest.mark.parametrize("second_mode", [None, {}])
 def test_discretisation_is_exact_for_held_inputs(step_s, second_mode):
@@ -208,13 +136,6 @@ def test_discretisation_is_exact_for_held_inputs(step_s, second_mode):
     expected_a, expected_b, *_ = signal.cont2discrete((A, B, np.eye(len(A)), np.zeros((len(A), 2))), step_s)
     assert a == pytest.approx(expected_a, rel=1e-9, abs=1e-12)
     assert b == pytest.approx(expected_b, rel=1e-9, abs=1e-15)
-
-
-def test_stroke_at_the_strain_gauge():
-    """135 um of the 143 um are left there in a sweep of a second: flexure's load, and creep that has no time."""
-    bench = Bench(quiet())
-    rows = bench.record(12_000, "true_strain", volts=lambda k: max(-20.0, min(140.0, -20.0 + 0.016 * (k - 1000))))
-    assert rows[-1, 0] - rows[900, 0] == pytest.approx(135.0, abs=3.0)
 
 
 def test_the_running_plant_rings_at_its_first_mode():
@@ -249,29 +170,6 @@ def test_noise_figures():
     # white: hardly any correlation from sample to sample
     white = rows[:, 2] - rows[:, 3]
     assert abs(np.corrcoef(white[1:], white[:-1])[0, 1]) < 0.03
-
-
-def test_amplifier_noise():
-    bench = Bench({"axes": ["x"], "force": NO_FORCE})
-    noise = []
-    for _ in range(4000):
-        bench.exchange(60.0)
-        s = bench.c["s"][0]
-        noise.append(s["memory"]["input_V"] - s["amplifier_V"])
-    assert np.std(noise[500:]) == pytest.approx(2e-3, rel=0.06)
-
-
-def test_converters_of_the_sensors():
-    bench = Bench(quiet())
-    rows = np.vstack(
-        [
-            bench.record(300, "strain", "true_strain", volts=lambda k: 40.0),
-            Bench(quiet()).record(50, "strain", "true_strain", volts=lambda k: 0.0),
-        ]
-    )
-    step = 360.0 / 2**16
-    assert rows[:, 0] / step == pytest.approx(np.round(rows[:, 0] / step), abs=1e-6)
-    assert np.abs(rows[-50:, 0] - rows[-50:, 1]).max() < step
 
 
 def test_capacitive_sensor_at_the_end_of_its_range():
@@ -355,27 +253,6 @@ def test_path_deviation():
     assert 200.0 < np.abs(path).max() <= 250.0
 
 
-def test_compensation_is_the_difference_of_path_and_stage():
-    """Uncompensated is the same path error with a free copy of the stage under the same force."""
-    bench = Bench(quiet(force={"start_s": 0.0, "noise_N": 0.0}, deviation={}))
-    rows = bench.record(2000, "path_error", "true_stage", "uncompensated", volts=lambda k: 60.0)
-    free_stage = rows[:, 0] + rows[:, 1] - rows[:, 2]
-    # it moves as the force says: 80 N and 0.53 um/N
-    assert free_stage[-500:].mean() == pytest.approx(80.0 * 0.53, abs=8.0)
-
-
-def test_axes_are_coupled():
-    bench = Bench({**quiet(), "axes": ["x", "y", "z"], "coupling": 0.015})
-    bench.hold(3000, 0.0, 0.0, 0.0)
-    still = {axis: float(bench.signal("true_stage", axis)["value"]) for axis in "xyz"}
-    for k in range(8000):
-        bench.exchange(min(60.0, 0.02 * k), 0.0, 0.0)
-    moved = {axis: float(bench.signal("true_stage", axis)["value"]) - still[axis] for axis in "xyz"}
-    assert moved["x"] > 200.0
-    ratios = sorted([moved["y"] / moved["x"], moved["z"] / moved["x"]])
-    assert ratios == pytest.approx([0.010, 0.015], abs=5e-4)
-
-
 def moved(volts, options):
     """How far (um) each stage of three goes when x is driven to `volts`, at the end of 0.8 s."""
     bench = Bench({**quiet(), "axes": ["x", "y", "z"], **options})
@@ -415,27 +292,6 @@ def test_what_the_flexure_pushes_swings_with_its_own_mode():
     a, _ = mechanics.continuous(Plant(**heavy))
     own_Hz = np.abs(np.linalg.eigvals(a).imag) / (2 * np.pi)
     assert np.argmax(lines) / 8.0 == pytest.approx(own_Hz[own_Hz > 1.0].min(), rel=0.01)
-
-
-@pytest.mark.parametrize(
-    ("rows", "says"),
-    [
-        ([[1.0, 0.0], [0.0, 1.0]], "couplings: a row and a column per axis, 3 of each"),
-        ([[1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 1.0]], "axis y sees 1 of its own motion, not 2"),
-        ([[1.0, 0.3, -0.3], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], "axis x sees more than 0.5 of the others' motion"),
-    ],
-)
-def test_what_are_no_couplings(rows, says):
-    with pytest.raises(ConfigError, match=says):
-        Bench({**quiet(), "axes": ["x", "y", "z"], "couplings": rows})
-
-
-def test_thermal_drift():
-    """0.5 um a kelvin, 2 K, 600 s."""
-    bench = Bench(quiet(plant={**QUIET_PLANT, "ambient_step_K": 2.0}))
-    for _ in range(100):
-        bench.exchange(0.0, periods=1000)
-    assert bench.c["s"][0]["drift_um"] == pytest.approx(1.0 * (1 - np.exp(-10.0 / 600.0)), rel=1e-6)
 
 
 # -- noise generator -------------------------------------------------------------------------------------

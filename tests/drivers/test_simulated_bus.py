@@ -31,21 +31,6 @@ def test_samples_come_at_their_rate_and_late(channel):
     assert arrivals(Bench(quiet(bus=BUS, lines={})), channel, 24) == [(8, 3), (13, 3), (18, 3), (23, 3)]
 
 
-@pytest.mark.parametrize(("channel", "found"), [("true_strain_x", [(1, 0), (2, 0), (3, 0)]), ("deviation_x", [])])
-def test_what_needs_no_bus_comes_as_without_one(channel, found):
-    assert arrivals(Bench(quiet(bus=BUS)), channel, 3) == found
-
-
-def test_the_tracker_keeps_its_own_rate_and_latency():
-    assert arrivals(Bench(quiet(bus=BUS)), "deviation_x", 25) == arrivals(Bench(quiet()), "deviation_x", 25) != []
-
-
-def test_a_rate_that_does_not_divide_the_loops():
-    cycles = [k for k, _ in arrivals(Bench(quiet(bus={**AT_ONCE, "input_rate_Hz": 800.0})), "strain_x", 10_000)]
-    assert len(cycles) == 800
-    assert set(np.diff(cycles)) == {12, 13}
-
-
 def test_a_sample_shows_the_moment_in_which_it_was_taken():
     bench, truth = Bench(quiet(bus=BUS)), []
     for k in range(200):
@@ -68,29 +53,11 @@ def test_outputs_are_taken_at_their_rate_latest_value_first_and_held():
     assert seen == [0] * 6 + [5] * 5 + [10] * 5 + [15] * 5 + [20] * 3
 
 
-def test_switches_go_by_the_bus_too():
-    bench = Bench(quiet(bus=BUS, lines={}))
-    enabled = []
-    for _ in range(8):
-        bench.exchange(0.0, 1.0, 0.0, 0.0)
-        enabled.append(int(bench.c["lines"]["amplifier_enable"]))
-    assert enabled == [0] * 6 + [1] * 2
-
-
 def test_a_bus_as_fast_as_the_loop_changes_nothing():
     volts = lambda k: 40.0 + 30.0 * np.sin(0.01 * k)  # noqa: E731
     plain, bus = ({"axes": ["x"], "bus": each} for each in (None, AT_ONCE))
     channels = ("strain", "stage", "deviation", "path_error")
     assert (Bench(plain).record(3000, *channels, volts=volts) == Bench(bus).record(3000, *channels, volts=volts)).all()
-
-
-def test_after_an_overrun_the_newest_sample_counts_as_one():
-    bench = Bench(quiet(bus=BUS))
-    bench.hold(8)
-    before = int(bench.signal("strain")["sequence"])
-    bench.exchange(periods=20)
-    assert bench.signal("strain")["sequence"] == before + 1
-    assert bench.now_ns - bench.signal("strain")["time_ns"] == 3 * PERIOD_NS
 
 
 def test_missed_cycles_send_what_was_written_before_them():
@@ -100,11 +67,6 @@ def test_missed_cycles_send_what_was_written_before_them():
     assert float(bench.c["s"][0]["latched_V"]) == pytest.approx(10.0, abs=0.01)
     bench.exchange(20.0, periods=2)
     assert float(bench.c["s"][0]["latched_V"]) == pytest.approx(20.0, abs=0.01)
-
-
-def test_a_dropped_sample_does_not_come():
-    fault = {"channel": "strain_x", "kind": "drop", "at_s": 0.0012, "for_s": 0.0004}
-    assert [k for k, _ in arrivals(Bench(quiet(bus=BUS, faults=[fault])), "strain_x", 24)] == [8, 18, 23]
 
 
 @pytest.mark.parametrize(

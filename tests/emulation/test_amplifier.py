@@ -42,18 +42,6 @@ def scene():
     return Scene()
 
 
-def test_without_a_first_command_it_rests_and_is_well(scene):
-    scene.tick(500)
-    assert scene.amplifier.ok
-    assert scene.told.now == REST
-
-
-def test_commands_pass_while_they_come(scene):
-    assert scene.tick(100, voltage_x=60.0, voltage_y=10.0, feed_hold=1.0)[-1] == 60.0
-    assert scene.told.now == {"voltage_x": 60.0, "voltage_y": 10.0, "feed_hold": 1.0}
-    assert scene.amplifier.ok
-
-
 def test_silence_ramps_to_rest_in_a_fifth_of_a_second(scene):
     scene.tick(50, voltage_x=60.0, voltage_y=10.0)
     assert set(scene.tick(20)) == {60.0}

@@ -1,12 +1,9 @@
 """CANopen nodes with the plant behind them, commanded by hand-made frames."""
 
-import re
-
 import pytest
 from testbus.virtual_bus import VirtualLoop
 
 from micromanip.emulation.devices import Devices
-from micromanip.errors import ConfigError
 from micromanip.testbus.frame import Frame
 
 from .emulated import CONFIG, configuration
@@ -104,15 +101,6 @@ def test_nodes_measure_and_move_the_plant(master):
     assert "2 messages out, 1 in, 1000 kbit/s, nodes gauge, amplifier" in master.devices.emulated["can0"].ready
 
 
-def test_readings_go_by_the_configurations_names(master):
-    master.operational()
-    master.cycle(0.01, 0.0, 0.0, 0.0)
-    before = master.strain_um()
-    assert master.devices.command('{"device": "offset", "signal": "strain_x", "value": 30.0}') == {"ok": True}
-    master.cycle(0.002, 0.0, 0.0, 0.0)
-    assert master.strain_um() == pytest.approx(before + 30.0, abs=0.5)
-
-
 def test_reboot(master):
     master.operational()
     master.cycle(0.1, 50.0, 0.0, 0.0)
@@ -125,16 +113,3 @@ def test_reboot(master):
     assert master.devices.cell.voltages()["voltage_x"] == 0.0
     master.run(0.05)
     assert (master.boots(SENSOR), master.boots(AMPLIFIER)) == (boots, boots) == (1, 1)
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "said"),
-    [
-        ("sensor.eds", "sensr.eds", r":\d+: drivers\.can0\.nodes\.gauge\.eds: .*sensr\.eds"),
-        ("node_id: 5", "node: 5", r":\d+: drivers\.can0\.nodes\.gauge\.node: unknown key node: did you mean node_id"),
-    ],
-)
-def test_what_is_wrong_says_where(tmp_path, old, new, said):
-    with pytest.raises(ConfigError) as caught:
-        Devices(configuration(tmp_path, *CHANGES, (old, new)), loop=VirtualLoop())
-    assert re.search(said, str(caught.value)), caught.value

@@ -29,16 +29,6 @@ def test_freeze_lasts_its_time_while_the_counter_runs(controller):
     assert controller.newest()["stage_x"] > frozen[0][1]["stage_x"] + 10.0
 
 
-def test_freeze_all_and_clear(controller):
-    order(controller, device="freeze")
-    controller.run(0.001)
-    controller.command_for(0.05, voltage_x=50.0, voltage_z=50.0)
-    assert len({(v["strain_x"], v["strain_z"], v["stage_y"]) for _, v in controller.decoded("Sensors")}) == 1
-    order(controller, device="clear")
-    controller.command_for(0.005, voltage_x=50.0, voltage_z=50.0)
-    assert controller.newest()["strain_x"] > 20.0
-
-
 def test_offset_and_drift(controller):
     controller.run(0.01)
     before = controller.newest()["strain_x"]
@@ -48,21 +38,6 @@ def test_offset_and_drift(controller):
     drifting = course(controller, "strain_x", 0.1)
     assert drifting[-1] - before == pytest.approx(10.0, abs=0.2)
     assert drifting[100] - before == pytest.approx(5.0, abs=0.2)
-
-
-def test_a_code_has_no_nan_and_says_its_largest(controller):
-    order(controller, device="nan", signal="strain_y")
-    assert course(controller, "strain_y", 0.002)[-1] == pytest.approx(838.8607)
-
-
-def test_what_does_not_fit_is_the_end_of_the_range(controller):
-    order(controller, device="offset", signal="strain_y", value=-5000.0)
-    assert course(controller, "strain_y", 0.002)[-1] == pytest.approx(-838.8608)
-
-
-def test_status_of_a_message_can_be_bad(controller):
-    order(controller, device="offset", signal="Sensors.Status", value=1.0)
-    assert course(controller, "Status", 0.002)[-1] == 1
 
 
 def test_stopped_counter_with_running_values(controller):
@@ -97,14 +72,6 @@ def test_reboot_is_silent_and_deaf_then_begins_anew(controller):
     assert first["Count"] == 0
     assert first["amplifier_ok_x"] == 0
     assert abs(first["strain_x"]) < 10.0, "the outputs went to rest meanwhile"
-
-
-def test_faults_of_the_bus_reach_it(controller):
-    order(controller, inject="drop", share=1.0, identifier=257, for_s=0.01)
-    controller.run(0.02)
-    counts = [values["Count"] for _, values in controller.decoded("Sensors")]
-    assert counts[0] == pytest.approx(19, abs=1)
-    assert len(controller.decoded("Tracker")) == pytest.approx(20, abs=1)
 
 
 def test_report_tells_what_came_since_the_last(controller):

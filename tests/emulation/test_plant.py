@@ -44,14 +44,6 @@ def test_regular_events_are_the_cyclic_driver_bit_for_bit(plant, periods):
             assert plant.read(name) == (signal["value"], signal["time_ns"]), (k, name)
 
 
-def test_events_off_the_grid_are_seen_at_the_period_that_is_over(plant):
-    bench = cyclic()
-    for late_ns in (0, 1, PERIOD_NS - 1, 0):
-        plant.advance_to(bench.now_ns + PERIOD_NS + late_ns)
-        assert bench.exchange() == 0
-        assert plant.read("strain_x") == (bench.signal("strain")["value"], bench.now_ns)
-
-
 def test_a_command_is_in_force_from_its_instant_on(plant):
     """Not from the next event on: the stage has moved by then."""
     at_rest = plant_strain(plant, 20)
@@ -65,13 +57,6 @@ def test_a_command_is_in_force_from_its_instant_on(plant):
 def plant_strain(plant, periods):
     plant.advance_to(plant.time_ns + periods * PERIOD_NS)
     return plant.value("true_strain_x")
-
-
-def test_an_event_of_the_past_changes_nothing(plant):
-    plant.advance_to(BEGIN_NS + 10 * PERIOD_NS)
-    before = plant.read("strain_x")
-    plant.advance_to(BEGIN_NS + 5 * PERIOD_NS)
-    assert plant.read("strain_x") == before
 
 
 def test_a_long_stall_is_counted_and_not_made_up(plant):

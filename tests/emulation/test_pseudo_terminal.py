@@ -1,6 +1,5 @@
 """A serial port that a simulated device is behind, opened as a program opens any port."""
 
-import contextlib
 import errno
 import os
 import select
@@ -80,17 +79,6 @@ def waiting(fileno, count=1, within_s=5.0):
     return data
 
 
-def test_all_bytes_pass_both_ways(bench):
-    client = bench.open()
-    everything = bytes(range(256))
-    os.write(client, everything)
-    bench.until(lambda: b"".join(data for _, data in bench.heard) == everything)
-    bench.port.send(everything)
-    bench.run(0.1)
-    assert waiting(client, 256) == everything
-    assert (bench.port.figures.bytes_sent, bench.port.figures.bytes_received) == (256, 256)
-
-
 def test_bytes_take_their_time_on_the_line(bench):
     client = bench.open()
     bench.port.send(b"x" * 100)
@@ -132,16 +120,6 @@ def test_what_is_sent_while_nobody_listens_is_lost(bench):
     assert bench.port.figures.bytes_lost == len("before") + len("between")
 
 
-def test_a_reader_that_is_too_slow_loses_bytes_and_the_device_goes_on(bench):
-    client = bench.open()
-    for _ in range(100):
-        bench.port.send(b"z" * 1000)
-    bench.run(10)
-    assert bench.port.figures.bytes_lost > 10_000
-    os.write(client, b"alive")
-    bench.until(lambda: bench.heard)
-
-
 @pytest.mark.parametrize("baud", [9600, 230400])
 def test_a_port_at_a_wrong_rate_hears_noise_and_sends_it(bench, baud):
     client = bench.open(baud)
@@ -153,14 +131,6 @@ def test_a_port_at_a_wrong_rate_hears_noise_and_sends_it(bench, baud):
     os.write(client, b"*IDN?\n")
     bench.until(lambda: bench.heard)
     assert b"IDN" not in bench.heard[0][1]
-
-
-def test_a_rate_without_a_name(make):
-    bench = make(baud=12_000_000)
-    client = bench.open()
-    bench.port.send(b"fast")
-    bench.run(0.001)
-    assert waiting(client, 4) == b"fast"
 
 
 def test_unplugged_and_back_under_the_same_name(bench):
@@ -186,14 +156,6 @@ def test_the_link_is_removed_at_the_end(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_link_of_somebody_else_is_not_removed(tmp_path):
-    bench = Bench(tmp_path / "tty")
-    bench.port.device.unlink()
-    bench.port.device.symlink_to("/dev/null")
-    bench.close()
-    assert (tmp_path / "tty").readlink().name == "null"
-
-
 @pytest.mark.parametrize("kind", ["file", "link", "dangling"])
 def test_what_is_there_is_never_replaced(tmp_path, kind):
     device = tmp_path / "ttyUSB0"
@@ -217,25 +179,3 @@ def test_two_devices_on_one_path_are_refused(bench):
     with pytest.raises(DeviceUnavailable, match="simulated by another process already"):
         PseudoTerminal(bench.loop, bench.port.device, BAUD, print)
     assert bench.port.device.is_symlink()
-
-
-def test_folder_that_does_not_exist(tmp_path):
-    device = tmp_path / "nowhere" / "tty"
-    for _ in range(2):  # nothing is held by the first try
-        with pytest.raises(DeviceUnavailable, match=r"nowhere/tty can't be made: No such file.*choose a path"):
-            PseudoTerminal(VirtualLoop(), device, BAUD, print)
-
-
-def test_nothing_is_left_open(tmp_path):
-    def count():
-        return len(os.listdir("/proc/self/fd"))  # noqa: PTH208
-
-    with contextlib.closing(Bench(tmp_path / "tty")):
-        pass
-    before = count()
-    for _ in range(5):
-        bench = Bench(tmp_path / "tty")
-        bench.port.unplug()
-        bench.port.plug_in()
-        bench.close()
-    assert count() == before

@@ -17,36 +17,11 @@ WRONG = {
         ("  lines: {}", "  lines: {}\n  driver: simulatd"),
         r":\d+: simulation\.driver: no driver called simulatd is installed; did you mean simulated\?",
     ),
-    "plant that is a bus": (
-        ("  lines: {}", "  lines: {}\n  driver: canbus"),
-        r":\d+: simulation\.driver: .*canbus",
-    ),
     "no lines": (("  lines: {}", ""), r":\d+: signals\.enable: the simulated plant has no enable.*lines: \{\}"),
     "axis less": (
         ("    z: {preisach_d", "  axes: [x, y]\n  # {preisach_d"),
         r":\d+: signals\.strain_z: the simulated plant has no strain_z.*did you mean",
     ),
-    "no such message": (("Tracker: {", "Trackr: {"), r":\d+: drivers\.can0\.receive\.Trackr: .*did you mean Tracker\?"),
-    "no such counter": (
-        ("Voltages: {rate_hz: 2000, counter: Count}", "Voltages: {rate_hz: 2000, counter: Cnt}"),
-        r":\d+: drivers\.can0\.send\.Voltages\.counter: Voltages has no signal Cnt; did you mean Count\?",
-    ),
-    "no rate": (
-        ("Sensors: {rate_hz: 2000, ", "Sensors: {"),
-        r":\d+: drivers\.can0\.receive\.Sensors\.rate_hz: missing",
-    ),
-    "rate as text": (
-        ("Sensors: {rate_hz: 2000, ", "Sensors: {rate_hz: fast, "),
-        r":\d+: drivers\.can0\.receive\.Sensors\.rate_hz: expected a number .*not the text 'fast'",
-    ),
-    "no database": (("manipulator.dbc", "manipulatr.dbc"), r":\d+: drivers\.can0\.database: .*can't be read: No such"),
-    "database that is none": (("manipulator.dbc", "sensor.eds"), r":\d+: drivers\.can0\.database: .*is not a DBC file"),
-    "FD on a classic bus": (
-        ("data_bitrate: 5000000", "data_bitrate: null"),
-        r":\d+: drivers\.can0\.receive\.Sensors: Sensors is a CAN FD message, and the bus is .* without data_bitrate",
-    ),
-    "no bitrate": (("    bitrate: 1000000\n", ""), r":\d+: drivers\.can0\.bitrate: missing"),
-    "no such driver": (("driver: canbus", "driver: canbuss"), r"no driver called canbuss"),
     "no device": (
         ("driver: canbus", "driver: simulated"),
         r":\d+: drivers: none of them has a device to emulate",

@@ -13,8 +13,6 @@ import can
 import cantools
 import pytest
 
-from tests.cli.command import code_of
-
 pytestmark = pytest.mark.live  # processes
 
 CONFIG = Path(__file__).parents[2] / "config"
@@ -111,39 +109,6 @@ def test_ctrl_c_ends_it_with_one_line_of_figures(device):
     assert report["devices"]["can0"]["frames"] > 0
     assert report["cpu_s"] < report["elapsed_s"]
     assert err == ""
-
-
-def test_end_of_input_ends_it(device):
-    out, _ = device.communicate(timeout=PATIENCE_S)
-    assert device.returncode == 0
-    assert json.loads(out)["stalls"]["count"] >= 0
-
-
-def test_second_one_is_told_that_the_channel_is_in_use(device, config, capsys):
-    assert code_of("device", "simulate", config) == 69
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert err == (
-        f"micromanip: channel {CHANNEL} is simulated by another process already; stop it, or choose another channel\n"
-    )
-
-
-def test_duration_and_summary(config):
-    process = start(config, "--duration", "0.3")
-    out, err = process.communicate(timeout=PATIENCE_S)
-    assert process.returncode == 0
-    assert "READY" in err
-    assert "Path error at the spindle" in out
-    assert "voltage_x" in out
-
-
-def test_bad_configuration_is_78(config, capsys):
-    config.write_text(config.read_text().replace("Tracker: {", "Trackr: {"))
-    assert code_of("device", "simulate", config) == 78
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert err.count("\n") == 1
-    assert "did you mean Tracker?" in err
 
 
 def test_a_canopen_device_ends_with_its_summary(config):

@@ -6,7 +6,7 @@ import pytest
 
 from campaigns.bench import Bench
 from campaigns.fault_cells import free_port
-from campaigns.running_controller import Running, until
+from campaigns.running_controller import until
 
 from .held_cell import CELL, LARGEST_STEP_V, at_rest_after_a_fault, held
 
@@ -97,16 +97,3 @@ def test_all_killed_the_watchdog_brings_it_to_rest(bench):
     told(bench)
     held(bench)
     assert told(bench)[0]["largest_step_V"] <= LARGEST_STEP_V
-
-
-@pytest.mark.thorough  # one more start, and the patience of a start; `tests/host/test_wires.py` shows whom it waits for
-def test_a_device_that_does_not_answer_is_never_ready(tmp_path):
-    running = Running(tmp_path, CELL.replace("DRIVER", DRIVER).replace("PORT", str(free_port())))
-    try:
-        until(lambda: running.process.poll() is not None, running.last_words)
-        assert running.process.returncode == 69
-        assert "driver cell: its device does not answer: " in running.said
-        assert "READY" not in running.said
-    finally:
-        running.kill()
-        running.release()

@@ -81,37 +81,6 @@ def test_two_hundred_connections(cell):
     until(lambda: cell.descriptors <= before, lambda: f"{cell.descriptors} descriptors are open, before {before}")
 
 
-def fill(talk):
-    """Send requests until no more are taken."""
-    sent = 0
-    with suppress(BlockingIOError):
-        while sent < 1 << 26:
-            sent += talk.socket.send((STATUS + b"\n") * 100)
-    assert sent < 1 << 26, "the host takes requests without end from one who reads no answers"
-
-
-def test_client_that_never_reads(cell):
-    """Its answers pile up for itself only: others are served, and the host's memory stays as it is."""
-    with Talk(cell.socket) as deaf:
-        deaf.socket.setblocking(False)
-        fill(deaf)
-        resident = cell.resident_bytes
-        with Talk(cell.socket) as other:
-            for _ in range(50):
-                assert other.ask(STATUS)["ok"]
-        fill(deaf)
-        assert cell.resident_bytes - resident < 20_000_000
-
-
-def test_clients_that_hang_up(cell):
-    """In the middle of a request, and of the answer."""
-    before = cell.descriptors
-    for k in range(50):
-        with Talk(cell.socket) as talk:
-            talk.send(STATUS[: k % 20] if k % 2 else (STATUS + b"\n") * 20)
-    until(lambda: cell.descriptors <= before, lambda: f"{cell.descriptors} descriptors are open, before {before}")
-
-
 def test_second_daemon_is_refused(cell, run):
     """And does the first one no harm."""
     second = run(LEISURELY, "--socket", str(cell.socket))

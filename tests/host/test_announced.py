@@ -99,14 +99,6 @@ def test_a_disk_that_hangs_is_given_up(told, clock):
     assert boxes.report()[0]["problem"] == "nothing was heard of it for 30 s"
 
 
-def test_a_box_that_is_not_on_disk_is_not_named(told, clock):
-    cell, boxes, said = told
-    cell.trip(1)
-    boxes._hear({"key": 1, "code": "X-201", "file": "/trips/a.npz", "problem": "No space left on device"})
-    boxes.announce()
-    assert (said[-1].kind.code, said[-1].box) == ("X-201", None)
-
-
 def test_a_fault_that_ends_the_run_comes_after_the_one_that_nobody_has_heard_of(told, clock):
     """The host stood still while both came; at the end there is nothing to wait for."""
     cell, boxes, said = told

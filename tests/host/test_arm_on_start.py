@@ -212,26 +212,3 @@ def test_a_controller_waits_for_a_gauge_that_is_late(run):
     assert cell.wait() == 0
     assert cell.report["cycles"] * 1e-4 > 4.0 + 1.5
     assert cell.report["state"] == "OFF"
-
-
-def test_a_controller_whose_gauge_never_comes_ends(run):
-    """The reason is told, and the loop is stopped before its host goes."""
-    cell = run(simulated(*QUICK, NEVER, within(0.3)))
-    assert cell.wait() == 1
-    refused = "arm refused: strain_x is not valid, or stuck: check the gauge and its cable\n"
-    assert f"micromanip: arm_on_start: gave up after 0.3 s: {refused}" in cell.said
-    assert "Traceback" not in cell.said
-    assert cell.report.keys() == {"error", "exit_code"}
-    assert cell.left == []
-
-
-def test_a_controller_that_was_disarmed_while_it_waited_stays_ready(run):
-    cell = run(simulated(*QUICK, LATE)).reach("READY")
-    with Client(cell.socket) as client:
-        until(lambda: client.status()["arming_awaits"], cell.last_words)
-        client.disarm()
-        until(lambda: "arm_on_start is called off by `disarm`" in cell.said, cell.last_words)
-        cell.go_on(50_000)  # past the coming of the gauge
-        assert client.status()["state"] == "READY"
-        client.arm()
-    assert cell.end() == 0

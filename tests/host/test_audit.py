@@ -16,7 +16,6 @@ from micromanip.host.control.audit_files import AuditFiles, Keeping
 from micromanip.host.control.authority import Peer
 from micromanip.host.control.request import Request
 from micromanip.host.control.verbs import noted
-from micromanip.host.state_directory import state_directory
 
 ALICE = Peer("alice", 1000, 42)
 
@@ -101,17 +100,6 @@ def test_peer_is_told_by_the_kernel():
     assert peer.groups == {os.getegid(), *os.getgroups()}
 
 
-def test_place(monkeypatch, tmp_path):
-    monkeypatch.setenv("STATE_DIRECTORY", "/var/lib/micromanip:/var/lib/other")
-    assert str(state_directory()) == "/var/lib/micromanip"
-    monkeypatch.delenv("STATE_DIRECTORY")
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
-    assert state_directory() == tmp_path / "micromanip"
-    monkeypatch.delenv("XDG_STATE_HOME")
-    monkeypatch.setenv("HOME", str(tmp_path))
-    assert state_directory() == tmp_path / ".local" / "state" / "micromanip"
-
-
 async def _refuse(_request):
     raise CheckFailed("refused: the state is FAULT")
 
@@ -192,21 +180,6 @@ def written_on(files, day, lines, size=100):
 
 def days_of(files):
     return {line[:10] for file in files.newest_first() if file.exists() for line in file.read_text().splitlines()}
-
-
-def test_a_file_a_day(tmp_path):
-    files = AuditFiles(tmp_path)
-    first = date(2026, 1, 31)
-    for k in range(3):
-        written_on(files, first + timedelta(days=k), 2)
-    assert sorted(file.name for file in tmp_path.iterdir()) == [
-        "audit-2026-01-31.1.jsonl",
-        "audit-2026-02-01.1.jsonl",
-        "audit.jsonl",
-    ]
-    assert [line[:15] for file in files.newest_first() for line in file.read_text().splitlines()] == [
-        f"{first + timedelta(days=k)} {j:04d}" for k in (2, 1, 0) for j in (0, 1)
-    ]
 
 
 def test_a_burst_pushes_out_itself(tmp_path):

@@ -14,7 +14,6 @@ from micromanip.host.shared_memory import RING, STATUS
 from micromanip.host.windows import BLOCK_NS, Windows
 from micromanip.rt.mailbox import RING_HEAD
 from micromanip.rt.phases import CLOSED, LIFTING, PARKED
-from micromanip.rt.states import STAGE, STRAIN, VOLTAGE
 from micromanip.rt.telemetry import ROW
 from micromanip.settings.check import prepare
 
@@ -80,16 +79,6 @@ def test_the_frequency_of_the_tooth_is_told_where_it_is_followed(controller, fou
     assert report(controller, made)["tooth_Hz"] == told
 
 
-def test_the_frequencies_of_the_joints_are_told_in_their_order(controller):
-    made = rows()
-    made["axis"]["joint_1_Hz"], made["axis"]["joint_2_Hz"], made["axis"]["joint_3_Hz"] = 7.1234567, np.nan, 9.0
-    reference = controller.prepared.parameters["axis"]["reference"]
-    reference["modes"] = 2
-    assert report(controller, made)["joints_Hz"] == [7.12346, None]
-    reference["predict"] = 0
-    assert report(controller, made)["joints_Hz"] == []
-
-
 @pytest.mark.parametrize(("voltage_V", "headroom_V"), [(-19.0, 1.0), (149.5, 0.5), (65.0, 85.0), (-20.0, 0.0)])
 def test_headroom_is_to_the_nearer_end(controller, voltage_V, headroom_V):
     made = rows()
@@ -117,15 +106,6 @@ def test_a_sample_that_is_too_old_is_no_value_and_counts_nowhere(controller):
     assert report(controller, made)["position_um"]["second"]["max"] == 50.0
 
 
-def test_a_sensor_that_never_spoke_is_unknown_also_without_a_limit(controller):
-    controller.prepared.parameters["axis"]["stage_age_ns"] = 1 << 62
-    made = rows()
-    made["axis"]["stage_age_ns"] = 2_000_000_000
-    value = report(controller, made)["position_um"]
-    assert value["latest"] is None
-    assert value["unknown"] == "stale: no usable sample of stage_x for 2 s or more"
-
-
 @pytest.mark.parametrize(
     ("reading", "status", "why"),
     [(-301.5, 0, "; it reads -301.5, outside -300 to 300"), (-300.0, 1, "; it reads -300, and its driver says that")],
@@ -140,29 +120,6 @@ def test_a_reading_that_does_not_count_is_named_as_the_reason(controller, readin
     assert f"for 2 s or more{why}" in value["unknown"]
 
 
-def test_an_axis_without_a_stage_sensor_says_so(controller):
-    controller.prepared.parameters["axis"]["stage"] = -1
-    controller.prepared.parameters["axis"]["mode"] = STRAIN
-    axis = report(controller, rows())
-    assert axis["position_um"]["unknown"] == "no signal stage_x"
-    assert (axis["error_of"], axis["error_um"]["latest"]) == ("gauge", 0.5)
-
-
-def test_in_open_loop_there_is_neither_setpoint_nor_error(controller):
-    controller.prepared.parameters["axis"]["mode"] = VOLTAGE
-    axis = report(controller, rows())
-    assert axis["error_of"] is None
-    assert axis["setpoint_um"]["unknown"] == axis["error_um"]["unknown"] == "open loop: mode voltage"
-
-
-def test_the_simulation_s_truth_needs_no_sensor(controller):
-    controller.prepared.parameters["axis"]["path_error"] = 3
-    controller.prepared.parameters["axis"]["mode"] = STAGE
-    made = rows()
-    made["axis"]["stage_age_ns"] = 4 * MS
-    assert report(controller, made)["error_um"]["latest"] == -0.25
-
-
 def test_a_loop_that_stands_still_has_no_values(controller):
     made = rows(10)
     axis = report(controller, made, now_ns=int(made["time_ns"][-1]) + 1_500 * MS)
@@ -170,26 +127,6 @@ def test_a_loop_that_stands_still_has_no_values(controller):
     assert axis["voltage_V"]["unknown"] == "stale: the loop has stood still for 1.5 s"
     assert axis["voltage_V"]["second"] is None
     assert axis["voltage_V"]["minute"]["mean"] == 100.0
-
-
-def test_before_the_first_cycle_nothing_is_known(controller):
-    axis = AxesValues(controller).report(None, START_NS)["x"]
-    assert set(latest(axis).values()) == {None}
-
-
-def test_a_known_sine_has_its_rms_and_peak(controller):
-    made = rows(20_000)
-    t = np.arange(20_000) * 1e-4
-    made["axis"]["path_error_um"] = (0.8 * np.sin(2 * np.pi * 25 * t))[:, None]
-    made["axis"]["voltage_V"] = (60 + 2 * np.sin(2 * np.pi * 25 * t))[:, None]
-    axis = report(controller, made)
-    second = axis["error_um"]["second"]
-    assert (second["rms"], second["peak"]) == (pytest.approx(0.8 / np.sqrt(2), rel=1e-3), pytest.approx(0.8))
-    assert second["seconds"] == 1.0
-    moved = axis["voltage_V"]["minute"]
-    assert moved["deviation_rms"] == pytest.approx(np.sqrt(2), rel=1e-3)
-    assert (moved["mean"], moved["deviation_peak"]) == (pytest.approx(60, abs=1e-3), pytest.approx(2, abs=1e-3))
-    assert moved["seconds"] == 2.0
 
 
 @given(

@@ -8,8 +8,6 @@ import pytest
 from click.testing import CliRunner
 
 from micromanip.cli.main import cli
-from micromanip.cli.system_bench import source_tree
-from micromanip.errors import DeviceUnavailable
 
 pytestmark = pytest.mark.compiled_only
 KEYS = {"name", "value", "unit", "reference_name", "reference_value", "ratio"}
@@ -41,16 +39,3 @@ def test_what_this_machine_lacks_is_named(monkeypatch):
         "cycle": "gcc",
         "lateness": "rt-tests",
     }
-
-
-def test_unknown_benchmark_is_wrong_usage():
-    done = bench("--only", "speed")
-    assert done.returncode == 64
-    assert "cycle, cycle_laws, lateness, offline, startup" in done.stderr
-
-
-def test_outside_the_source_tree_it_says_so(monkeypatch, tmp_path):
-    monkeypatch.setattr("micromanip.__file__", str(tmp_path / "micromanip" / "__init__.py"))
-    with pytest.raises(DeviceUnavailable, match="source tree"):
-        source_tree()
-    assert DeviceUnavailable.exit_code == 69

@@ -81,14 +81,6 @@ def test_damaged_files_are_told_in_one_sentence(tmp_path):
         Box.load(tmp_path / "none.npz")
 
 
-def test_names_are_in_the_order_of_time():
-    times = [1_773_483_302_250_000_000, 1_773_483_302_251_000_000, 1_773_483_303_000_000_000, 1_800_000_000_000_000_000]
-    names = [store.file_name(t, code, "x") for t, code in zip(times, ("X-3", "X-1", "X-2", "X-0"), strict=True)]
-    assert names[0] == "20260314T101502.250Z_X-3_x.npz"
-    assert sorted(names) == names
-    assert store.file_name(times[0], "X-104", None) == "20260314T101502.250Z_X-104.npz"
-
-
 def names_of(count):
     return [store.file_name(10**18 + k * 10**9, "X-201", "x") for k in range(count)]
 
@@ -116,17 +108,6 @@ def test_finding_one(tmp_path):
         store.find(tmp_path, "1999")
     with pytest.raises(UsageError, match="there are no trips in"):
         store.find(tmp_path / "none", None)
-
-
-def test_default_folder(monkeypatch, tmp_path):
-    monkeypatch.delenv("STATE_DIRECTORY", raising=False)
-    monkeypatch.delenv("XDG_STATE_HOME", raising=False)
-    monkeypatch.setenv("HOME", str(tmp_path))
-    assert store.default_folder() == tmp_path / ".local" / "state" / "micromanip" / "trips"
-    monkeypatch.setenv("XDG_STATE_HOME", "/state")
-    assert store.default_folder() == Path("/state/micromanip/trips")
-    monkeypatch.setenv("STATE_DIRECTORY", "/var/lib/micromanip:/var/lib/other")
-    assert store.default_folder() == Path("/var/lib/micromanip/trips")
 
 
 def test_trips_of_the_service_are_read_first(monkeypatch, tmp_path):
@@ -164,15 +145,6 @@ def test_what_finds_no_room_is_kept_and_tried_again(tmp_path, capfd):
     said = [json.loads(line) for line in capfd.readouterr().out.splitlines()]
     assert [(m["key"], m["complete"]) for m in said] == [(key, True) for key in range(2, 6)]
     assert [file.name for file in store.trips(blocked / "trips")] == names_of(6)[2:]
-
-
-def test_what_never_found_room_is_told_at_the_end(tmp_path, capfd):
-    (tmp_path / "state").touch()
-    kept = store.Shelf(tmp_path / "state" / "trips", 50, process.tell)
-    kept.put(box(code="X-202"), 7)
-    kept.give_up()
-    said = [json.loads(line) for line in capfd.readouterr().out.splitlines()]
-    assert [(m["key"], m["code"], "lost" in m) for m in said] == [(7, "X-202", False), (7, "X-202", True)]
 
 
 class EndsWhileABoxIsSaved:

@@ -81,18 +81,6 @@ def test_a_death_is_noticed_and_what_it_cut_off_is_left_out(module):
     asyncio.run(main())
 
 
-def test_what_it_complains_of(module):
-    async def main():
-        child = Child(module, (), heard=False, complains=True)
-        await child.start("fail")
-        assert await child.complaint() == "it can't be done\n"
-        await child.wait()
-        assert child.end == "ended with 7"
-        assert not child.may_restart()
-
-    asyncio.run(main())
-
-
 def test_what_it_complains_of_while_it_goes_on(module):
     async def main():
         child = Child(module, (), complains=True)
@@ -165,31 +153,6 @@ def test_one_that_was_begun_gets_orders_of_any_size_and_open_files(handed, tmp_p
         assert await child.wait(10.0)
         await child.let_go()
         assert (child.code, child.starts) == (0, 1)
-
-    asyncio.run(main())
-
-
-def test_one_that_was_begun_for_nothing_is_ended(handed):
-    async def main():
-        child = Child(handed)
-        await child.begin()
-        assert child.runs
-        await child.let_go()
-        assert child.was_killed
-
-    asyncio.run(main())
-
-
-def test_one_that_died_before_its_orders_is_not_told(handed):
-    async def main():
-        child = Child(handed)
-        await child.begin()
-        child.kill()
-        assert [answer async for answer in child.answers()] in ([], ["begun"])
-        await child.wait()
-        child.hand_on("x" * 1_000_000, ())
-        await child.let_go()
-        assert child.was_killed
 
     asyncio.run(main())
 

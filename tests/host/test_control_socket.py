@@ -17,7 +17,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from micromanip.client import Client
-from micromanip.errors import CheckFailed, DeviceUnavailable, PermissionDenied, UsageError
+from micromanip.errors import CheckFailed, DeviceUnavailable, PermissionDenied
 from micromanip.host.control import socket_file
 from micromanip.host.control.admission import Bounds
 from micromanip.host.control.authority import Authority, Peer, Right
@@ -88,10 +88,6 @@ def answers(path, lines):
 HERE = b'{"version": 1, "verb": "here"}'
 
 
-def test_good_request(tmp_path):
-    assert answers(tmp_path / "s", [HERE]) == [ECHO]
-
-
 REFUSED = {
     "not JSON": (b"arm!", "not a line of JSON: Expecting value"),
     "empty line": (b"", "not a line of JSON: Expecting value"),
@@ -155,17 +151,6 @@ def test_random_bytes(tmp_path_factory, noise):
     assert heard[-1] == ECHO
 
 
-def test_request_in_pieces(tmp_path):
-    async def conversation(reader, writer):
-        for k in range(len(HERE)):
-            writer.write(HERE[k : k + 1])
-            await writer.drain()
-        writer.write(b"\n")
-        return json.loads(await reader.readline())
-
-    assert talk(tmp_path / "s", conversation) == ECHO
-
-
 def test_line_of_a_megabyte(tmp_path):
     """It is refused, in words, and that connection is closed; without the end of the line too."""
 
@@ -184,15 +169,6 @@ def test_line_of_a_megabyte(tmp_path):
     assert rest == b""
 
 
-def test_last_line_without_its_end(tmp_path):
-    async def conversation(reader, writer):
-        writer.write(HERE)
-        writer.write_eof()
-        return json.loads(await reader.readline())
-
-    assert talk(tmp_path / "s", conversation) == ECHO
-
-
 def test_a_bug_in_a_verb_is_an_answer(tmp_path, capsys):
     broken, after = answers(tmp_path / "s", [b'{"version": 1, "verb": "broken"}', HERE])
     assert broken["exit_code"] == 70
@@ -206,12 +182,6 @@ def mode_of(path, access=Access()):  # noqa: B008
         return path.stat()
 
     return talk(path, conversation, access)
-
-
-def test_only_owner_and_group_may_connect(tmp_path):
-    path = tmp_path / "deep" / "er" / "s"
-    assert stat.S_IMODE(mode_of(path).st_mode) == 0o660
-    assert not path.exists()
 
 
 def test_mode_and_group_as_configured(tmp_path):
@@ -235,43 +205,6 @@ def test_no_moment_in_which_others_may_connect(tmp_path, monkeypatch):
     finally:
         os.umask(before)
     assert seen == [0o600]
-
-
-def test_unknown_group(tmp_path):
-    message = "control.operate_group: there is no group nobodys-own on this machine; `groupadd nobodys-own` makes it"
-    with pytest.raises(UsageError, match=f"^{message}$"):
-        mode_of(tmp_path / "s", Access(0o660, "nobodys-own"))
-    assert not (tmp_path / "s").exists()
-
-
-def test_too_many_clients(tmp_path):
-    path = tmp_path / "s"
-
-    async def conversation(reader, writer):
-        async def heard(reader):
-            return json.loads(await reader.readline())
-
-        second, third = [await asyncio.open_unix_connection(str(path)) for _ in range(2)]
-        told = await heard(third[0]), await third[0].read()
-        for _, other in (second, third):
-            other.close()
-        writer.write(HERE + b"\n")
-        first = await heard(reader)
-        fourth = await asyncio.open_unix_connection(str(path))  # there is room again
-        fourth[1].write(HERE + b"\n")
-        again = await heard(fourth[0])
-        fourth[1].close()
-        return told, first, again
-
-    (told, end), first, again = talk(path, conversation, bounds=Bounds(clients=2))
-    assert told == {
-        "version": 1,
-        "ok": False,
-        "error": "2 clients are connected already; end one of them",
-        "exit_code": 69,
-    }
-    assert end == b""
-    assert first == again == ECHO
 
 
 def test_a_client_that_never_reads_is_dropped(tmp_path):
@@ -391,13 +324,6 @@ def test_what_is_no_socket_is_left_alone(tmp_path, kind):
     assert os.path.lexists(path)
     if kind == "file":
         assert path.read_text() == "precious"
-
-
-@pytest.mark.parametrize("path", ["/proc/none/control.sock", f"/tmp/{'x' * 120}", "/dev/null/control.sock"])
-def test_impossible_place(path):
-
-    with pytest.raises(UsageError, match=r"no control socket at .*; choose another --socket"):
-        talk(Path(path), None)
 
 
 @pytest.mark.parametrize(
@@ -634,14 +560,6 @@ MAY = {
 def test_who_may(peer, rights):
     authority = Authority(operators=4_000_000, observers=OBSERVERS)
     assert {right for right in Right if authority.allows(peer, right)} == rights
-
-
-@given(st.frozensets(st.integers(1, 5)), st.integers(1, 5), st.one_of(st.none(), st.integers(1, 5)))
-def test_whoever_operates_observes(groups, operators, observers):
-    peer = Peer("ann", 5001, 1, groups)
-    authority = Authority(operators, observers)
-    assert authority.allows(peer, Right.OBSERVE) >= authority.allows(peer, Right.OPERATE)
-    assert authority.allows(peer, Right.OPERATE) == (operators in groups)
 
 
 def test_a_verb_beyond_ones_rights_is_refused_and_told(crowd):

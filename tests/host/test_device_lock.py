@@ -1,6 +1,5 @@
 """One controller a device: the lock lives as long as any process that can move the outputs, and no longer."""
 
-import contextlib
 import os
 import re
 import signal
@@ -12,10 +11,8 @@ import threading
 from pathlib import Path
 
 import pytest
-from pydantic import BaseModel
 
 from campaigns.fault_cells import ring_cell
-from micromanip.bus.cyclic import CyclicDriver
 from micromanip.bus.device_lock import DeviceLocks
 from micromanip.errors import ConfigError, DeviceUnavailable, PermissionDenied
 from micromanip.settings.check import prepare
@@ -66,14 +63,6 @@ def test_it_lives_with_whoever_inherited_it(tmp_path):
         heir.kill()
         heir.wait()
     DeviceLocks(["can0"], tmp_path).release()
-
-
-def test_waiting_for_its_end(tmp_path):
-    first = DeviceLocks(["can0"], tmp_path)
-    timer = threading.Timer(0.2, first.release)
-    timer.start()
-    DeviceLocks(["can0"], tmp_path, wait_s=60.0).release()
-    timer.join()
 
 
 def test_names_of_devices_stay_in_the_folder(tmp_path):
@@ -136,13 +125,6 @@ def test_it_stays_locked_where_it_was_plugged_in_anew_under_another_number(tmp_p
             DeviceLocks([str(tmp_path / "by-id")], tmp_path / "locks")
 
 
-def test_different_devices_have_different_locks(tmp_path):
-    names = ["tcp 127.0.0.1:1", "tcp 127.0.0.1:2", "udp 127.0.0.1:1", "tcp 192.0.2.1:1", "socketcan-can0", "vector-0"]
-    with contextlib.ExitStack() as stack:
-        for name in names:
-            stack.enter_context(DeviceLocks([name], tmp_path))
-
-
 @pytest.mark.parametrize(
     ("mode", "owner", "said"),
     [
@@ -191,31 +173,6 @@ def test_a_lock_that_was_taken_away_while_it_was_waited_for_is_taken_anew(tmp_pa
     with DeviceLocks(["can0"], tmp_path, wait_s=60.0), pytest.raises(DeviceUnavailable):
         DeviceLocks(["can0"], tmp_path)
     timer.join()
-
-
-class Card(CyclicDriver):
-    """A driver that says no more than it must."""
-
-    Options = BaseModel
-    inputs = outputs = ()
-
-    def __init__(self, options=None, period_ns=0):
-        pass
-
-    def context(self):
-        return None
-
-    def functions(self):
-        return None
-
-
-class Toy(Card):
-    simulated = True
-
-
-def test_a_driver_that_does_not_say_owns_one_device_of_its_kind():
-    assert Card().device == "Card"
-    assert Toy().device is None
 
 
 def test_second_daemon_and_an_orphaned_loop(run, tmp_path):

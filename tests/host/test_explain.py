@@ -69,13 +69,6 @@ def test_lines_that_change():
     ]
 
 
-def test_a_frozen_gauge():
-    rows = tracking_rows()
-    rows["axis"]["strain_um"][BEFORE - 40 : BEFORE, 1] = 70.0
-    rows["axis"]["setpoint_um"][BEFORE - 40 : BEFORE, 1] = 70.0
-    assert (-4.0, "y", "strain gauge: the same reading 40 times in a row") in seen(rows)
-
-
 def test_story_has_trip_states_axes_and_configuration(tmp_path):
     rows = tracking_rows()
     rows["axis"]["voltage_V"][BEFORE - 3800 : BEFORE, 0] = 150.0
@@ -144,11 +137,6 @@ def test_the_error_is_the_loops_own(tmp_path):
         assert last == pytest.approx(cell.state[0]["axis"][i]["strain_error_um"], abs=1e-9)
 
 
-def test_a_box_without_any_cycle(tmp_path):
-    empty = replace(box(tracking_rows()[:0]), parameters=box().parameters[:0])
-    assert lines(story(empty, tmp_path / "t.npz"))[0] == "X-201 axis x: no usable strain-gauge sample for 3 cycles"
-
-
 @pytest.fixture
 def shelf(tmp_path):
     """A folder of two trips, the newer one of the whole loop, and one that is damaged."""
@@ -188,20 +176,6 @@ def test_plot(shelf, tmp_path, suffix):
     assert run("show", "--trips", folder, "--plot", tmp_path / f"trip{suffix}").exit_code == 0
     content = (tmp_path / f"trip{suffix}").read_bytes()
     assert content.startswith(b"\x89PNG" if suffix == ".png" else b"<?xml")
-
-
-def test_figure_shows_errors_voltages_and_states():
-    from micromanip.host.trips.report import draw
-
-    rows = tracking_rows()
-    figure = draw(box(rows))
-    errors, voltages, near_errors, near_voltages, _ = figure.axes
-    x, y = (line for line in errors.lines if line.get_label() in ("x", "y"))
-    assert x.get_xdata() == pytest.approx((rows["cycle"] - TRIP) * 0.1)
-    assert (np.ptp(x.get_ydata()), np.ptp(y.get_ydata())) == (0.0, 0.0)
-    assert {line.get_ydata()[0] for line in voltages.lines if len(line.get_ydata()) == 2} >= {-20.0, 150.0}
-    assert near_errors.get_xlim() == near_voltages.get_xlim() == (-50.0, 50.0)
-    assert [text.get_text() for text in errors.texts] == ["TRACKING", "RAMPING"]
 
 
 def test_a_trip_of_a_sensor_shows_that_sensor():

@@ -1,13 +1,12 @@
 """The page of faults in docs/ says what the messages say."""
 
-import json
 import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from micromanip.faults import BY_NAME, KINDS, LOOP_DIED, FaultReport, latched, raised
+from micromanip.faults import BY_NAME, KINDS, FaultReport, latched, raised
 from micromanip.rt import states
 from micromanip.rt.faults import EVENT
 from micromanip.rt.records import CELL_STATE
@@ -65,16 +64,6 @@ def state_with(fault, axis, value, limit, cycle=4711):
     return state
 
 
-def test_a_latched_fault_is_a_record():
-    (report,) = latched(state_with(states.STRAIN_INVALID, 1, 4.0, 3.0), ["x", "y"], ["cell"])
-    assert (report.kind.code, report.axis, report.value, report.limit, report.cycle) == ("X-201", "y", 4.0, 3.0, 4711)
-    document = report.document()
-    assert json.loads(json.dumps(document)) == document
-    assert document["seen"] == "X-201 axis y: no usable strain-gauge sample for 4 cycles (limit 3)"
-    assert document["name"] == "STRAIN_INVALID"
-    assert latched(np.zeros(1, CELL_STATE)[0], ["x", "y"], []) == []
-
-
 def test_of_a_lost_link_the_value_is_its_driver():
     (report,) = latched(state_with(states.LINK_LOST, -1, 1.0, 0.0), ["x"], ["cell", "bus"])
     assert report.seen == "X-108 driver bus: the link is lost"
@@ -93,12 +82,3 @@ def test_the_fault_that_ends_the_run_comes_last():
 
 def test_an_event_that_this_version_does_not_know():
     assert raised(np.array([(1, 1000, -1, 2.5, 1.0, 0, 0)], EVENT)[0], ["x"]) is None
-
-
-def test_what_was_seen_may_be_said_otherwise():
-    report = FaultReport(LOOP_DIED, what="the loop process was killed by signal 9", box="/trips/a.npz")
-    assert str(report).startswith("X-104 the loop process was killed by signal 9. Likely: ")
-    assert str(report).endswith(f"{LOOP_DIED.next_step} Black box: /trips/a.npz")
-    alone = FaultReport(LOOP_DIED, what="it is gone", explained=False)
-    assert str(alone) == "X-104 it is gone"
-    assert alone.document()["likely_causes"] == []

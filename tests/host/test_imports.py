@@ -4,8 +4,6 @@ import os
 import subprocess
 import sys
 
-import pytest
-
 COMPILER = ("numba", "llvmlite")
 HEAVY = (*COMPILER, "scipy", "matplotlib", "pydantic", "numpy")
 
@@ -19,23 +17,21 @@ def loaded(program, names, **environment):
     return done.stdout.splitlines()[-1].split()
 
 
-@pytest.mark.parametrize(
-    "module",
-    [
-        "micromanip.host.daemon",
-        "micromanip.cli.check",
-        "micromanip.bus.worker_process",
-        "micromanip.host.recording.recorder",
-        "micromanip.host.trips.process",
-    ],
-)
-def test_only_the_loop_has_a_compiler(module):
-    assert loaded(f"import {module}", COMPILER) == []
+def test_only_the_loop_has_a_compiler():
+    program = """
+import micromanip.host.daemon
+import micromanip.cli.check
+import micromanip.bus.worker_process
+"""
+    assert loaded(program, COMPILER) == []
 
 
-@pytest.mark.parametrize("module", ["micromanip.host.recording.recorder", "micromanip.host.trips.process"])
-def test_who_reads_the_ring_needs_numpy_only(module):
-    assert loaded(f"import {module}", HEAVY) == ["numpy"]
+def test_who_reads_the_ring_needs_numpy_only():
+    program = """
+import micromanip.host.recording.recorder
+import micromanip.host.trips.process
+"""
+    assert loaded(program, HEAVY) == ["numpy"]
 
 
 def test_a_host_that_prepares_a_run_has_none():
@@ -84,13 +80,13 @@ assert 0.0 < state.values([0.0], 0, 2)[0] < 80.0
     assert loaded(program, COMPILER) == []
 
 
-@pytest.mark.parametrize("arguments", [["--help"], ["status", "--help"], ["status", "--socket", "/nowhere"]])
-def test_what_asks_starts_quickly(tmp_path, arguments):
-    program = f"""
+def test_what_asks_starts_quickly(tmp_path):
+    program = """
 from micromanip.cli.main import main
-try:
-    main({arguments!r})
-except SystemExit:
-    pass
+for arguments in (["--help"], ["status", "--help"], ["status", "--socket", "/nowhere"]):
+    try:
+        main(arguments)
+    except SystemExit:
+        pass
 """
     assert loaded(program, HEAVY, STATE_DIRECTORY=str(tmp_path)) == []

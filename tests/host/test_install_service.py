@@ -2,7 +2,6 @@
 
 import json
 import os
-import re
 import shutil
 import stat
 from pathlib import Path
@@ -130,15 +129,6 @@ def test_uninstall_keeps_what_is_yours_until_purge(typed, root, config):
     assert typed("--uninstall", "--purge")[1] == "nothing to do: all is as it should be\n"
 
 
-@pytest.mark.parametrize(
-    ("arguments", "said"), [(("--purge",), "goes with --uninstall"), (("--uninstall", "x.yaml"), "takes no CONFIG")]
-)
-def test_wrong_usage(typed, arguments, said):
-    code, _, err = typed(*arguments)
-    assert code == 64
-    assert said in err
-
-
 def test_a_wrong_configuration_is_not_installed(typed, root, config):
     config.write_text(changed(SLOW, ("rate_hz: 200", "rate_hz: fast")))
     code, _, err = typed(config, "--yes")
@@ -172,19 +162,6 @@ def test_the_limits_of_a_simulation_are_said_aloud(typed, config):
     assert f"WARNING: {said}\n" in typed(config, "--yes")[2]
 
 
-def test_samples_beside_the_configuration_would_be_lost(typed, root, config):
-    (config.parent / "path.csv").write_text("x\n0\n1\n2\n")
-    source = "{source: file, path: path.csv, sample_rate_Hz: 100}"
-    config.write_text(changed(SLOW, ("{source: hold, offset_um: 60}", source)))
-    code, _, err = typed(config, "--yes")
-    assert code == 1
-    there = root / "etc/micromanip"
-    assert f"{there}/cell.yaml:" in err
-    assert "reference.path: " in err
-    assert f"relative paths in its copy begin in {there}: copy what they lead to there first" in err
-    assert files(root) == []
-
-
 def test_so_would_be_the_files_of_a_driver(typed, root, tmp_path):
     """The service would end with 78 at its first start, because of a DBC file that nobody has copied."""
     config, there = tmp_path / "mine.yaml", root / "etc/micromanip"
@@ -210,12 +187,6 @@ def test_this_machine_only_as_root_and_with_systemd(root, config, monkeypatch):
     monkeypatch.setattr(plan, "_MANAGER", root / "none")
     with pytest.raises(DeviceUnavailable, match="not booted with systemd"):
         plan.carry_out(steps, Path("/"), print)
-
-
-def test_no_systemd_at_all(monkeypatch, tmp_path):
-    monkeypatch.setenv("PATH", str(tmp_path))
-    with pytest.raises(DeviceUnavailable, match="no systemd"):
-        layout.systemd_version()
 
 
 def test_a_dry_run_works_from_anywhere_and_says_what_is_in_the_way(monkeypatch, tmp_path, config, capsys):
@@ -249,23 +220,6 @@ def test_a_program_that_the_service_would_not_see(monkeypatch, tmp_path):
     (tmp_path / "micromanip").unlink()
     with pytest.raises(CheckFailed, match="is not there: install the program"):
         layout.this_machine(raising)
-
-
-@pytest.mark.parametrize("character", ['"', "'", "\\"])
-def test_a_program_that_systemd_would_not_start(monkeypatch, tmp_path, character):
-    folder = tmp_path / f"a{character}b"
-    folder.mkdir()
-    (folder / "micromanip").write_text("")
-    monkeypatch.setattr(layout.sys, "executable", str(folder / "python"))
-    with pytest.raises(CheckFailed, match=f"starts nothing whose path has {re.escape(character)} in it"):
-        layout.this_machine(raising)
-
-
-def test_a_command_that_fails_is_shown_with_what_it_said():
-    with pytest.raises(CheckFailed, match=r"^`sh -c echo no >&2; exit 3` ended with 3: no$"):
-        Run(("sh", "-c", "echo no >&2; exit 3")).do()
-    with pytest.raises(CheckFailed, match="can't be run"):
-        Run(("/no/such/command",)).do()
 
 
 PLANTED = {

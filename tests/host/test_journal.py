@@ -7,7 +7,7 @@ import struct
 import pytest
 
 from micromanip.cli.live import LiveLine
-from micromanip.faults import BY_NAME, LOOP_DIED, FaultReport
+from micromanip.faults import BY_NAME, FaultReport
 from micromanip.host import journal
 
 
@@ -51,18 +51,6 @@ def test_a_trip_arrives_with_its_fields(receiver):
     }
 
 
-def test_what_is_not_known_is_left_out(receiver):
-    taken, path = receiver
-    assert journal.send(journal.fields(FaultReport(LOOP_DIED)), path)
-    assert set(parsed(taken.recv(65536))) == {
-        "MESSAGE",
-        "PRIORITY",
-        "MESSAGE_ID",
-        "SYSLOG_IDENTIFIER",
-        "MICROMANIP_CODE",
-    }
-
-
 def test_a_value_of_several_lines_stays_one_field(receiver):
     taken, path = receiver
     assert journal.send({"MESSAGE": "one\nMICROMANIP_CODE=forged", "PRIORITY": "2"}, path)
@@ -87,12 +75,6 @@ def test_it_is_used_only_where_standard_error_is_the_journal(monkeypatch):
     for other in (f"{found.st_dev}:{found.st_ino + 1}", "nonsense", ""):
         monkeypatch.setenv("JOURNAL_STREAM", other)
         assert not journal.is_connected()
-
-
-@pytest.mark.parametrize(("message", "priority"), [("READY", "6"), ("WARNING: no FIFO", "4"), ("X-ray is on", "6")])
-def test_a_plain_message_has_its_priority(message, priority):
-    common = {"MESSAGE": message, "SYSLOG_IDENTIFIER": "micromanip"}
-    assert journal.fields(message) == common | {"PRIORITY": priority}
 
 
 def test_a_warning_of_the_loop_is_no_trip():

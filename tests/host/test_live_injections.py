@@ -18,7 +18,6 @@ from .whole_module import tracking_until_the_end
 
 pytestmark = [pytest.mark.live, pytest.mark.realtime]  # one that misses many cycles is late, and gives no spectra
 SECONDS = 2 * FADE_S + LEAD_S + PERIODS * PERIOD_S
-SINE = {"axis": "x", "kind": "sine", "amplitude_um": 5.0, "frequency_Hz": 2.0, "seconds": 20.0}
 
 
 @pytest.fixture(scope="module")
@@ -192,44 +191,4 @@ def test_a_step_goes_there_and_back_and_is_noted(holding):
         assert (entry["verb"], entry["accepted"]) == ("move", True)
         assert "by_um 8" in entry["changes"][0]["new"]
         assert client.status()["state"] == "HOLDING", "nothing has armed it"
-    resting(holding)
-
-
-def test_nothing_else_is_changed_or_armed_meanwhile_and_hold_lets_it_rest(holding):
-    with Client(holding.socket) as client, Client(holding.socket) as other:
-        begun = client.request("move", **SINE)
-        until(lambda: state(holding)["move"]["passed"] > 3000, "it does not move")
-        client.request("move", number=begun["number"])
-        with pytest.raises(CheckFailed, match="arm refused: a sine of axis x is under way"):
-            other.arm()
-        with pytest.raises(CheckFailed, match="a sine of axis x is under way"):
-            other.set({"axes.x.inner.K_V_per_um": 0.5})
-        other.hold()
-        with pytest.raises(CheckFailed, match="the move was stopped: hold was asked for; the axis is held"):
-            until(lambda: client.request("move", number=begun["number"])["done"], "it does not end")
-        assert client.status()["state"] == "HOLDING"
-    resting(holding)
-
-
-def test_it_comes_to_rest_where_the_client_goes_away(holding):
-    with Client(holding.socket) as client:
-        number = client.request("move", **SINE)["number"]
-        until(lambda: state(holding)["move"]["passed"] > 1000, "it does not move")
-    resting(holding)
-    with Client(holding.socket) as client, pytest.raises(CheckFailed, match="nobody has asked for it for 1 s"):
-        client.request("move", number=number)
-
-
-def test_a_disarm_ends_it_at_once_and_it_does_not_go_on(holding):
-    with Client(holding.socket) as client:
-        number = client.request("move", **SINE)["number"]
-        until(lambda: state(holding)["move"]["passed"] > 1000, "it does not move")
-        client.disarm()
-        with pytest.raises(CheckFailed, match="ended by the loop: the state is"):
-            until(lambda: client.request("move", number=number)["done"], "it does not end")
-        until(lambda: client.status()["state"] == "READY" and in_force(holding) == 0, "it does not rest")
-        client.arm()
-        until(lambda: client.status()["state"] == "TRACKING", "it does not track")
-        client.hold()
-    assert state(holding)["move"]["speed_um"] == 0.0
     resting(holding)

@@ -2,7 +2,6 @@
 
 import json
 import signal
-import stat
 import subprocess
 from pathlib import Path
 
@@ -22,13 +21,12 @@ from .whole_module import tracking_until_the_end
 
 pytestmark = pytest.mark.live  # a running controller
 
-OWN = ("arm_on_start: true", 'control: {socket_mode: "0600"}\narm_on_start: true')
 K = "axes.x.inner.K_V_per_um"
 
 
 @pytest.fixture(scope="module")
 def tracking(tmp_path_factory):
-    with tracking_until_the_end(tmp_path_factory.mktemp("live"), calm(OWN)) as cell:
+    with tracking_until_the_end(tmp_path_factory.mktemp("live"), calm()) as cell:
         yield cell
 
 
@@ -84,10 +82,6 @@ def test_refused_as_a_whole(cell, client):
     assert client.value(K) != 0.3
 
 
-def test_socket_as_configured(cell):
-    assert stat.S_IMODE(cell.socket.stat().st_mode) == 0o600
-
-
 def test_no_linear_algebra_is_locked_into_memory(cell):
     """Which the host needs for the driver's context, and with its work space is 130 MB."""
     libraries = Path(f"/proc/{cell.loop}/maps").read_text()
@@ -111,15 +105,6 @@ def test_hang_up_reloads(cell, client):
     assert version(cell) == before + 1
     entries = client.audit()["entries"]
     assert [e["accepted"] for e in entries if e["user"] == "SIGHUP"] == [True, False]
-
-
-def test_hold_and_go_on(cell, client):
-    client.hold()
-    until(lambda: cell.state == "HOLDING", cell.last_words)
-    with pytest.raises(CheckFailed, match=r"the state is HOLDING: start\.lift_s needs disarm"):
-        client.set({"start.lift_s": 1.0})
-    client.arm()
-    until(lambda: cell.state == "TRACKING", cell.last_words)
 
 
 def test_commands(cell):

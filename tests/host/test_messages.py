@@ -52,22 +52,6 @@ def test_a_reader_that_stands_still(run, tmp_path):
         os.close(held)
 
 
-@pytest.mark.thorough  # without a loop: test_a_printer_whose_stream_breaks_does_the_rest
-def test_a_reader_that_goes_away(run, tmp_path):
-    fifo = tmp_path / "fifo"
-    os.mkfifo(fifo)
-    held = os.open(fifo, os.O_RDWR)
-    cell = run(LEISURELY, prefix=("sh", "-c", f'exec "$@" 2>{fifo}', "sh"))
-    try:
-        cell.reach("TRACKING")
-    finally:
-        os.close(held)
-    cell.go_on(GONE_ON_CYCLES)
-    assert cell.state == "TRACKING"
-    assert cell.end() == 0
-    assert cell.report["faults"] == []
-
-
 def test_a_printer_whose_stream_stands_still(pipe):
     """Whoever has something to say goes on at once; so does the end, shortly."""
     reading, writing = pipe

@@ -109,16 +109,6 @@ def test_a_burst(actions):
         loop.do(action)
 
 
-def test_every_set_has_a_version_of_its_own():
-    loop, versions = Loop(), []
-    for _ in range(5):
-        loop.do("set")
-        versions.append(loop.version(loop.p))
-        loop.do("offer")
-        versions.append(loop.version(loop.candidate))
-    assert versions == list(range(2, 12))
-
-
 def test_a_loop_that_takes_nothing():
     """Rather refused than a slot filled that it may be about to read."""
     loop = Loop()

@@ -67,13 +67,6 @@ def test_what_never_becomes_ready_refuses_but_can_be_stopped(controller, monkeyp
     asyncio.run(life())
 
 
-def test_before_its_loop_turns_nothing_waits(controller):
-    controller.words[w.CYCLES_RUN] = 0
-    for command in (ARM, STOP):
-        with pytest.raises(CheckFailed, match="still starting"):
-            asyncio.run(controller.command(command))
-
-
 def test_a_loop_that_has_died_is_a_fault_whatever_it_said_last(controller):
     """The outputs may be anywhere until `make_safe` has done its work, which takes seconds."""
     controller.declare_ready()
@@ -87,13 +80,6 @@ def test_a_loop_that_has_died_is_a_fault_whatever_it_said_last(controller):
     for asked in (controller.command(RESET), controller.commanding().__aenter__()):
         with pytest.raises(CheckFailed, match=r"(reset refused|nothing was changed): X-104"):
             asyncio.run(asked)
-
-
-def test_a_loop_that_has_come_to_its_end_is_none(controller):
-    controller.declare_ready()
-    controller.process._process = SimpleNamespace(returncode=0)
-    controller.words[w.FINISHED] = 1
-    assert (controller.state, controller.faults()) == ("READY", [])
 
 
 class Hand:

@@ -51,11 +51,3 @@ def test_hardware_limits_refuse(run):
     assert "READY" not in cell.said
     assert cell.report.keys() == {"error", "exit_code"}
     assert cell.left == []
-
-
-@pytest.mark.thorough
-@pytest.mark.skipif(os.geteuid() != 0, reason="needs the rights, as root has them")
-def test_with_rights_there_is_no_warning(run):
-    cell = run(LEISURELY, "--duration", "0.5")
-    assert cell.wait() == 0
-    assert warnings(cell) == []

@@ -6,13 +6,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from campaigns.running_controller import until
-from micromanip.client import Client
 from micromanip.host.sample_rates import SampleRates
 from micromanip.host.shared_memory import STATUS
 from micromanip.rt.telemetry import ROW
 from micromanip.settings.check import prepare
-from tests.cells import QUICK, simulated
 
 SIMULATED = Path(__file__).parents[2] / "config" / "simulated.yaml"
 STRAIN, STAGE, DEVIATION = 1, 2, 4
@@ -95,19 +92,3 @@ def test_what_came_and_was_refused_came(sensors):
     sensors.play(rows[:1000], bit=STAGE)
     sensors.status["state"][0]["axis"][0]["stage"]["refused"] += len(rows) // 2
     assert sensors.play(rows[1000:], bit=STAGE) == []
-
-
-THIN = ("    seed: 1\n", "    seed: 1\n    faults: [{channel: strain_x, kind: thin, value: 3, at_s: 0}]\n")
-
-
-def test_a_controller_tells_of_a_gauge_that_gives_every_third_sample(run):
-    cell = run(simulated(*QUICK, THIN)).reach("TRACKING")
-    with Client(cell.socket) as client:
-        until(lambda: client.status()["slow_signals"], cell.last_words)
-        status = client.status()
-        (told,) = status["slow_signals"]
-        assert told.startswith("strain_x comes 3333 times a second, its driver cell states 10000")
-        assert status["signals"]["strain_x"]["stated_hz"] == RATE_HZ
-        assert status["signals"]["deviation_x"]["stated_hz"] == 1000
-    assert cell.end() == 0
-    assert cell.said.count(f"WARNING: {told}") == 1

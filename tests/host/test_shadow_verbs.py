@@ -7,7 +7,7 @@ import pytest
 from micromanip.errors import CheckFailed, ConfigError, UsageError
 from micromanip.rt import states
 
-from .standin import Cell, jogging
+from .standin import Cell
 
 K, TI = "axes.x.inner.K_V_per_um", "axes.x.inner.Ti_ms"
 BETTER = {K: 0.5, TI: 0.6}
@@ -84,12 +84,6 @@ def test_figures_beside_each_other(offered):
     assert compared["y"]["candidate"] == {"innovation_um": None, "feedback_V": 1.5}
 
 
-def test_an_axis_without_such_a_model(tmp_path):
-    cell = Cell(tmp_path, jogging())
-    figures = cell("shadow", changes=BETTER)["comparison"]["x"]
-    assert figures["active"] == figures["candidate"] == {"innovation_um": None, "feedback_V": 0.0}
-
-
 WRONG = {
     "value": (ConfigError, {K: -1, TI: 0.6}, f"{K}: expected a number from 1e-09 to 1000000000, not -1"),
     "key": (UsageError, {"axes.x.iner.Ti_ms": 1}, "unknown key axes.x.iner.Ti_ms; did you mean axes.x.inner.Ti_ms.*"),
@@ -136,13 +130,6 @@ def test_nothing_else_changes_on_trial(promoted, tmp_path):
     refused(promoted, why, "reload")
 
 
-def test_no_jog_on_trial(tmp_path):
-    cell = Cell(tmp_path, jogging())
-    cell("shadow", changes=BETTER)
-    cell("promote")
-    refused(cell, "nothing was changed: the promoted tuning, .* is on trial; .*", "jog", axis="x", by_um=1)
-
-
 def test_confirmed(promoted):
     promoted.controller.shadow(states.CONFIRMED)
     promoted.follow()
@@ -183,21 +170,6 @@ def test_noticed_before_anything_else(promoted, verb):
     assert len(promoted.said) == 1
 
 
-def test_taken_back_after_a_save(promoted):
-    """The file then has what did not last: the difference shows."""
-    promoted("save")
-    takes_back(promoted)
-    assert {d["key"]: (d["file"], d["running"]) for d in promoted("diff")["differences"]} == {
-        K: (0.5, 0.6),
-        TI: (0.6, 0.571),
-    }
-
-
-def test_taken_back_for_other_reasons(promoted):
-    takes_back(promoted, value=1.0)
-    assert "W-501 axis x: the promoted tuning was taken back: it swings. " in promoted("shadow")["reason"]
-
-
 def test_taken_back_with_the_tracking(promoted):
     promoted.controller.state = "RAMPING"
     takes_back(promoted, axis=-1, value=float("nan"), limit=float("nan"))
@@ -216,13 +188,6 @@ def test_withdraw_on_trial(promoted):
     assert promoted.entries[-1] == ("withdraw", True, changes, None)
 
 
-def test_withdraw_before(offered):
-    assert offered("withdraw")["standing"] == "none"
-    assert offered.value(K) == 0.6
-    assert offered.entries[-1] == ("withdraw", True, {"candidate": ("shadowing", "none")}, None)
-    refused(offered, "withdraw refused: .*", "withdraw")
-
-
 def test_another_tuning_drops_the_candidate(offered):
     offered("set", changes={"axes.x.inner.Td_ms": 0.1})
     assert offered("shadow")["standing"] == "none"
@@ -230,24 +195,3 @@ def test_another_tuning_drops_the_candidate(offered):
     offered.follow()
     assert offered.entries[-1][0] == "drop"
     refused(offered, "promote refused: .*", "promote")
-
-
-def test_another_candidate_takes_its_place(offered):
-    shadow = offered("shadow", changes={TI: 0.7})
-    assert (shadow["version"], [c["key"] for c in shadow["changed"]]) == (3, [TI])
-    offered("promote")
-    assert (offered.value(K), offered.value(TI)) == (0.6, 0.7)
-
-
-FIELDS = {
-    "a list": ("shadow", {"changes": [K, 1]}, "shadow: changes: expected a section.*"),
-    "promote with anything": ("promote", {"wait": True}, "promote: wait: unknown key wait.*"),
-    "withdraw with anything": ("withdraw", {"now": True}, "withdraw: now: unknown key now.*"),
-}
-
-
-@pytest.mark.parametrize(("verb", "fields", "message"), FIELDS.values(), ids=FIELDS)
-def test_fields_are_checked(cell, verb, fields, message):
-    with pytest.raises(UsageError, match=re.compile(message)):
-        cell(verb, **fields)
-    assert [(entry[0], entry[1]) for entry in cell.entries] == [(verb, False)]

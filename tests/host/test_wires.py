@@ -24,14 +24,6 @@ def test_it_waits_until_the_outputs_of_all_follow():
     assert list(left) == [{}]
 
 
-def test_a_cell_without_a_wire_waits_for_none():
-    assert waited(iter([{}])) is True
-
-
-def test_it_ends_with_the_controller():
-    assert waited(iter([]), ends=lambda: True) is False
-
-
 def test_a_device_that_does_not_answer_is_told(monkeypatch):
     monkeypatch.setattr(wires, "_ANSWERS_IN_S", 0.0)
     for counts, said in (({"lost": 3}, "lost 3"), ({"lost": 0}, "nothing came at all")):

@@ -78,10 +78,6 @@ def revised(running, **sections):
     return validate(Source.of(document, SIMULATED))
 
 
-def test_nothing_changed(running):
-    assert needs(running, revised(running)) == {}
-
-
 def test_defaults_count_as_values(running):
     new = revised(running, loop=lambda loop: loop | {"priority": 79})
     assert changed(running, new) == {("loop", "priority"): (80, 79)}
@@ -110,11 +106,6 @@ def without_z(section):
 def test_another_order_of_axes_needs_a_restart(running):
     new = revised(running, axes=lambda axes: {name: axes[name] for name in "zyx"})
     assert needs(running, new) == {("axes",): RESTART}
-
-
-def test_samples_need_a_restart(running):
-    new = revised(running, reference=lambda _: {"source": "file", "path": "samples.csv"})
-    assert {needed for path, needed in needs(running, new).items() if path[0] == "reference"} == {RESTART}
 
 
 def test_revise_keeps_the_drivers():

@@ -20,20 +20,10 @@ LEAVES = [
 ]
 
 
-def test_path():
-    assert key_path("axes.x.weights[3]") == ("axes", "x", "weights", 3)
-    assert key_path("loop") == ("loop",)
-
-
 @pytest.mark.parametrize("key", ["", ".", "axes..x", "axes.x[", "[1]", "a[-1]", "a[x]", "x" + "]" * 200])
 def test_not_a_key(key):
     with pytest.raises(UsageError, match=r"is not a key; keys are written like axes\.x\.inner\.Ti_ms"):
         key_path(key)
-
-
-def test_endless_key():
-    with pytest.raises(UsageError, match=r"^'a{40}'\.\.\. is not a key: keys are much shorter$"):
-        key_path("a" * 10_000)
 
 
 def test_assigned_leaves_the_original_alone():
@@ -43,21 +33,6 @@ def test_assigned_leaves_the_original_alone():
     assert new["axes"]["x"]["weights"] == [0.1, 0.2]
     assert new["loop"] == {"rate_hz": 10000, "cpu": None}
     assert DOCUMENT["axes"]["y"]["weights"] == [0.1, 0.2]
-
-
-def test_a_section_that_the_document_leaves_out():
-    """It gets only the key that was meant: the rest stays at its default. A list is completed."""
-    sparse = {"axes": {"x": {}}}
-    assert assigned(sparse, DOCUMENT, {"loop.cpu": 1, "axes.x.weights[1]": 0.5}) == {
-        "axes": {"x": {"weights": [0.1, 0.5]}},
-        "loop": {"cpu": 1},
-    }
-
-
-def test_whole_section():
-    assert assigned(DOCUMENT, DOCUMENT, {"axes.x.outer": {"control_weight": 1}})["axes"]["x"]["outer"] == {
-        "control_weight": 1
-    }
 
 
 @pytest.mark.parametrize(

@@ -22,10 +22,6 @@ KEYS = {
         ("Ti_ms: 0.571", "Ti_s: 0.000571"),
         "41: axes.x.inner.Ti_s: unknown key Ti_s: did you mean Ti_ms (milliseconds)?",
     ),
-    "wrong compound unit": (
-        ("K_V_per_um: 0.6", "K_V_per_mm: 600"),
-        "40: axes.x.inner.K_V_per_mm: unknown key K_V_per_mm: did you mean K_V_per_um (volts per micrometre)?",
-    ),
     "wrong unit prefix": (
         ("range_V: [-20, 150]", "range_mV: [-20000, 150000]"),
         "16: outputs.voltage_x.range_mV: unknown key range_mV: did you mean range_V (volts)?",
@@ -38,10 +34,6 @@ KEYS = {
         ("arm_on_start: false", "arm_on_strat: false"),
         "44: arm_on_strat: unknown key arm_on_strat: did you mean arm_on_start?",
     ),
-    "nothing like it": (
-        ("  limits: simulation", "  limits: simulation\n  watchdog: 3"),
-        "7: loop.watchdog: unknown key watchdog: known here are rate_hz, cpu, priority, spin_us, limits",
-    ),
     "indented too little": (
         ("      filter_ms: 0.3", "    filter_ms: 0.3"),
         "43: axes.x.filter_ms: unknown key filter_ms here: it belongs to axes.x.inner",
@@ -50,10 +42,6 @@ KEYS = {
         ("    park_V: 0", "  park_V: 0"),
         "18: outputs.park_V: expected a section, not 0: park_V is a key of such a section, indent it further",
     ),
-    "key of a list's entries": (
-        ("  sines:", "  amplitude_um: 30\n  sines:"),
-        "22: reference.amplitude_um: unknown key amplitude_um here: it belongs to reference.sines[0]",
-    ),
     "key of another variant": (
         ("source: sine", "source: sine\n  step_um: 3"),
         "21: reference.step_um: unknown key step_um here: it belongs to reference with source: step",
@@ -61,10 +49,6 @@ KEYS = {
     "missing": (
         ("      Ti_ms: 0.571\n", ""),
         "38: axes.x.inner.Ti_ms: missing, it takes a number from 0.001 to 3600000 (milliseconds): Integral time",
-    ),
-    "missing tag of a union": (
-        ("      model: pi\n", ""),
-        "31: axes.x.hysteresis.model: missing, it takes pi, network or none",
     ),
     "duplicate": (
         ("    park_V: 0", "    park_V: 0\n    park_V: 10"),
@@ -78,36 +62,18 @@ VALUES = {
         "41: axes.x.inner.Ti_ms: expected a number from 0.001 to 3600000, not the text '0.571 ms': "
         "the key names the unit, write Ti_ms: 0.571",
     ),
-    "another unit in the value": (
-        ("Ti_ms: 0.571", "Ti_ms: 571 us"),
-        "41: axes.x.inner.Ti_ms: expected a number from 0.001 to 3600000, not the text '571 us': "
-        "the key names the unit, write the number in milliseconds",
-    ),
     "a unit in a list": (
         ("[-20, 150]", "[-20 V, 150]"),
         "16: outputs.voltage_x.range_V[0]: expected a number from -10000 to 10000, not the text '-20 V': "
         "the key names the unit, write -20",
     ),
-    "a unit where there is none": (
-        ("rate_hz: 10000", "rate_hz: 10000\n  priority: 80 %"),
-        "5: loop.priority: expected a whole number from 1 to 98, not the text '80 %': "
-        "the number goes without a unit, write priority: 80",
-    ),
     "decimal comma": (
         ("Td_ms: 0.167", "Td_ms: 0,167"),
         "42: axes.x.inner.Td_ms: expected a number from 0 to 3600000, not the text '0,167': write Td_ms: 0.167",
     ),
-    "a comma in thousands": (
-        ("rate_hz: 10000", "rate_hz: 10,000"),
-        "4: loop.rate_hz: expected a whole number from 100 to 20000, not the text '10,000': write rate_hz: 10000",
-    ),
     "not whole": (
         ("rate_hz: 10000", "rate_hz: 1e4"),
         "4: loop.rate_hz: expected a whole number from 100 to 20000, not 10000.0: write rate_hz: 10000",
-    ),
-    "neither whole nor in range": (
-        ("rate_hz: 10000", "rate_hz: 1.0e+300"),
-        "4: loop.rate_hz: expected a whole number from 100 to 20000, not 1e+300",
     ),
     "out of range": (
         ("rate_hz: 10000", "rate_hz: 50000"),
@@ -117,22 +83,10 @@ VALUES = {
         ("arm_on_start: false", "arm_on_start: yes"),
         "44: arm_on_start: expected true or false, not the text 'yes': write arm_on_start: true",
     ),
-    "true is no number": (
-        ("centre_um: 65", "centre_um: true"),
-        "28: axes.x.centre_um: expected a number from -10000 to 10000, not true",
-    ),
-    "empty": (
-        ("centre_um: 65", "centre_um:"),
-        "28: axes.x.centre_um: expected a number from -10000 to 10000, not an empty value",
-    ),
     "none is not null": (
         ("max_age_us: null", "max_age_us: none"),
         "12: signals.deviation_x.max_age_us: expected a number from 1 to 3600000000 or null, not the text 'none': "
         "write max_age_us: null",
-    ),
-    "number for a name": (
-        ("max_age_us: null", "channel: 3"),
-        '12: signals.deviation_x.channel: expected text or null, not 3: write channel: "3"',
     ),
     "not one of the choices": (
         ("mode: pid+feedforward", "mode: pid+feedfoward"),
@@ -144,18 +98,6 @@ VALUES = {
         "20: reference.source: expected hold, step, sine, file, signal or jog, not the text 'sinus': "
         "did you mean sine?",
     ),
-    "another version": (
-        ("schema_version: 2", "schema_version: 3"),
-        "2: schema_version: expected 2, not 3",
-    ),
-    "entry of a list": (
-        ("[0.1, 0.08, 0.05]", "[0.1, 0.08, high]"),
-        "37: axes.x.hysteresis.weights[2]: expected a number from -1000000000000 to 1000000000000, not the text 'high'",
-    ),
-    "half a pair": (
-        ("[-20, 150]", "[150]"),
-        "16: outputs.voltage_x.range_V: expected a list of 2 numbers, each from -10000 to 10000, not a list of 1",
-    ),
     "a list without brackets": (
         ("[-20, 150]", "-20, 150"),
         "16: outputs.voltage_x.range_V: expected a list of 2 numbers, each from -10000 to 10000, not the text "
@@ -164,10 +106,6 @@ VALUES = {
     "infinite": (
         ("[-20, 150]", "[-20, .inf]"),
         "16: outputs.voltage_x.range_V[1]: expected a finite number, not .inf; where no limit is meant, null says so",
-    ),
-    "too large for a float": (
-        ("centre_um: 65", "centre_um: 1e400"),
-        "28: axes.x.centre_um: expected a finite number, not 1e400; where no limit is meant, null says so",
     ),
     "a rule of the section": (
         ("centre_um: 65", "centre_um: 650"),
@@ -186,12 +124,6 @@ SYNTAX = {
         "43: not YAML: character '\\t' can't start a value; indent with spaces, quote the text",
     ),
     "open bracket": (("[-20, 150]", "[-20, 150"), "16: not YAML: this [ isn't closed"),
-    "open quote": (("mode: strain", "mode: 'strain"), "27: not YAML: this quote isn't closed"),
-    "no colon": (("      Td_ms: 0.167", "      Td_ms 0.167"), "42: not YAML: no colon after this key"),
-    "two colons": (
-        ("mode: strain", "mode: strain: 1"),
-        "27: not YAML: unexpected colon; check the indentation here and on the line before",
-    ),
     "second document": (
         ("arm_on_start: false", "---\narm_on_start: false"),
         "44: not YAML: a second document begins here; a configuration is a single one",
@@ -204,10 +136,6 @@ SYNTAX = {
         ("mode: strain", "mode: !!python/name:os.system"),
         "27: axes.x.mode: the tag '!!python/name:os.system' isn't known here; leave it out",
     ),
-    "tag that doesn't fit": (
-        ("centre_um: 65", "centre_um: !!int middle"),
-        "28: axes.x.centre_um: the tag !!int needs a whole number, not 'middle'",
-    ),
     "half a character": (
         ("driver: simulated", 'driver: "\\ud800"'),
         "8: drivers.cell.driver: an escape that is only half a character, such as \\ud800",
@@ -215,10 +143,6 @@ SYNTAX = {
     "nested without end": (
         ("seed: 1", f"seed: {'[' * 60}{']' * 60}"),
         "8: drivers.cell.seed: nested too deeply",
-    ),
-    "merge of itself": (
-        ("    setpoint:\n", "    setpoint: &own\n      <<: *own\n"),
-        "29: axes.x.setpoint: an alias of the section it stands in",
     ),
     "alias of itself": (
         ("      range_um: [5, 125]", "      range_um: &range [5, *range]"),

@@ -1,6 +1,5 @@
 """What other modules build on: errors at a key of the file, and sections that a driver has a model of its own for."""
 
-import hashlib
 from pathlib import Path
 from typing import Literal
 
@@ -24,21 +23,6 @@ from micromanip.settings.load import load_with_source, validate_section
 def test_error_at_a_key(cell, path, expected):
     _, source = load_with_source(cell.write(cell.text))
     assert str(source.error(path, "too\nfast")) == f"cell.yaml:{expected}: too fast"
-
-
-def test_several_errors(cell):
-    _, source = load_with_source(cell.write(cell.text))
-    error = source.errors([("loop", "second"), ("schema_version", "first")])
-    assert isinstance(error, ConfigError)
-    assert str(error) == "cell.yaml:2: schema_version: first\ncell.yaml:3: loop: second"
-
-
-def test_text_and_hash(cell):
-    file = cell.write(cell.text)
-    _, source = load_with_source(file)
-    assert source.path == file
-    assert source.text == cell.text
-    assert source.hash == hashlib.sha256(file.read_bytes()).hexdigest()
 
 
 class Trace(BaseModel):

@@ -5,7 +5,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from micromanip.bus.can_bits import classic_bits, fd_bits
-from micromanip.errors import DeviceUnavailable
 from micromanip.testbus.frame import Frame
 
 from .virtual_bus import BEGIN_NS, VirtualBus, message
@@ -42,22 +41,6 @@ def test_the_lowest_identifier_goes_first_when_the_bus_gets_idle(bus):
     assert listener.identifiers == [0x700, 0x001, 0x200, 0x300]
 
 
-def test_a_queue_keeps_its_order_whatever_the_identifiers(bus):
-    sender, listener = bus.node(), bus.node()
-    for identifier in (5, 3, 4):
-        bus.hub.send(sender, Frame(identifier))
-    bus.run(0.001)
-    assert listener.identifiers == [5, 3, 4]
-
-
-def test_a_frame_that_comes_during_another_waits_for_its_end(bus):
-    sender, listener = bus.node(), bus.node()
-    bus.hub.send(sender, Frame(0x700, bytes(8)))
-    bus.loop.call_at(BEGIN_NS + 20 * US, lambda: bus.hub.send(sender, Frame(0)))
-    bus.run(0.001)
-    assert listener.times_ns == [135 * US, (135 + 55) * US]
-
-
 @given(
     st.lists(st.tuples(st.integers(0, 3), st.integers(0, 0x7FF), st.integers(0, 8), st.integers(0, 500)), max_size=40)
 )
@@ -91,15 +74,6 @@ def test_a_loop_that_woke_late_works_off_what_happened_at_the_time_it_happened(b
     assert listener.times_ns == [55 * US, 110 * US, 165 * US]
 
 
-def test_a_node_whose_timer_came_late_sends_as_of_when_it_was_ready(bus):
-    sender, listener = bus.node(), bus.node()
-    bus.run(0.001)
-    bus.hub.send(sender, Frame(1), bus.hub.now_ns() - 30 * US)
-    bus.hub.send(sender, Frame(2), bus.hub.now_ns() + 30 * US)  # nothing is sent before it is there
-    bus.run(0.001)
-    assert listener.times_ns == [(1000 - 30 + 55) * US, (1000 - 30 + 110) * US]
-
-
 def test_a_frame_that_was_not_there_yet_takes_no_part_in_an_arbitration_that_is_worked_off_late(bus):
     a, b, c, listener = (bus.node() for _ in range(4))
     bus.hub.send(a, Frame(0x001))
@@ -109,38 +83,6 @@ def test_a_frame_that_was_not_there_yet_takes_no_part_in_an_arbitration_that_is_
     bus.run(0.001)
     assert listener.identifiers == [0x001, 0x700, 0x100]
     assert listener.times_ns == [55 * US, 110 * US, 255 * US]
-
-
-def test_a_full_queue_takes_nothing_more(make_bus):
-    bus = make_bus(queue_frames=3)
-    sender, listener = bus.node(), bus.node()
-    taken = [bus.hub.send(sender, Frame(n)) for n in range(6)]
-    assert taken == [True] * 4 + [False] * 2  # one is on the air, three wait
-    bus.run(0.001)
-    assert listener.identifiers == [0, 1, 2, 3]
-    assert bus.hub.send(sender, Frame(7))
-
-
-def test_a_detached_node_neither_hears_nor_sends(bus):
-    a, b, listener = bus.node(), bus.node(), bus.node()
-    bus.hub.send(a, Frame(1))
-    bus.hub.send(b, Frame(2))
-    bus.hub.detach(b)
-    bus.run(0.001)
-    assert listener.identifiers == [1]
-    assert b.got == []
-
-
-def test_a_node_may_answer_from_its_callback(bus):
-    class Echo:
-        def on_frame(self, frame, time_ns):
-            bus.hub.send(self, Frame(frame.identifier + 1, frame.data))
-
-    asker = bus.node()
-    bus.hub.attach(Echo())
-    bus.hub.send(asker, Frame(0x10, b"\x05"))
-    bus.run(0.001)
-    assert [frame for _, frame in asker.got] == [Frame(0x11, b"\x05")]
 
 
 def test_an_answer_from_a_callback_is_as_of_the_frame_it_answers_however_late_the_loop(bus):
@@ -182,10 +124,3 @@ def test_what_a_classic_bus_cannot_carry_is_refused(bus, frame):
         bus.hub.send(sender, frame)
     bus.run(0.001)
     assert listener.got == []
-
-
-def test_a_channel_has_one_hub(bus):
-    from micromanip.testbus.hub import CanHub
-
-    with pytest.raises(DeviceUnavailable, match="simulated by another process already"):
-        CanHub(bus.loop, bus.channel, 1_000_000)

@@ -13,22 +13,6 @@ from . import broken
 
 
 @broken("test_class_keeps_the_contract")
-class Undocumented(UdpStage):
-    pass
-
-
-class Options(UdpStageOptions):
-    gain: float = 1.0
-
-
-@broken("test_class_keeps_the_contract")
-class UndescribedOption(UdpStage):
-    """Undescribed option."""
-
-    Options = Options
-
-
-@broken("test_class_keeps_the_contract")
 class OtherArguments(UdpStage):
     """Perform takes something else."""
 
@@ -79,10 +63,7 @@ def inputs(**changed):
 
 
 SameName = inputs(name="strain_x")
-NoName = inputs(name="")
-NoRate = inputs(rate_hz=0.0)
 EndlessRate = inputs(rate_hz=math.inf)
-NegativeLatency = inputs(latency_s=-1e-3)
 UnknownLatency = inputs(latency_s=math.nan)
 
 
@@ -101,9 +82,7 @@ def tasks(check, *described):
 
 Unwritten = tasks("test_every_output_is_written_by_one_task", Task("voltages", 500.0, (0,)))
 Twice = tasks("test_every_output_is_written_by_one_task", Task("a", 500.0, (0, 1)), Task("b", 500.0, (1,)))
-Stray = tasks("test_every_output_is_written_by_one_task", Task("voltages", 500.0, (0, 1, 2)))
 Namesakes = tasks("test_tasks_have_names_and_rates", Task("v", 500.0, (0,)), Task("v", 500.0, (1,)))
-RatelessTask = tasks("test_tasks_have_names_and_rates", Task("voltages", 0.0, (0, 1)))
 OtherRate = tasks("test_tasks_have_names_and_rates", Task("voltages", 250.0, (0, 1)))
 
 
@@ -121,10 +100,6 @@ def loads(*described):
 
 NoLoads = loads()
 Overloaded = loads(Load("link", 0.9, "too much"))
-NoLoad = loads(Load("link", 0.0, "nothing"))
-UnknownLoad = loads(Load("link", math.nan, "who knows"))
-Unexplained = loads(Load("link", 0.5, ""))
-HalfLoads = loads(Load("link", 0.02, "inputs"), Load("link", 0.02, "outputs"))
 
 
 @broken("test_device_and_watchdog_are_named")
@@ -132,13 +107,6 @@ class Nameless(UdpStage):
     """No device."""
 
     device = ""
-
-
-@broken("test_device_and_watchdog_are_named")
-class EmptyWatchdog(UdpStage):
-    """A watchdog without a word."""
-
-    watchdog = ""
 
 
 @broken("test_description_never_changes")

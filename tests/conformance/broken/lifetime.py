@@ -1,10 +1,7 @@
 """Drivers that open and close wrongly."""
 
 import contextlib
-import mmap
 import os
-import threading
-import time
 from typing import ClassVar
 
 from conformance.example import UdpStage
@@ -30,47 +27,6 @@ class LeaksDescriptors(UdpStage):
         cls.left.clear()
 
 
-@broken("test_opened_100_times_leaves_nothing_behind")
-class LeaksThreads(UdpStage):
-    """A thread an open."""
-
-    left: ClassVar = []
-
-    def open(self):
-        super().open()
-        end = threading.Event()
-        thread = threading.Thread(target=end.wait)
-        thread.start()
-        self.left.append((end, thread))
-
-    @classmethod
-    def tidy(cls):
-        for end, thread in cls.left:
-            end.set()
-            thread.join()
-        cls.left.clear()
-
-
-@broken("test_opened_100_times_leaves_nothing_behind")
-class LeaksMaps(UdpStage):
-    """A memory map an open."""
-
-    left: ClassVar = []
-
-    def open(self):
-        super().open()
-        access = (
-            mmap.PROT_READ if len(self.left) % 2 else mmap.PROT_READ | mmap.PROT_WRITE
-        )  # the kernel joins like ones
-        self.left.append(mmap.mmap(-1, 4096, prot=access))
-
-    @classmethod
-    def tidy(cls):
-        for left in cls.left:
-            left.close()
-        cls.left.clear()
-
-
 @broken("test_closing_twice_and_unopened")
 class ClosesOnce(UdpStage):
     """Close assumes that it is open."""
@@ -89,29 +45,6 @@ class CallsItTransient(UdpStage):
             super().open()
         except LinkError as problem:
             raise TransientError(str(problem)) from problem
-
-
-@broken("test_no_device_is_a_lost_link_within_a_second")
-class Patient(UdpStage):
-    """Waits for long."""
-
-    def open(self):
-        try:
-            super().open()
-        except LinkError:
-            time.sleep(1.6)
-            raise
-
-
-@broken("test_no_device_is_a_lost_link_within_a_second")
-class Speechless(UdpStage):
-    """Does not say what is wrong."""
-
-    def open(self):
-        try:
-            super().open()
-        except LinkError:
-            raise LinkError from None
 
 
 @broken("test_closing_after_a_failed_open")

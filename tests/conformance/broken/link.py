@@ -3,7 +3,7 @@
 import time
 
 from conformance.example import UdpStage, wire
-from micromanip.bus.driver import Answer, Load
+from micromanip.bus.driver import Answer
 from micromanip.bus.errors import LinkError, TransientError
 
 from . import broken
@@ -104,24 +104,6 @@ class SendsTwice(UdpStage):
         super().perform(task, values, inbox)
 
 
-@broken("test_load_is_at_most_what_is_declared")
-class DeclaresOneDirection(UdpStage):
-    """Forgets what the device sends."""
-
-    def loads(self):
-        (load,) = super().loads()
-        return [Load(load.name, load.share / 3, load.detail)]
-
-
-@broken("test_load_is_at_most_what_is_declared")
-class DeclaresAnother(UdpStage):
-    """Names a resource that nobody knows."""
-
-    def loads(self):
-        (load,) = super().loads()
-        return [Load("bus", load.share, load.detail)]
-
-
 @broken("test_statistics_only_rise")
 class CountsAnew(UdpStage):
     """Begins from zero with each open."""
@@ -131,14 +113,6 @@ class CountsAnew(UdpStage):
         super().open()
 
 
-@broken("test_statistics_only_rise")
-class CountsInFloats(UdpStage):
-    """Counts 1.0, 2.0."""
-
-    def statistics(self):
-        return {name: float(count) for name, count in super().statistics().items()}
-
-
 @broken("test_probe_finds_the_device")
 class FindsNothing(UdpStage):
     """Looks, and says nothing."""
@@ -146,23 +120,6 @@ class FindsNothing(UdpStage):
     def probe(self, seconds):
         list(super().probe(seconds))
         yield from ()
-
-
-@broken("test_probe_finds_the_device")
-class FindsBareValues(UdpStage):
-    """Yields what is no Answer."""
-
-    def probe(self, seconds):
-        for answer in super().probe(seconds):
-            yield dict(answer.values)
-
-
-@broken("test_probe_finds_the_device")
-class ProbesForLong(UdpStage):
-    """Does not look at the clock."""
-
-    def probe(self, seconds):
-        yield from super().probe(seconds + 1.6)
 
 
 @broken("test_probe_writes_nothing")

@@ -1,10 +1,7 @@
 """DBC files of whole machines: what is wrong in them where nobody looks keeps no message from being used."""
 
-import can
-import cantools
 import pytest
-from micromanip_drivers.canbus.database import Database, usable
-from micromanip_drivers.canbus.listening import heard
+from micromanip_drivers.canbus.database import Database
 
 from micromanip.errors import ConfigError
 
@@ -73,51 +70,6 @@ def test_what_nobody_asks_for_is_no_hindrance(machine):
 def test_what_is_wrong_is_told_where_it_is_used(machine, name, words):
     with pytest.raises(ConfigError, match=words):
         machine.message(f"receive.{name}", name)
-
-
-def test_a_message_of_j1939_that_takes_several_frames(tmp_path):
-    formats = 'BA_DEF_ BO_ "VFrameFormat" ENUM "StandardCAN","ExtendedCAN","reserved","J1939PG";\n'
-    protocol = formats + 'BA_DEF_DEF_ "VFrameFormat" "J1939PG";\n'
-    (tmp_path / "truck.dbc").write_text(MACHINE + protocol)
-    with pytest.raises(ConfigError, match=r"32 bytes, which classic CAN has not: J1939 sends it in several frames"):
-        Database(tmp_path / "truck.dbc").message("receive.Parts", "Parts")
-
-
-class Once:
-    """A link on which one frame comes."""
-
-    def __init__(self, frame):
-        self.frames = [(frame, 0)]
-
-    def open(self):
-        pass
-
-    def close(self):
-        pass
-
-    def receive(self, _):
-        frames, self.frames = self.frames, []
-        return frames
-
-
-def test_signals_over_each_other_are_not_shown_as_if_all_were_there(machine):
-    [answer] = heard(
-        Once(can.Message(arbitration_id=648, data=bytes(8), is_extended_id=False)), machine.by_identifier(), 0.01
-    )
-    assert answer.note == "Unled, signals not shown: multiplexed"
-    assert "code" not in answer.values
-
-
-def test_lines_stay_where_they_are():
-    kept, impossible = usable(MACHINE)
-    assert kept.count("\n") == MACHINE.count("\n")
-    assert sorted(impossible) == ["Beyond", "Forgotten"]
-    assert 'BA_ "Note" BO_ 1 "VAL_ 1 value 0;\nBO_ 300000001 NoMessageEither: 8 A";' in kept, "a text is a text"
-
-
-@pytest.mark.parametrize("text", ["", 'CM_ "nothing but this";\n', "BO_ 3000 Only: 8 A\n"])
-def test_a_file_in_which_nothing_is_left(text):
-    assert cantools.database.load_string(usable(text)[0], "dbc").messages == []
 
 
 def test_a_comment_that_does_not_end_swallows_nothing(tmp_path):

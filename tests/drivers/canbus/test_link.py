@@ -6,7 +6,6 @@ import time
 import can
 import pytest
 from micromanip_drivers.canbus.link import CanLink, LinkOptions
-from pydantic import ValidationError
 
 from micromanip.bus.errors import LinkError, TransientError
 
@@ -39,51 +38,6 @@ def later_ns(seconds):
     return time.monotonic_ns() + round(seconds * 1e9)
 
 
-def test_what_is_there_comes_in_order_with_its_time(link, peer):
-    before_ns = time.monotonic_ns()
-    for k in range(5):
-        peer.send(frame(k))
-    received = link.receive(0)
-    assert [message.arbitration_id for message, _ in received] == [0, 1, 2, 3, 4]
-    assert all(before_ns <= time_ns <= time.monotonic_ns() for _, time_ns in received)
-
-
-def test_it_waits_until_the_deadline_and_no_longer(link, peer):
-    until_ns = later_ns(0.02)
-    assert link.receive(until_ns) == []
-    assert time.monotonic_ns() >= until_ns
-
-
-def test_a_flood_is_taken_in_portions(link, peer):
-    for _ in range(300):
-        peer.send(frame(1))
-    counts = [len(link.receive(0)) for _ in range(4)]
-    assert sum(counts) == 300
-    assert max(counts) < 300
-
-
-def test_what_is_sent_arrives(link, peer):
-    link.send(frame(0x7F, b"abc"))
-    assert peer.recv(0).data == b"abc"
-    assert link.statistics()["frames_out"] == 1
-
-
-def test_error_frames_are_counted_and_kept_back(link, peer):
-    peer.send(can.Message(is_error_frame=True, is_extended_id=False))
-    peer.send(frame(3))
-    assert [message.arbitration_id for message, _ in link.receive(0)] == [3]
-    assert link.statistics()["error_frames"] == 1
-    assert link.statistics()["frames_in"] == 1
-
-
-def test_a_link_that_is_not_open_says_so():
-    link = CanLink(options())
-    link.close()
-    for use in (lambda: link.send(frame(1)), lambda: link.receive(0)):
-        with pytest.raises(LinkError, match="virtual-link is not open"):
-            use()
-
-
 @pytest.mark.parametrize(
     ("interface", "channel", "words"),
     [
@@ -97,20 +51,6 @@ def test_a_link_that_is_not_open_says_so():
 def test_an_interface_that_is_not_there(interface, channel, words):
     with pytest.raises(LinkError, match=words):
         CanLink(options(interface, channel)).open()
-
-
-@pytest.mark.parametrize(
-    ("keys", "words"),
-    [
-        ({"interface": "socketcn"}, "did you mean socketcan"),
-        ({"data_bitrate": 500_000}, "below bitrate"),
-        ({"interface_options": {"fd": True}}, "fd is not set here"),
-        ({"bitrat": 5}, "Extra inputs"),
-    ],
-)
-def test_options_that_make_no_sense(keys, words):
-    with pytest.raises(ValidationError, match=words):
-        options(**keys)
 
 
 class FailingBus:

@@ -53,30 +53,3 @@ def test_known_messages_are_decoded_and_their_rate_is_told():
     assert answer.values["strain_x"] == pytest.approx(7.0)
     assert answer.values["rate_hz"] == pytest.approx(60.0)
     assert answer.values["fd"] is True
-
-
-def test_strangers_are_shown_as_they_are():
-    found = answers(frame(0x300, b"xy"), frame(0x18FF0001, b"", extended=True), frame(0x10, b"\x01"))
-    assert [(answer.name, answer.values["data"]) for answer in found] == [
-        ("message 0x010", "01"),
-        ("message 0x300", "78 79"),
-        ("message 0x18ff0001 (extended)", ""),
-    ]
-    assert {answer.note for answer in found} == {"not in the database"}
-
-
-def test_a_frame_that_is_too_short_for_its_message_is_not_decoded():
-    [answer] = answers(frame(0x101, b"123"))
-    assert answer.note == "Sensors, signals not shown: 24 bytes in the database"
-
-
-def test_a_message_that_makes_no_sense_is_not_decoded(tmp_path):
-    text = (FOLDER / "manipulator.dbc").read_text()
-    (tmp_path / "odd.dbc").write_text(text.replace("strain_x : 0|24", "strain_x : 8|24"))
-    [answer] = answers(frame(0x101, bytes(24)), database=tmp_path / "odd.dbc")
-    assert answer.note.startswith("Sensors, signals not shown: The signals strain_")
-    assert "overlapping in message Sensors" in answer.note
-
-
-def test_silence():
-    assert answers() == []

@@ -17,11 +17,6 @@ def network(tmp_path, monkeypatch):
     return add
 
 
-def test_nothing_to_say_of_one_that_is_up(network):
-    network("can0")
-    assert trouble("can0", 1_000_000, 5_000_000) is None
-
-
 @pytest.mark.parametrize(
     ("files", "words"),
     [
@@ -40,14 +35,3 @@ def test_nothing_to_say_of_one_that_is_up(network):
 def test_what_is_wrong_and_what_to_do(network, files, words):
     network("can0", **files)
     assert words in trouble("can0", 1_000_000, 5_000_000)
-
-
-def test_one_that_is_missing_names_those_that_are_there(network):
-    network("can1")
-    network("eth0", type="1")
-    assert trouble("can0", 1_000_000, None) == "there is no network interface can0; CAN interfaces here: can1"
-
-
-def test_a_classic_bus_needs_no_fd(network):
-    network("can0", mtu="16")
-    assert trouble("can0", 1_000_000, None) is None

@@ -198,30 +198,12 @@ def test_a_value_that_is_no_number_is_told_and_not_replaced_by_the_default(folde
     refused(r"object 1A00sub1 \(Mapped object 1\): DefaultValue '\$NODE\+1' is no number", folder)
 
 
-def test_two_objects_of_one_name_in_a_pdo_are_told_apart_by_their_numbers(folder):
-    section(folder, "sensor", "8130sub2", "ParameterName", "strain_x")
-    signals = {"strain_x": {"scale": 1.0}}
-    said = "tpdo 1 carries several objects called strain_x: give the number, 8130sub1 or 8130sub2"
-    refused(said, folder, nodes__sensor__tpdo__1__signals=signals)
-    signals = {"strain_x": {"scale": 1.0, "object": "0x8130sub2"}}
-    assert driver(folder, nodes__sensor__tpdo__1__signals=signals).inputs
-
-
 def test_a_domain_may_leave_out_what_all_domains_are(tmp_path):
     """CiA 306: an object of the kind DOMAIN is of that type too, and may be read and written."""
     text = (EDS / "sensor.eds").read_text() + "\n[2100]\nParameterName=Program\nObjectType=0x2\n"
     (tmp_path / "sensor.eds").write_text(text)
     variable = Dictionary(tmp_path / "sensor.eds", 5).variable(0x2100)
     assert (variable.data_type, variable.access_type) == (0xF, "rw")
-
-
-def test_objects_that_are_missing_or_too_many(folder):
-    edit(folder, "sensor", r"\[8130sub3\].*?\n\n", "")
-    refused("has no object 8130sub3", folder)
-    edit(folder, "amplifier", r"\[1017\].*?\n\n", "")
-    refused("has no object 8130sub3", folder)
-    shutil.copy(EDS / "sensor.eds", folder / "can/sensor.eds")
-    refused(r"^nodes\.amplifier\.eds: .*amplifier\.eds has no object 1017", folder)
 
 
 def test_pdo_that_is_too_long(folder):
@@ -279,17 +261,6 @@ def test_identifiers_and_numbers_that_clash(folder):
     refused(
         "nodes.sensor.tpdo.2.signals.strain_x: it is in tpdo 1 too",
         nodes__sensor__tpdo__2__signals={"strain_x": {"object": "strain_y", "scale": 1.0}},
-    )
-
-
-def test_rates_that_do_not_go_together():
-    refused("tpdo 1 of node sensor goes with SYNC, which needs sync_hz", sync_hz=None)
-    refused(
-        r"tpdo 1 of node sensor comes 400 times a second \(sync_hz 400, transmission 1\), not rate_hz 200",
-        sync_hz=400.0,
-    )
-    refused(
-        r"rpdo 1 of node amplifier is sent each 5 ms; a watchdog_ms of 10 would trip", nodes__amplifier__watchdog_ms=10
     )
 
 

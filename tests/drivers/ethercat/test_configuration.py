@@ -15,7 +15,7 @@ from micromanip.bus.ethercat.registers import AL_STATUS, ARMW, BRD, DC_SYSTEM, L
 from micromanip.errors import ConfigError
 from micromanip.settings.check import prepare
 
-from .bench import AMPLIFIER, ANALOGUE, GAUGE, PERIOD_NS, PINS_IN, PINS_OUT, options
+from .bench import AMPLIFIER, GAUGE, PERIOD_NS, PINS_IN, PINS_OUT, options
 from .drive_bench import DRIVE, drive
 
 
@@ -30,58 +30,6 @@ def test_a_frame_holds_count_image_states_and_time():
     ]
     assert image.working_counter == 3 + 1
     assert (image.placed["gauge"].inputs_at, image.placed["gauge"].input_bytes) == (6, 9)
-
-
-def test_bits_lie_one_behind_the_other_and_each_terminal_has_bytes_of_its_own():
-    both = options(terminals={"pins": PINS_OUT, "analogue": ANALOGUE, "lines": PINS_IN})
-    image, driver = Image(both), Ethercat(both, PERIOD_NS)
-    assert [(p.outputs_at, p.output_bytes, p.inputs_at, p.input_bytes) for p in image.placed.values()] == [
-        (0, 1, 1, 0),
-        (1, 0, 1, 4),
-        (1, 0, 5, 1),
-    ]
-    lines = tuple(f"line_{k}" for k in range(8))
-    assert driver.outputs == ("enable", "feed_hold_line", "lamp")
-    assert driver.inputs == ("underrange", "overrange", "limit_1", "error", "temperature", *lines)
-    received, sent = image.received()[0], image.sent()[0]
-    at = [(int(n["at"]) - image.image_at, int(n["bit"]), int(n["bits"])) for n in received["number"][:6]]
-    assert at == [(1, 0, 1), (1, 1, 1), (1, 2, 2), (1, 6, 1), (2, 5, 16), (5, 0, 1)]
-    assert [int(n["bit"]) for n in sent["number"][:3]] == [0, 2, 3]
-
-
-def test_an_output_that_nobody_needs_stays_at_its_safe_value():
-    kept = changed_field(PINS_OUT, "outputs", "channel_1", "unused", safe=0) | {"settings": AMPLIFIER["settings"]}
-    image = Image(options(terminals={"pins": kept}))
-    assert image.sent()[0]["template"][image.image_at] == 0b0010
-
-
-def test_gaps_and_spare_fields_may_have_the_names_of_others():
-    two = options(
-        terminals={
-            "one": ANALOGUE,
-            "two": PINS_IN
-            | {
-                "inputs": {
-                    "gap": {
-                        "pdo": 0x1A00,
-                        "fields": {
-                            "gap": {"index": 0, "type": "bit3"},
-                            "error": {"index": 0x6000, "type": "bool", "spare": True},
-                            "line": {"index": 0x6001, "type": "bool"},
-                        },
-                    }
-                }
-            },
-        }
-    )
-    assert Ethercat(two, PERIOD_NS).inputs.count("error") == 1
-
-
-def test_slower_inputs_come_after_those_of_each_cycle():
-    driver = Ethercat(options(), PERIOD_NS)
-    assert driver.inputs == ("ok", "strain", "count", "deviation")
-    rates = {channel.name: channel.rate_hz for channel in driver.slow_inputs}
-    assert rates == {"ok": 10_000, "strain": 10_000, "count": 1000, "deviation": 1000}
 
 
 def without(keys, *path):
@@ -159,12 +107,6 @@ def with_fields(direction, change):
     return DRIVE | {direction: {name: pdo | {"fields": change(dict(pdo["fields"]))}}}
 
 
-def test_objects_of_a_drive_are_whole_bytes():
-    shifted = with_fields("inputs", lambda fields: {"ready": {"index": 0x2000, "type": "bool"}} | fields)
-    with pytest.raises(ConfigError, match=r"stage\.inputs: statusword begins at bit 1 of a byte"):
-        Ethercat(options(terminals={"stage": shifted}), PERIOD_NS)
-
-
 def lacking(name):
     return lambda fields: {each: keys for each, keys in fields.items() if each != name}
 
@@ -186,19 +128,6 @@ def test_a_drive_that_lacks_what_it_needs_is_refused(terminal, said):
         options(terminals={"stage": terminal})
 
 
-@pytest.mark.parametrize(
-    ("terminal", "said"),
-    [
-        (drive(enable="controlword"), "controlword is a word that the driver itself fills"),
-        (drive(enable="voltage"), "the output voltage must have switch: true"),
-        (drive(ok="position"), "drive.ok: position is there already, of stage"),
-    ],
-)
-def test_channels_of_a_drive_are_its_own(terminal, said):
-    with pytest.raises(ConfigError, match=said):
-        Ethercat(options(terminals={"stage": terminal}), PERIOD_NS)
-
-
 def test_words_of_a_drive_are_no_outputs_and_its_switches_take_no_bytes():
     both = options(terminals={"stage": DRIVE, "gauge": GAUGE})
     driver, image = Ethercat(both, PERIOD_NS), Image(both)
@@ -208,12 +137,6 @@ def test_words_of_a_drive_are_no_outputs_and_its_switches_take_no_bytes():
         "amplifier_ok",
     )
     assert image.bytes == (2 + 1 + 4) + (2 + 1 + 4 + 2) + 9
-
-
-def test_an_interface_at_either_end_of_a_ring_is_its_own():
-    ring = Ethercat(options("near", return_interface="far", clocks=False), PERIOD_NS)
-    assert (ring.device, ring.devices) == ("ethercat near", ("ethercat near", "ethercat far"))
-    assert Ethercat(options("near"), PERIOD_NS).devices == ("ethercat near",)
 
 
 def of_page(name):

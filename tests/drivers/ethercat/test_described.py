@@ -5,10 +5,9 @@ from pathlib import Path
 
 import pytest
 from micromanip_drivers.ethercat.described import compare_with_file, differences
-from micromanip_drivers.ethercat.options import EthercatOptions, Terminal
+from micromanip_drivers.ethercat.options import Terminal
 
 from micromanip.bus.ethercat.esi import read_esi
-from micromanip.bus.ethercat.esi_keys import terminal_keys
 from micromanip.errors import ConfigError
 from micromanip.settings.check import prepare
 
@@ -99,50 +98,6 @@ def test_a_pdo_that_may_be_mapped_need_not_be_mapped_whole(tmp_path):
         assert "missing behind is 0x6001:01" in what
 
 
-DIGITAL = """\
-<EtherCATInfo><Vendor><Id>#x4d4d</Id></Vendor><Descriptions><Devices><Device>
-<Type ProductCode="#x30" RevisionNo="#x1">OUT4</Type>
-<Sm StartAddress="#x0f00" ControlByte="#x44" Enable="1">Outputs</Sm>
-{}</Device></Devices></Descriptions></EtherCATInfo>
-""".format(
-    "\n".join(
-        f'<RxPdo Fixed="1" Sm="0"><Index>#x160{k}</Index><Name>Channel {k + 1}</Name><Entry><Index>#x70{k}0</Index>'
-        "<SubIndex>1</SubIndex><BitLen>1</BitLen><Name>Output</Name><DataType>BOOL</DataType></Entry></RxPdo>"
-        for k in range(4)
-    )
-)
-
-
-def test_the_keys_of_a_digital_terminals_file_agree_with_it(tmp_path):
-    (tmp_path / "pins.xml").write_text(DIGITAL)
-    (device,) = read_esi(tmp_path / "pins.xml")
-    keys = terminal_keys(device, set())[1]
-    fields = [name for pdo in keys["outputs"].values() for name in pdo["fields"]]
-    assert fields == ["output", "output_2", "output_3", "output_4"]
-    assert list(differences(Terminal.model_validate(keys), device)) == []
-    keys["outputs"]["channel_2"]["fields"]["output_2"]["type"] = "bit2"
-    ((key, what, _),) = differences(Terminal.model_validate(keys), device)
-    assert key == "outputs.channel_2.fields.output_2"
-    assert what == "0x7010:01 of 2 bits, but entry 1 is 0x7010:01 of 1 bits, Output (BOOL)"
-
-
-def test_a_file_without_a_revision_is_about_all_of_them(tmp_path):
-    prepare(with_files(tmp_path, sample=SAMPLE.read_text().replace(' RevisionNo="#x00000001"', "")))
-
-
-def test_a_terminal_with_slots_has_pdos_that_its_file_has_not(tmp_path):
-    device = of_tracker(tmp_path, ("<Mailbox>", "<Slots/><Mailbox>"))
-    ((key, what, _),) = differences(terminal(inputs={"more": {"pdo": 0x1A10, "fields": COUNT}}), device)
-    assert key == "inputs.more.pdo"
-    assert what.endswith("it has slots, and PDOs of their modules are not read: leave esi out")
-
-
-def test_what_else_a_terminal_has_not(tmp_path):
-    device = of_tracker(tmp_path, ("<CoE", "<FoE"), ("<Dc>", "<Other>"), ("</Dc>", "</Other>"))
-    asked = terminal(settings={"range": {"index": 0x8000, "type": "uint8", "value": 1}}, sync0_shift_us=10.0, inputs={})
-    assert [key for key, _, _ in differences(asked, device)] == ["settings", "sync0_shift_us"]
-
-
 def test_pdos_that_exclude_each_other_and_one_that_is_mandatory(tmp_path):
     second = "<Index>#x1a00</Index>", "<Index>#x1a00</Index><Exclude>#x1a01</Exclude>"
     other = "<Mailbox>", '<TxPdo Mandatory="1"><Index>#x1a01</Index><Name>More</Name></TxPdo><Mailbox>'
@@ -170,32 +125,3 @@ def test_the_newest_revision_is_meant_where_any_will_do(tmp_path):
     compare_with_file("tracker", any_of_them, tmp_path)
     with pytest.raises(ConfigError, match=r"terminals\.tracker\.inputs\.deviation\.pdo: there is no PDO 0x1a00 among"):
         compare_with_file("tracker", any_of_them.model_copy(update={"revision": 0}), tmp_path)
-
-
-def test_without_a_file_nothing_is_looked_at(tmp_path):
-    for each in EthercatOptions.model_validate(
-        {"interface": "none0", "terminals": {"a": {"vendor": 1, "product": 2}}}
-    ).terminals.values():
-        compare_with_file("a", each, tmp_path)
-
-
-def test_pdos_of_two_areas_are_refused(tmp_path):
-    """They would be read as if they lay behind each other."""
-    managers = "".join(f'<Sm StartAddress="#x{start}"/>' for start in (1000, 1200, 1300))
-    pdos = "".join(
-        f'<TxPdo Sm="{manager}"><Index>#x1a0{manager}</Index><Entry><Index>#x6000</Index><SubIndex>{manager}</SubIndex>'
-        "<BitLen>8</BitLen><DataType>USINT</DataType></Entry></TxPdo>"
-        for manager in (1, 2)
-    )
-    text = SAMPLE.read_text()
-    text = text[: text.index("<Devices>")] + (
-        f'<Devices><Device><Type ProductCode="#x1006">T</Type>{managers}{pdos}</Device></Devices></Descriptions>'
-        "</EtherCATInfo>"
-    )
-    (tmp_path / "areas.xml").write_text(text)
-    (device,) = read_esi(tmp_path / "areas.xml")
-    fields = [{f"f{k}": {"index": 0x6000, "subindex": k, "type": "uint8"}} for k in (1, 2)]
-    inputs = {f"p{k}": {"pdo": 0x1A00 + k, "fields": fields[k - 1]} for k in (1, 2)}
-    assert list(differences(terminal(inputs={"p1": inputs["p1"]}), device)) == []
-    (found,) = differences(terminal(inputs=inputs), device)
-    assert found[:2] == ("inputs.p2.pdo", "sync manager 2 lies apart from that of the others: one area is exchanged")

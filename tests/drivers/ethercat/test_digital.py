@@ -99,12 +99,3 @@ def test_a_terminal_without_a_mailbox_is_held_against_its_eeprom(ends):
         pytest.raises(IdentityMismatch, match=r"its inputs are 0x1a00: 0x60000101; .* the terminal has no mailbox"),
     ):
         bench.open()
-
-
-def test_settings_of_a_terminal_without_a_mailbox_are_refused(ends):
-    asked = PINS_IN | {"settings": AMPLIFIER["settings"]}
-    with (
-        Bench(ends, slaves={"lines": terminal(PINS_IN)}, terminals={"lines": asked}) as bench,
-        pytest.raises(IdentityMismatch, match="terminal lines has no mailbox to write its settings by"),
-    ):
-        bench.open()

@@ -4,11 +4,10 @@ from itertools import pairwise
 
 import pytest
 
-from micromanip.bus.errors import DeviceFault
 from micromanip.bus.ethercat.al_states import SAFEOP, WATCHDOG
 from micromanip.emulation.ethercat import drive as there
 from micromanip.rt.bus_image import DOWN
-from tests.emulation.ethercat.wire import until, veth
+from tests.emulation.ethercat.wire import veth
 
 from .bench import SILENT_CYCLES
 from .drive_bench import SCALE, DriveBench, drive
@@ -189,23 +188,3 @@ def test_half_of_the_frames_lost_it_is_enabled_and_nothing_steps(bench):
         put_out.append(bench.out_V)
     assert largest_step(put_out) <= 5.0
     assert put_out[-1] > 10.0
-
-
-def test_option_codes_are_written_and_a_mode_that_it_lacks_is_refused(ends):
-    with DriveBench(ends) as bench:
-        bench.open()
-        settings = bench.line.applications[0].objects.settings
-        found = {index: int.from_bytes(settings[index, 0], "little") for index in (0x605A, 0x605E, 0x6007)}
-        assert found == {0x605A: 2, 0x605E: 2, 0x6007: 3}
-        assert int(bench.line.drives[0]["connection_lost"]) == 3
-    with DriveBench(ends) as bench:
-        bench.line.applications[0].objects._own[0x6502, 0] = bytes(4)
-        bench.line.applications[0].switch_on = lambda now_ns: None
-        with pytest.raises(DeviceFault, match="terminal stage has no mode csp"):
-            bench.open()
-
-
-def test_a_drive_that_is_cut_off_is_told_of_in_its_statistics(bench):
-    bench.enable()
-    bench.line.drives[0]["torque_off"] = 1
-    assert until(lambda: bench.exchange(0.0, 1.0, 0.0) == 0 and bench.statistics["drive_losses"] == 1)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from micromanip_drivers.ethercat.bring_up import prepare_drive
 from micromanip_drivers.ethercat.drive_options import Drive
 from micromanip_drivers.ethercat.drive_records import FAULT, UNKNOWN
-from micromanip_drivers.ethercat.drive_words import STATE_NAMES, DriveWords, error_in_words, in_words
+from micromanip_drivers.ethercat.drive_words import STATE_NAMES, DriveWords
 from micromanip_drivers.ethercat.driver import Ethercat
 from micromanip_drivers.ethercat.drives import command_drives, controlword, hear_drives, state_of
 from micromanip_drivers.ethercat.image import Image
@@ -186,20 +186,6 @@ def test_without_a_position_the_target_that_moves_nothing_is_the_value_at_rest(m
     talk.hear(OPERATES, mode=number)
     assert talk.command(FOLLOWED, 2.0, True, False) == (0x0F, 2.0)
     assert math.isinf(talk.c["drive"][0]["take_up"])
-
-
-@pytest.mark.parametrize(
-    ("code", "said"),
-    [(0x3210, "DC link over-voltage"), (0x3299, "DC link voltage"), (0x31FF, "mains voltage"), (0x0001, "unknown")],
-)
-def test_error_codes_come_in_words(code, said):
-    talk = Talk()
-    talk.hear(0x08, error=code)
-    assert said in error_in_words(code)
-    words = in_words(talk.c["drive"][0], talk.c["drive"][0])
-    assert said in words
-    assert f"0x{code:04x}" in words
-    assert "Fault" in words
 
 
 class Kept:

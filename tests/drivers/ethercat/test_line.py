@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from micromanip_drivers.ethercat.link import LinkError
 
-from micromanip.bus.errors import DeviceFault, IdentityMismatch
+from micromanip.bus.errors import IdentityMismatch
 from micromanip.bus.ethercat.al_states import INVALID_OUTPUTS, OP, SAFEOP
 from micromanip.rt.bus_image import DOWN, TAKEN
 from micromanip.rt.laws.sensor import SENSOR_STATE, read_signal
@@ -50,24 +50,6 @@ def test_it_stays_at_rest_until_the_loop_asks_for_rest(bench):
     bench.follow()
 
 
-def test_samples_come_with_the_frame_of_the_cycle_before(bench):
-    bench.follow()
-    bench.measure(strain=1.5, count=7, deviation=-0.25)
-    for _ in range(2):
-        bench.exchange(0.0, 1.0)
-    before = {name: int(bench.sample(name)["sequence"]) for name in ("strain", "deviation")}
-    bench.exchange(0.0, 1.0)
-    assert bench.sample("strain")["value"] == pytest.approx(1.5)
-    assert bench.sample("deviation")["value"] == pytest.approx(-0.25)
-    assert bench.sample("strain")["sequence"] == before["strain"] + 1
-    assert bench.sample("deviation")["sequence"] == before["deviation"], "its counter stands still"
-    bench.measure(strain=1.5, count=9, deviation=0.5)
-    for _ in range(2):
-        bench.exchange(0.0, 1.0)
-    assert bench.sample("deviation")["sequence"] == before["deviation"] + 2, "one is missing"
-    assert bench.sample("strain")["time_ns"] - bench.sample("deviation")["time_ns"] == 1_000_000
-
-
 def test_a_lost_frame_is_counted_and_nothing_steps(ends):
     with Bench(ends, step_V=1.0) as bench:
         bench.open().follow()
@@ -98,29 +80,6 @@ def test_all_frames_lost_end_at_rest_and_come_back_there(bench):
     assert bench.voltage == 0.0
     bench.follow()
     assert bench.statistics["losses"] == 1
-
-
-@pytest.mark.parametrize(
-    ("counter", "meddle"),
-    [
-        ("doubled", lambda frame: [frame, frame]),
-        ("not_this_frame", lambda frame: [bytes([*frame[:17], frame[17] ^ 1, *frame[18:]]), frame]),
-        ("not_this_frame", lambda frame: [bytes([*frame[:32], 8, *frame[33:]]), frame]),
-        ("wrong_length", lambda frame: [frame + b"\0", frame]),
-    ],
-)
-def test_what_came_twice_or_is_damaged_is_counted_and_becomes_no_sample(bench, counter, meddle):
-    bench.follow()
-    bench.exchange(0.0, 1.0)
-    before = int(bench.sample("strain")["sequence"])
-    counted = bench.statistics[counter]
-    bench.meddle = meddle
-    for _ in range(10):
-        assert bench.exchange(5.0, 0.0) == 0
-    bench.meddle = lambda frame: [frame]
-    bench.exchange(5.0, 0.0)
-    assert int(bench.sample("strain")["sequence"]) - before <= 11
-    assert bench.statistics[counter] - counted >= 5
 
 
 def test_each_frame_is_told_as_what_became_of_it(bench):
@@ -261,16 +220,6 @@ def test_a_wrong_line_is_refused_at_the_start(ends):
         bench.open()
 
 
-def test_a_setting_that_is_refused_is_told_in_words(ends):
-    amplifier = AMPLIFIER | {"settings": {"range": {"index": 0x8005, "type": "uint8", "value": 1}}}
-    slaves = {"amplifier": terminal(AMPLIFIER), "gauge": terminal(GAUGE)}
-    with (
-        Bench(ends, slaves=slaves, terminals={"amplifier": amplifier, "gauge": GAUGE}) as bench,
-        pytest.raises(DeviceFault, match="refuses object 0x8005:00: there is no such object"),
-    ):
-        bench.open()
-
-
 def test_a_mapping_that_the_terminal_does_not_have_is_told(ends):
     fields = {"strain": {"index": 0x6003, "subindex": 1, "type": "int32"}}
     gauge = GAUGE | {"inputs": {"strain": {"pdo": 0x1A00, "fields": fields}}}
@@ -282,14 +231,6 @@ def test_a_mapping_that_the_terminal_does_not_have_is_told(ends):
         bench.open()
 
 
-def test_a_mapping_is_changed_where_the_terminal_lets_it(ends):
-    gauge = GAUGE | {"inputs": {"strain": GAUGE["inputs"]["strain"]}}
-    slaves = {"amplifier": terminal(AMPLIFIER), "gauge": terminal(GAUGE)}
-    with Bench(ends, slaves=slaves, terminals={"amplifier": AMPLIFIER, "gauge": gauge}) as bench:
-        bench.open().follow()
-        assert [entry.mapping for entry in bench.line.applications[1].objects.mapped_inputs] == [0x60000120]
-
-
 def test_a_loop_that_died_leaves_a_line_that_is_seen_to_be_safe(bench):
     bench.follow()
     bench.exchange(20.0, 0.0)
@@ -297,12 +238,6 @@ def test_a_loop_that_died_leaves_a_line_that_is_seen_to_be_safe(bench):
     assert OP not in {application.state for application in bench.line.applications}
     bench.line.controllers["powered"] = 0
     assert bench.driver.safe_in_host()(bench.context) != 0
-
-
-def test_a_probe_lists_what_is_there_and_moves_nothing(bench):
-    found = list(bench.driver.probe(1.0))
-    assert [answer.note for answer in found] == ["amplifier", "gauge"]
-    assert found[0].values["serial"] == "0x00000007"
 
 
 def terminal(keys, **changes):

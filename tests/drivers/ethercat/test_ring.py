@@ -1,12 +1,9 @@
 """A ring of three terminals that is cut at any place: no cycle is lost, nothing steps, and people are told."""
 
-import random
 import time
-from itertools import pairwise
 
 import pytest
 from micromanip_drivers.ethercat.link import LinkError
-from pydantic import ValidationError
 
 from micromanip.bus.ethercat.al_states import OP
 from micromanip.bus.ethercat.registers import DC_DELAY
@@ -15,7 +12,7 @@ from micromanip.emulation.ethercat.terminal import INPUTS
 from micromanip.rt.bus_image import DOWN, TAKEN
 from tests.emulation.ethercat.wire import until, veth
 
-from .bench import AMPLIFIER, GAUGE, SILENT_CYCLES, Bench, options
+from .bench import AMPLIFIER, GAUGE, SILENT_CYCLES, Bench
 
 pytestmark = [pytest.mark.live, pytest.mark.compiled_only, pytest.mark.xdist_group("ethercat")]
 
@@ -52,12 +49,6 @@ def cut(bench, *places):
 def level(bench, value):
     """Let the last terminal measure that."""
     bench.line.applications[2].memory[INPUTS : INPUTS + 4].view("<i4")[0] = value
-
-
-def test_a_whole_ring_is_brought_up_and_told_as_one(bench):
-    assert {application.state for application in bench.line.applications} == {OP}
-    assert "cut_behind" not in bench.statistics
-    assert (bench.statistics["cuts"], bench.statistics["wrong_working_counter"]) == (0, 0)
 
 
 @pytest.mark.parametrize("place", PLACES)
@@ -167,19 +158,6 @@ def test_the_first_clock_is_heard_wherever_a_locked_ring_is_cut(pairs, place):
         assert bench.statistics["clock_leaps"] == before["clock_leaps"]
 
 
-def test_frames_that_are_lost_on_a_cut_ring_step_nowhere(bench):
-    cut(bench, 1)
-    chance, wanted, given = random.Random(1), 0.0, [float(bench.voltage)]
-    bench.meddle = lambda frame: [frame] if chance.random() < 0.7 else []
-    for _ in range(300):
-        wanted = max(0.0, min(100.0, wanted + chance.uniform(-0.9, 1.0)))
-        bench.exchange(wanted, 0.0)
-        given.append(float(bench.voltage))
-    assert bench.statistics["lost"] > 50, "half a frame is none"
-    assert max(abs(b - a) for a, b in pairwise(given)) <= 1.0 + 1e-4
-    assert max(given) > 3.0, "it did move"
-
-
 def test_two_cuts_lose_the_line_and_it_comes_back_at_rest(bench):
     bench.exchange(1.0, 0.0)
     cut(bench, 1, 2)
@@ -215,14 +193,3 @@ def test_an_open_ring_is_not_brought_up(pairs):
             cut(bench, place)
             with pytest.raises(LinkError, match=f"the ring is open {where}, 3 slaves answer: it is brought up whole"):
                 bench.open()
-
-
-@pytest.mark.parametrize(
-    ("changes", "said"),
-    [
-        ({"return_interface": "none0"}, "must be another one than interface"),
-    ],
-)
-def test_a_ring_that_can_not_be_is_refused(changes, said):
-    with pytest.raises(ValidationError, match=said):
-        options(**changes)

@@ -1,11 +1,8 @@
 """Compiled functions and Python say the same of every stream of bytes, bit for bit; what is odd is Python's."""
 
-import errno
 import math
-import os
 import random
 import struct
-import time
 
 import pytest
 from hypothesis import given
@@ -14,12 +11,12 @@ from micromanip_drivers.line import frame_reader
 from micromanip_drivers.line.binary_options import Binary
 
 from micromanip.bus.driver import Outcome
-from micromanip.bus.errors import LinkError, OutputRefused
+from micromanip.bus.errors import OutputRefused
 from micromanip.bus.inbox import Inbox
-from micromanip.rt.steady.records import NOTHING_SENT, SENT_IN_DOUBT, UNCONFIRMED
+from micromanip.rt.steady.records import NOTHING_SENT, UNCONFIRMED
 
 from .board import FRAMING, frame
-from .compiled_line import SILENCE_MS, Spoken
+from .compiled_line import Spoken
 from .random_frames import Layout
 
 pytestmark = pytest.mark.compiled_only
@@ -177,17 +174,6 @@ def test_a_frame_in_more_chunks_than_there_is_room_for_is_python_s():
         assert at.arrives(whole) == 0, "afterwards compiled code goes on"
 
 
-def test_outputs_are_confirmed_by_the_next_frame():
-    with Spoken(BOARD, True) as at:
-        at.begin(strains())
-        assert at.send([1.0, 2.0, 3.0]) == UNCONFIRMED
-        assert at.arrives(strains(1)) == 0
-        assert at.inbox[0]["confirmed"].tolist() == [1] + [0] * 15
-        at.inbox[0]["confirmed"] = 0
-        assert at.arrives(strains(2)) == 0
-        assert not at.inbox[0]["confirmed"].any()
-
-
 def test_counters_of_what_is_sent_go_on_where_the_other_side_is():
     with Spoken(BOARD, True) as at:
         at.begin(strains())
@@ -212,55 +198,6 @@ def test_what_the_system_takes_in_part_goes_out_whole():
         at.receive_in_python()
         assert at.heard() == first[8:]
         assert at.send([0.0] * 3) == UNCONFIRMED
-
-
-def test_a_line_that_takes_nothing_is_tried_by_python():
-    with Spoken(BOARD, True) as at:
-        at.begin(strains())
-        assert at.send([0.0] * 3) == UNCONFIRMED
-        assert at.send([0.0] * 3) == NOTHING_SENT, "what waits is not added to"
-        at.heard()
-        assert at.send([0.0] * 3) == UNCONFIRMED
-
-
-def test_silence_is_for_python_to_tell():
-    with Spoken(BOARD, True) as at:
-        at.begin(strains())
-        assert at.arrives(strains(1)) == 0
-        at.record["heard_ns"] -= round(SILENCE_MS * 1e6)
-        with pytest.raises(LinkError, match="nothing understood"):
-            at.receive()
-
-
-def test_an_end_that_is_gone_is_told_as_that():
-    with Spoken(BOARD, True) as at:
-        at.begin(strains())
-        at.port.far.close()
-        assert at.send([0.0] * 3) in (NOTHING_SENT, SENT_IN_DOUBT)
-        with pytest.raises(LinkError, match="is gone"):
-            at.framing.perform(0, [0.0] * 3, Inbox())
-        assert at.receive_compiled() == 1
-        with pytest.raises(LinkError, match="is gone"):
-            at.receive_in_python()
-
-
-def test_an_error_of_the_system_is_told_as_that():
-    with Spoken(BOARD, True) as at:
-        at.begin(strains())
-        at.record["descriptor"] = 10_000
-        assert at.receive_compiled() == 1
-        with pytest.raises(LinkError, match=f"reading: {os.strerror(errno.EBADF)}"):
-            at.receive_in_python()
-
-
-def test_samples_have_the_time_of_their_last_byte_less_the_latency():
-    with Spoken(BOARD, True) as at:
-        at.begin(strains())
-        latency_ns = round(at.framing.inputs[0].latency_s * 1e9)
-        before_ns = time.monotonic_ns()
-        assert at.arrives(strains(1)) == 0
-        time_ns = int(at.inbox[0]["signal"][0]["time_ns"])
-        assert before_ns - latency_ns <= time_ns <= time.monotonic_ns() - latency_ns
 
 
 def test_where_python_is_needed_each_time_there_are_no_compiled_functions():

@@ -112,15 +112,6 @@ def test_whole_packets_never_reach_python():
         assert int(ours.record["frames"]) > 10
 
 
-def test_samples_have_the_time_of_the_newest_block():
-    layout = Layout(random.Random(7))
-    with Spoken(layout.options, True, StreamFraming) as ours:
-        ours.begin(layout.packet())
-        ours.arrives(layout.packet())
-        heard_ns, latency_ns = int(ours.record["heard_ns"]), round(ours.framing.inputs[0].latency_s * 1e9)
-        assert int(ours.inbox[0]["signal"][0]["time_ns"]) == heard_ns - latency_ns
-
-
 def test_a_devices_clock_is_followed_in_python():
     layout = Layout(random.Random(7))
     clock = DeviceTime(at=5, type="uint8", unit_s=1e-3)

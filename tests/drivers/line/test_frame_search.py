@@ -112,14 +112,6 @@ def test_a_frame_that_stands_still_is_given_up():
     assert found.feed(frame(b"new"), STALE_NS + 2) == [(frame(b"new"), STALE_NS + 2)]
 
 
-def test_a_reader_that_stood_still_loses_nothing():
-    """The time between its readings is not that between the bytes."""
-    found, one = search(), frame(bytes(20))
-    assert found.feed(one[:10], 0) == []
-    assert found.feed(one[10:], 10 * STALE_NS) == [(one, 10 * STALE_NS)]
-    assert found.bad == 0
-
-
 def test_a_frame_inside_of_one_that_stands_still_is_found():
     found, one = search(), frame(b"inside")
     assert found.feed(b"\xaa\x55\xff" + one, 5) == []
@@ -134,34 +126,10 @@ def test_without_checksum_a_frame_must_be_followed_by_another():
     assert found.bad == 1
 
 
-def test_without_checksum_a_frame_must_not_hold_the_beginning_of_another():
-    """Nothing follows yet, so the length would fit."""
-    whole = frame(b"0123456789", crc=None)
-    assert fed(search(crc=None), [whole[:6] + whole[:7], whole[7:]]) == [whole]
-
-
 @given(payloads, st.lists(st.integers(0, 1000), max_size=30))
 def test_without_checksum_any_cutting_gives_the_same_frames(contents, places):
     frames = [frame(bytes(byte & 0x7F for byte in content), crc=None) for content in contents]
     assert fed(search(crc=None), cut(b"".join(frames), places)) == frames
-
-
-@given(payloads, st.binary(max_size=30))
-def test_datagrams_have_nothing_to_do_with_each_other(contents, garbage):
-    found = search()
-    for content in contents:
-        assert found.whole(frame(content)[:-1], 0) == []
-        assert found.whole(garbage + frame(content) * 2, 0) == [(frame(content), 0)] * 2
-
-
-@given(
-    st.lists(st.sampled_from(["1=12.3", "0", "set,1,2", "x"])), st.sampled_from(["\n", "\r", "\r\n", " \n"]), st.data()
-)
-def test_lines_are_the_same_however_they_are_cut(texts, end, data):
-    sent = "".join(text + end for text in texts).encode()
-    places = data.draw(st.lists(st.integers(0, 1000), max_size=10))
-    lines = Lines()
-    assert [line for chunk in cut(sent, places) for line in lines.feed(chunk)] == texts
 
 
 @pytest.mark.parametrize("noise", [b"\xff\xfe\x80\n", b"1=\x00\n", bytes(range(128, 256)) + b"\r"])

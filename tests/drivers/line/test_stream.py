@@ -3,8 +3,6 @@
 import contextlib
 import itertools
 import random
-import socket
-import struct
 import time
 
 import pytest
@@ -17,13 +15,12 @@ from micromanip_drivers.line.port_options import TcpPort
 from micromanip_drivers.line.stream import StreamFraming
 from micromanip_drivers.line.stream_options import Stream
 
-from micromanip.bus.errors import IdentityMismatch, LinkError, TransientError
+from micromanip.bus.errors import IdentityMismatch, TransientError
 from micromanip.bus.inbox import Inbox
 
-from .again import raised
 from .scripted_port import ScriptedPort
 from .sensors import SENSOR, TRACKER, CapacitiveSensor, LaserTracker
-from .wires import TcpWire, UdpWire, free_port
+from .wires import TcpWire, UdpWire
 
 PERIOD_NS = 500_000
 SAMPLER, TRACER = CapacitiveSensor(TcpWire()), LaserTracker(UdpWire())
@@ -66,15 +63,6 @@ def test_samples_of_a_packet_have_their_own_times():
     assert [sample.value for sample in samples] == pytest.approx([1e-4, 2e-4, 3e-4, 4e-4])
     latency_ns = round(one.inputs[0].latency_s * 1e9)
     assert [at_ns - latency_ns - sample.time_ns for sample in samples] == [3 * PERIOD_NS, 2 * PERIOD_NS, PERIOD_NS, 0]
-
-
-def test_a_gap_is_counted_once_and_on_every_input():
-    one, port = begun(packet(0, 1))
-    taken(one, port, packet(0, 1, 1))
-    for channel in range(3):
-        samples = taken(one, port, packet(2 + 7 * channel + 5, 1, 1), channel=channel)
-        assert [sample.lost for sample in samples] == [5, 0]
-    assert one.counters["lost"] == 15
 
 
 @settings(deadline=None)
@@ -120,19 +108,6 @@ def test_packet_of_another_device_is_no_sample():
         begun(other.packet(1, (9, 9, 9)) * 2)
 
 
-def test_one_packet_that_looks_like_another_device_may_be_noise():
-    other = CapacitiveSensor(TcpWire())
-    other.serial_number = 1
-    begun(other.packet(1, (9, 9, 9)) + packet(0, 1))
-
-
-def test_status():
-    one, port = begun(packet(0, 5))
-    bad = CapacitiveSensor(TcpWire())
-    bad.status = 0x80
-    assert [sample.status for sample in taken(one, port, bad.packet(1, (1, 1, 1)), packet(2, 1))] == [0x80, 0]
-
-
 def test_number_that_is_none_is_marked():
     one, port = begun(TRACER.datagram(0, 0, 0.0, 0.0, 0.0), options=TRACKER, datagrams=True)
     samples = taken(one, port, TRACER.datagram(1, 1000, float("nan"), 1.0, float("inf")))
@@ -160,35 +135,6 @@ def test_datagrams_doubled_lost_and_out_of_order():
     assert one.counters["not_fresh"] == 2
 
 
-def test_flipped_bit_in_a_datagram():
-    one, port = begun(TRACER.datagram(0, 0, 0.0, 0.0, 0.0), options=TRACKER, datagrams=True)
-    wire = bytearray(TRACER.datagram(1, 1000, 1.0, 0.0, 0.0))
-    wire[20] ^= 1
-    port.coming.append((time.monotonic_ns(), bytes(wire)))
-    with pytest.raises(TransientError, match="1 damaged frame"):
-        one.receive(Inbox(), time.monotonic_ns())
-
-
-def test_nothing_comes():
-    one, _ = framing()
-    with pytest.raises(LinkError, match="sends nothing: is it switched on"):
-        one.begin(time.monotonic_ns() + 20_000_000)
-
-
-def test_what_comes_is_no_stream():
-    one, port = framing()
-    port.coming.append((time.monotonic_ns(), bytes(range(200))))
-    with pytest.raises(LinkError, match="sends 200 bytes, and no frame is in them"):
-        one.begin(time.monotonic_ns() + 20_000_000)
-
-
-def test_beginning_in_the_middle_of_a_packet():
-    one, port = framing()
-    port.coming.append((time.monotonic_ns(), packet(0, 1, 2, 3)[17:] + packet(3, 4)))
-    one.begin(time.monotonic_ns() + 200_000_000)
-    assert len(taken(one, port, packet(4, 5))) == 1
-
-
 def test_start_is_sent():
     one, port = framing(start="53 54 41 52 54 0a")
     port.coming.append((time.monotonic_ns(), packet(0, 1)))
@@ -198,47 +144,6 @@ def test_start_is_sent():
 
 def line(options):
     return Line(Line.Options.model_validate(options), None)
-
-
-def test_half_open_connection_is_noticed_by_silence():
-    """The device takes the connection, speaks, and is gone without a word."""
-    device = CapacitiveSensor(TcpWire())
-    device.start()
-    driver = line({**device.options, "silence_ms": 60})
-    try:
-        driver.open()
-        device.silence(True)
-        problem = raised(lambda: driver.receive(Inbox(), time.monotonic_ns() + 5_000_000))
-        assert isinstance(problem, LinkError)
-        assert "nothing understood for 60 ms" in str(problem)
-        driver.close()
-        device.silence(False)
-        driver.open()
-    finally:
-        driver.close()
-        device.kill()
-
-
-def test_strangers_are_not_heard():
-    """A second tracker sends to our port, with another address: nothing of it becomes a value."""
-    device, stranger = LaserTracker(UdpWire()), LaserTracker(UdpWire())
-    stranger.wire.listener = device.wire.listener
-    device.set_input("stage_x", 1.0)
-    stranger.set_input("stage_x", -1.0)
-    device.start()
-    stranger.start()
-    driver = line(device.options)
-    try:
-        driver.open()
-        inbox, end_ns = Inbox(), time.monotonic_ns() + 100_000_000
-        while time.monotonic_ns() < end_ns or not len(inbox):
-            driver.receive(inbox, time.monotonic_ns() + 10_000_000)
-        values = {round(sample.value, 9) for sample in inbox if sample.channel == 0}
-    finally:
-        driver.close()
-        device.kill()
-        stranger.kill()
-    assert values == {1.0}
 
 
 def test_probe_shows_values_and_the_wrong_device():
@@ -255,36 +160,3 @@ def test_probe_shows_values_and_the_wrong_device():
     assert answer.values["strain_z"] == pytest.approx(2.5)
     assert answer.values["serial_number"] == 7
     assert answer.note == "serial_number 7, the configuration says 4711"
-
-
-def test_probe_of_another_protocol_shows_that_something_comes():
-    device = CapacitiveSensor(TcpWire())
-    device.packet = lambda count, *blocks: b"hello\n"
-    device.start()
-    driver = line(device.options)
-    try:
-        (answer,) = driver.probe(0.1)
-    finally:
-        driver.close()
-        device.kill()
-    assert answer.values["bytes"] > 0
-    assert "no frame is in them" in answer.note
-
-
-def test_tracker_that_nobody_plays_is_a_lost_link():
-    driver = line({"udp": {"host": "127.0.0.1", "port": free_port(socket.SOCK_DGRAM)}, **TRACKER})
-    with pytest.raises(LinkError, match="sends nothing"):
-        driver.open()
-    driver.close()
-
-
-@settings(deadline=None, max_examples=200)
-@given(st.binary(max_size=300), st.booleans())
-def test_whatever_comes_nothing_but_a_passing_error_comes_of_it(data, of_a_tracker):
-    good = TRACER.datagram(0, 0, 0.0, 0.0, 0.0) if of_a_tracker else packet(0, 1)
-    one, port = begun(good, options=TRACKER if of_a_tracker else SENSOR, datagrams=of_a_tracker)
-    magic = b"LT" if of_a_tracker else b"MEAS" + struct.pack("<ii", 1, 4711)
-    for wire in (data, magic + data, data + good):
-        port.coming.append((time.monotonic_ns(), wire))
-        with contextlib.suppress(TransientError):
-            one.receive(Inbox(), time.monotonic_ns())

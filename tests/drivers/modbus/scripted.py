@@ -10,7 +10,6 @@ from micromanip.emulation.modbus.frames import RtuFrames, TcpFrames
 from ..line.scripted_port import ScriptedPort
 
 READ = {"value": {"address": 5, "type": "uint16"}}
-WRITE = {"out": {"address": 50, "type": "uint16", "cyclic_safe": True}}
 SERIAL = {"device": "/dev/ttyUSB0", "baud": 115_200}
 
 

@@ -105,21 +105,6 @@ def test_units_on_a_serial_line_have_numbers_of_it(tmp_path):
     assert "Modbus RTU has 8 data bits, not 7" in told(tmp_path, keys)
 
 
-def test_two_units_with_one_number(tmp_path):
-    keys = changed("tcp.port", 502)
-    keys["units"]["other"] = copy.deepcopy(keys["units"]["cell"])
-    assert told(tmp_path, keys) == "drivers.modbus.units.other.unit_id: 1 is also that of cell"
-
-
-def test_a_long_block_is_parted_at_what_a_transaction_carries():
-    read = {f"r{i}": {"address": 2 * i, "type": "int32"} for i in range(100)}
-    unit = {"unit_id": 1, "address_base": 0, "byte_order": "big", "word_order": "big"}
-    keys = {"tcp": {"host": "h", "port": 502}, "timeout_ms": 20, "response_ms": 1}
-    tasks = {"all": {"function": 4, "rate_hz": 10, "read": read}}
-    driver = Modbus(Modbus.Options.model_validate({**keys, "units": {"u": {**unit, "tasks": tasks}}}), None)
-    assert [exchange.request({}).hex() for exchange in driver._plans[0].exchanges] == ["040000007c", "04007c004c"]
-
-
 @pytest.mark.parametrize("name", FILES)
 def test_the_examples_fit_their_lines(name):
     prepared = prepare(CONFIG / name)

@@ -1,9 +1,6 @@
 """Foreign programs agree: the library's server with our driver, the library's client and mbpoll with our units."""
 
 import asyncio
-import re
-import shutil
-import subprocess
 import threading
 
 import pytest
@@ -20,9 +17,6 @@ from .played import keys_of, played, until
 from .scripted import options
 
 pytestmark = pytest.mark.live  # servers and clients that answer in time
-
-MBPOLL = shutil.which("mbpoll")
-needs_mbpoll = pytest.mark.skipif(MBPOLL is None, reason="mbpoll is not installed (apt-get install mbpoll)")
 
 
 class LibraryServer:
@@ -141,32 +135,3 @@ def test_the_librarys_client_understands_our_units(tmp_path, name):
             assert client.write_register(0, 1, device_id=1).exception_code == 2
             assert client.read_exception_status(device_id=1).exception_code == 1
     assert unit.devices.cell.report()["outputs"]["voltage_y"]["max"] == 40.0
-
-
-@needs_mbpoll
-@pytest.mark.parametrize("name", ["modbus.yaml", "modbus_rtu.yaml"], ids=["tcp", "rtu"])
-def test_mbpoll_reads_and_writes(tmp_path, name):
-    with played(tmp_path, name) as unit:
-        serial = "serial" in keys_of(unit.config)
-        line = ["-m", "rtu", "-b", "115200", "-P", "none"] if serial else ["-m", "tcp", "-p", str(unit.port)]
-        where = unit.path if serial else "127.0.0.1"
-
-        def mbpoll(*arguments):
-            command = [MBPOLL, *line, "-a", "1", "-0", "-1", "-o", "2", *arguments]
-            return subprocess.run(command, capture_output=True, text=True, timeout=30, check=False)
-
-        written = mbpoll("-r", "100", where, "0", "8000", "0", "1")
-        assert "Written 4 references." in written.stdout, written
-        read = mbpoll("-r", "100", "-c", "4", where)
-        assert re.findall(r"\[(\d+)\]:\s+(\d+)", read.stdout) == [
-            ("100", "0"),
-            ("101", "8000"),
-            ("102", "0"),
-            ("103", "1"),
-        ]
-        if not serial:
-            numbers = mbpoll("-t", "4:int", "-B", "-r", "0", "-c", "3", where)
-            strains = [int(found) for found in re.findall(r"\]:\s+(-?\d+)", numbers.stdout)]
-            assert len(strains) == 3
-            assert max(strains) == strains[1] > 100_000, "y was moved by 40 V, in steps of 0.1 nm"
-        assert "Illegal data address" in mbpoll("-r", "60", where).stderr

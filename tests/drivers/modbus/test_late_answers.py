@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from micromanip.bus.errors import DeviceFault, LinkError, TransientError
 
-from .scripted import READ, WRITE, Scripted
+from .scripted import READ, Scripted
 
 pytestmark = pytest.mark.realtime  # an answer is late by milliseconds
 
@@ -27,14 +27,6 @@ def never(frame, request):
     return []
 
 
-def write_on(scripted):
-    for value in range(1000):
-        try:
-            scripted.turn([float(value)], wait_ns=0)
-        except TransientError:
-            time.sleep(0.002)
-
-
 def turns(scripted, seconds):
     """Turn for so long; the values that came, and the errors."""
     values, errors, end = [], [], time.monotonic() + seconds
@@ -45,12 +37,6 @@ def turns(scripted, seconds):
             errors.append(str(problem))
             time.sleep(0.002)
     return values, errors
-
-
-@BOTH
-def test_values_come_in_the_order_of_their_requests(serial):
-    scripted = Scripted(serial=serial)
-    assert [scripted.turn() for _ in range(3)] == [[2.0], [3.0], [4.0]]
 
 
 @BOTH
@@ -115,17 +101,6 @@ def test_over_tcp_the_late_answer_itself_ends_the_silence():
 
 
 @BOTH
-def test_few_requests_gather_in_a_device_that_hangs(serial):
-    """When it goes on it finds three old commands at most, not hundreds."""
-    tasks = {"write": {"function": 16, "rate_hz": 20, "write": WRITE}}
-    scripted = Scripted(serial=serial, tasks=tasks)
-    scripted.unit.said = dict.fromkeys(range(1, 1000), never)
-    with pytest.raises(LinkError, match="3 times in a row"):
-        write_on(scripted)
-    assert len(scripted.unit.heard) <= 3
-
-
-@BOTH
 @pytest.mark.parametrize(
     ("code", "error", "said"),
     [
@@ -160,13 +135,6 @@ def test_a_wrong_transaction_number_is_never_believed():
     assert not list(scripted.inbox)
 
 
-@BOTH
-def test_a_split_answer_is_put_together(serial):
-    scripted = Scripted(serial=serial)
-    scripted.unit.said[2] = lambda frame, request: [(0.0, frame[:3]), (0.004, frame[3:])]
-    assert scripted.turn() == [2.0]
-
-
 def test_after_rubbish_a_serial_line_is_found_again():
     scripted = Scripted(serial=True)
     scripted.unit.said[2] = lambda frame, request: [(0.0, b"\x55\xaa\x17"), (0.003, frame)]
@@ -176,14 +144,6 @@ def test_after_rubbish_a_serial_line_is_found_again():
     assert values, "it goes on"
     assert 2.0 not in values
     assert values[-1] == scripted.unit.requests
-
-
-def test_after_a_damaged_answer_the_next_one_is_asked_for_at_once():
-    scripted = Scripted(serial=True)
-    scripted.unit.said[2] = lambda frame, request: [(0.0, frame[:-1] + bytes((frame[-1] ^ 1,)))]
-    with pytest.raises(TransientError, match="checksum"):
-        scripted.turn()
-    assert scripted.turn() == [3.0]
 
 
 def test_an_echo_is_named():
@@ -196,15 +156,6 @@ def test_an_echo_is_named():
 RTU_REQUEST = bytes.fromhex("01 03 0005 0001 940b")
 
 
-def test_what_comes_unasked_is_thrown_away():
-    scripted = Scripted(serial=True)
-    scripted.unit.said[2] = lambda frame, request: [(0.0, frame), (0.001, frame)]
-    assert scripted.turn() == [2.0]
-    time.sleep(0.003)
-    assert scripted.turn() == [3.0]
-    assert scripted.driver.statistics()["late"] == 1
-
-
 @BOTH
 def test_values_are_dated_between_request_and_answer(serial):
     scripted = Scripted(serial=serial)
@@ -213,16 +164,6 @@ def test_values_are_dated_between_request_and_answer(serial):
     scripted.turn()
     (sample,) = scripted.inbox
     assert 0.004 < (sample.time_ns - begin_ns) * 1e-9 < 0.0085
-
-
-def test_adjacent_registers_are_one_transaction_and_others_are_not():
-    read = {"a": {"address": 5, "type": "uint16"}, "b": {"address": 6, "type": "uint16"}}
-    apart = {"c": {"address": 9, "type": "uint16"}}
-    scripted = Scripted(serial=False, tasks={"ask": {"function": 3, "rate_hz": 20, "read": {**read, **apart}}})
-    scripted.unit.heard.clear()
-    values = scripted.turn()
-    assert [pdu.hex() for pdu in scripted.unit.heard] == ["0300050002", "0300090001"]
-    assert values == [2.0, 2.0, 3.0]
 
 
 def test_a_counter_that_stands_still_makes_nothing_fresh_and_a_bad_status_is_passed_on():

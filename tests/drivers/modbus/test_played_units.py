@@ -6,7 +6,7 @@ import time
 import pytest
 from micromanip_drivers.modbus.driver import Modbus
 
-from micromanip.bus.errors import DeviceFault, IdentityMismatch, LinkError, TransientError
+from micromanip.bus.errors import LinkError, TransientError
 from micromanip.bus.inbox import Inbox
 
 from .played import keys_of, played, until
@@ -75,31 +75,6 @@ def test_an_axis_moves(unit):
 
 
 @FILES
-def test_another_device_is_refused(unit):
-    assert "ok" in unit.order('{"inject": "identity"}')
-    config = keys_of(unit.config)
-    number = {"function": 4, "address": 0, "type": "uint32", "value": 4711}
-    config["units"]["cell"]["identity"] = {"serial_number": number}
-    driver = Modbus(Modbus.Options.model_validate(config), None)
-    try:
-        with pytest.raises((IdentityMismatch, DeviceFault)) as refused:
-            open_patiently(driver)
-        if "modbus.yaml" in str(unit.file.name) or "tcp" in config:
-            assert "serial_number 4710, the configuration says 4711: another device" in str(refused.value)
-    finally:
-        driver.close()
-
-
-def open_patiently(driver):
-    for _ in range(5):
-        try:
-            return driver.open()
-        except LinkError:
-            time.sleep(0.05)
-    return driver.open()
-
-
-@FILES
 @pytest.mark.parametrize(
     ("fault", "said"),
     [
@@ -133,39 +108,6 @@ def test_a_disturbed_line_is_found_again(unit, fault, said):
             assert any(re.search(said, error) for error in cycle.errors), cycle.errors
 
 
-@pytest.mark.parametrize("name", ["modbus_rtu.yaml"])
-def test_one_wrong_bit_is_found_and_the_next_answer_is_good(unit):
-    with Cycle(unit) as cycle:
-        until(lambda: cycle.turn(amplifier_enable=1.0))
-        unit.order('{"inject": "flip"}')
-        assert cycle.turns(2, amplifier_enable=1.0) == 0
-        unit.order('{"device": "clear"}')
-        until(lambda: cycle.turn(amplifier_enable=1.0))
-    assert cycle.driver.statistics()["bad_frames"] >= 1
-
-
-@pytest.mark.parametrize("name", ["modbus_rtu.yaml"])
-def test_an_echo_is_named_or_taken_out(unit):
-    unit.order('{"inject": "echo"}')
-    driver = Modbus(Modbus.Options.model_validate(keys_of(unit.config)), None)
-    with pytest.raises(LinkError, match=r"what is sent comes back.*rs485: \{echo: true\}"):
-        driver.open()
-    driver.close()
-    serial = {**keys_of(unit.config)["serial"], "rs485": {"echo": True}}
-    with Cycle(unit, serial=serial) as cycle:
-        until(lambda: cycle.turn(amplifier_enable=1.0))
-
-
-@pytest.mark.parametrize("name", ["modbus_rtu.yaml"])
-def test_a_wrong_rate_is_said(unit):
-    keys = keys_of(unit.config)
-    keys = {**keys, "serial": {**keys["serial"], "baud": 57_600}, "timeout_ms": 60, "drain_ms": 50}
-    driver = Modbus(Modbus.Options.model_validate(keys), None)
-    with pytest.raises(LinkError, match=r"are baud 57600, parity none and unit_id those of the device\?"):
-        driver.open()
-    driver.close()
-
-
 @FILES
 @pytest.mark.parametrize(
     ("kind", "lost", "most", "shut"),
@@ -185,56 +127,3 @@ def test_a_device_that_is_away_is_a_lost_link_and_comes_back(unit, kind, lost, m
         unit.order('{"device": "clear"}')
         until(cycle.opened)
         until(lambda: cycle.turn(amplifier_enable=1.0))
-
-
-@pytest.mark.parametrize("name", ["modbus.yaml"])
-def test_a_half_open_connection(unit):
-    """The device hangs and has forgotten us when it goes on: whoever speaks to it is told so."""
-    with Cycle(unit) as cycle:
-        until(lambda: cycle.turn(amplifier_enable=1.0))
-        unit.order('{"inject": "hang", "for_s": 0.05}')
-        cycle.turns(2)
-        unit.order('{"inject": "disconnect"}')
-        with pytest.raises(LinkError, match="is gone"):
-            cycle.turns(50)
-        cycle.driver.close()
-        until(cycle.opened)
-        until(lambda: cycle.turn(amplifier_enable=1.0))
-
-
-@pytest.mark.parametrize("name", ["modbus.yaml"])
-def test_answers_with_the_number_of_another_request(unit):
-    with Cycle(unit) as cycle:
-        until(lambda: cycle.turn(amplifier_enable=1.0))
-        cycle.values.clear()
-        unit.order('{"inject": "transaction"}')
-        with pytest.raises(LinkError, match="3 times in a row"):
-            cycle.turns(200)
-        assert not cycle.values
-        assert cycle.driver.statistics()["late"] >= 3
-
-
-@FILES
-def test_signal_faults_and_silence_reach_the_registers(unit):
-    with Cycle(unit) as cycle:
-        until(lambda: cycle.turn(amplifier_enable=1.0))
-        unit.order('{"device": "offset", "signal": "stage_x", "value": 25}')
-        before = cycle.values["stage_x"]
-        until(lambda: cycle.turn(amplifier_enable=1.0))
-        assert cycle.values["stage_x"] - before == pytest.approx(25.0, abs=3.0) or before <= -290
-        unit.order('{"device": "stop_counter"}')
-        time.sleep(0.005)
-        cycle.turns(2)
-        assert cycle.turns(3) == 0, "nothing is fresh"
-        assert cycle.driver.statistics()["repeated"] >= 3
-        unit.order('{"device": "silence", "message": "cell"}')
-        cycle.turns(1)
-        assert any("no answer" in error for error in cycle.errors)
-
-
-@FILES
-def test_faults_that_make_no_sense_are_refused(unit):
-    assert "code" in unit.order('{"inject": "exception", "code": 0}')["error"]
-    assert "no device sends a message" in unit.order('{"device": "silence", "message": "x"}')["error"]
-    if "serial" in keys_of(unit.config):
-        assert "no number" in unit.order('{"inject": "transaction"}')["error"]

@@ -79,11 +79,3 @@ def test_a_device_that_answers_with_exceptions_only(unit, capsys, tmp_path):
     assert not any(answer["is_value"] for answer in answers)
     assert "no value was read on tcp" in said.err
     assert "exception 2, illegal address" in said.err
-
-
-def test_nobody_there(unit, capsys):
-    unit.order('{"inject": "unplug"}')
-    code, said = probed(capsys, unit.file, "modbus")
-    assert code == 69
-    assert "can't be opened: Connection refused" in said.err
-    assert said.err.count("\n") == 1

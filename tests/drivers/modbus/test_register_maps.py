@@ -1,12 +1,10 @@
 """Register maps of any kind: planned into transactions, asked of a simulated unit, and read back as they are."""
 
-import itertools
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from micromanip_drivers.modbus.options import ModbusOptions
-from micromanip_drivers.modbus.plan import MOST, plan_tasks
+from micromanip_drivers.modbus.plan import plan_tasks
 from micromanip_drivers.modbus.task_options import REGISTERS
 
 from micromanip.emulation.modbus.register import DeviceRegister
@@ -73,18 +71,6 @@ def test_what_is_read_is_what_the_unit_has(found, data):
     assert got == values
 
 
-@given(register_maps(most=60))
-def test_transactions_are_as_few_as_the_gaps_allow(found):
-    read = {name: {"address": address, "type": kind} for name, (address, kind) in found.items()}
-    (plan,) = plans({"t": {"function": 4, "rate_hz": 1, "read": read}})
-    rows = sorted(found.values())
-    gaps = sum(later[0] > row[0] + REGISTERS[row[1]] for row, later in itertools.pairwise(rows))
-    counts = [int.from_bytes(exchange.request({})[3:5], "big") for exchange in plan.exchanges]
-    assert max(counts) <= MOST[4]
-    assert sum(counts) == sum(REGISTERS[kind] for _, kind in rows)
-    assert len(counts) == gaps + 1 if sum(counts) <= MOST[4] else len(counts) >= gaps + 1
-
-
 @given(register_maps(most=12), st.data())
 def test_what_is_written_is_what_the_unit_gets(found, data):
     write = {n: {"address": address, "type": kind, "cyclic_safe": True} for n, (address, kind) in found.items()}
@@ -109,13 +95,3 @@ def test_registers_that_overlap_are_refused(found, data):
     read = {n: {"address": a, "type": k} for n, (a, k) in found.items()} | {"new": {"address": at, "type": other}}
     with pytest.raises(ConfigError, match=r"units\.u\.tasks\.t\.read\.\w+: overlaps with units\.u\.tasks\.t\.read\."):
         plans({"t": {"function": 3, "rate_hz": 1, "read": read}})
-
-
-def test_a_register_of_two_tasks_is_refused_when_both_write_it():
-    def task(name):
-        return {"function": 16, "rate_hz": 1, "write": {name: {"address": 5, "type": "uint16", "cyclic_safe": True}}}
-
-    with pytest.raises(ConfigError, match=r"tasks\.two\.write\.b: overlaps with units\.u\.tasks\.one\.write\.a"):
-        plans({"one": task("a"), "two": task("b")})
-    with pytest.raises(ConfigError, match="task one has a a already"):
-        plans({"one": task("a"), "two": task("a")})

@@ -6,12 +6,11 @@ import struct
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from micromanip_drivers.modbus.codec import CoilPlan, Field, ReadPlan, WritePlan
+from micromanip_drivers.modbus.codec import Field, ReadPlan, WritePlan
 from micromanip_drivers.modbus.task_options import REGISTERS, Input, Output, Register, code_range
 from pymodbus.client.mixin import ModbusClientMixin
 
 from micromanip.bus.errors import OutputRefused
-from micromanip.emulation.modbus.register import DeviceRegister
 
 NUMBERS = [kind for kind in REGISTERS if kind not in ("coil", "bits")]
 INTEGERS = [kind for kind in NUMBERS if "int" in kind]
@@ -58,20 +57,6 @@ def test_numbers_worked_out_by_hand(kind, byte_order, word_order, wire, value):
     assert WritePlan([written], REGISTERS[kind]).data({"v": value}).hex() == wire
 
 
-def test_bits_of_a_register_that_they_share():
-    low = field("bits", 1, cls=Output, name="low", first_bit=0)
-    high = field("bits", 1, cls=Output, name="high", first_bit=4, bit_count=3)
-    word = field("uint16", 0, cls=Output, name="word")
-    assert WritePlan([word, low, high], 2).data({"word": 0xABCD, "low": 1, "high": 5}).hex() == "abcd0051"
-    assert ReadPlan([low, high, word]).codes(bytes.fromhex("abcd0051")) == [1, 5, 0xABCD]
-
-
-def test_coils_are_packed_lowest_first():
-    coils = [field("coil", place, cls=Output, name=str(place)) for place in (0, 3, 9)]
-    assert WritePlan(coils, 10).data({"0": 1, "3": 0, "9": 1}).hex() == "0102"
-    assert CoilPlan(coils).codes(bytes.fromhex("0102")) == [1, 0, 1]
-
-
 @given(st.data())
 def test_as_the_library_reads_them(data):
     kind, word_order = data.draw(st.sampled_from(NUMBERS)), data.draw(orders)
@@ -80,37 +65,6 @@ def test_as_the_library_reads_them(data):
     registers = ModbusClientMixin.convert_to_registers(code, getattr(kinds, kind.upper()), word_order=word_order)
     wire = struct.pack(f">{len(registers)}H", *registers)
     assert ReadPlan([field(kind, 0, "big", word_order)]).codes(wire) == [code]
-
-
-@given(st.data())
-def test_as_the_simulated_device_has_them(data):
-    """Any number of registers beside one another, in any order, with scale and offset, there and back."""
-    kinds = data.draw(st.lists(st.sampled_from(NUMBERS), min_size=1, max_size=8))
-    byte_order, word_order = data.draw(orders), data.draw(orders)
-    scale, offset = data.draw(st.sampled_from([(1.0, 0.0), (0.005, 0.0), (-2.0, 17.0)]))
-    fields, device, words, values, place = [], [], [], {}, 0
-    for i, kind in enumerate(kinds):
-        keys = {"scale": scale, "offset": offset}
-        fields.append(field(kind, place, byte_order, word_order, Output, str(i), **keys))
-        device.append(DeviceRegister(str(i), place, kind, byte_order == "big", word_order == "big", scale, offset))
-        limit = {"int16": 30_000, "uint16": 60_000}.get(kind, 1_000_000)
-        code = data.draw(st.integers(0, limit))
-        values[str(i)] = scale * code + offset
-        words += device[-1].words(values[str(i)])
-        place += REGISTERS[kind]
-    wire = struct.pack(f">{place}H", *words)
-    assert WritePlan(fields, place).data(values) == wire
-    assert ReadPlan(fields).values(wire) == pytest.approx(list(values.values()), rel=1e-6, abs=1e-6)
-    for register in device:
-        own = words[register.address : register.address + register.width]
-        assert register.value(own) == pytest.approx(values[register.name], rel=1e-6, abs=1e-6)
-
-
-@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
-@pytest.mark.parametrize("kind", [*NUMBERS, "coil"])
-def test_what_is_no_number_is_refused(kind, bad):
-    with pytest.raises(OutputRefused, match="nothing was sent"):
-        WritePlan([field(kind, cls=Output)], 4).data({"v": bad})
 
 
 @pytest.mark.parametrize("kind", NUMBERS)

@@ -56,16 +56,6 @@ def test_what_is_slower_is_fresh_when_its_counter_says_so(bench):
     assert [each[2] for each in fresh] == [1, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1]
 
 
-def test_the_outputs_arrive(bench):
-    bench.follow()
-    bench.commands()
-    for voltage, hold in ((0.0, 1.0), (1.5, 0.0), (-19.9999, 1.0), (150.0, 0.0)):
-        bench.say()
-        assert bench.exchange(voltage, hold) == 0
-        (arrived,) = bench.commands()
-        assert arrived == pytest.approx((voltage, hold), abs=5e-5)
-
-
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -20.1, 150.1])
 def test_what_may_not_be_sent_stays_as_it_was(bench, bad):
     bench.follow()
@@ -125,17 +115,6 @@ def test_lost_doubled_and_overtaken_datagrams_are_counted(bench):
     found = bench.statistics
     assert (found["lost"], found["doubled"], found["late"]) == (3, 1, 1)
     assert bench.driver.missing(bench.context)[0] == 3
-
-
-def test_the_devices_word_is_the_samples_status(bench):
-    bench.follow()
-    for status, expected in ((3, 0), (7, 7), (0, 0)):
-        bench.say(status=status)
-        bench.exchange(0, 0)
-        assert bench.signals[0]["status"] == expected
-    bench.say(stage=math.nan)
-    bench.exchange(0, 0)
-    assert (bench.signals[0]["status"], bench.signals[1]["status"]) == (0, -1)
 
 
 def test_at_the_beginning_the_outputs_are_at_rest_until_it_answers(bench):
@@ -209,23 +188,6 @@ def test_a_device_that_began_anew_is_not_given_what_it_had_before(bench):
     assert bench.statistics["restarts"] == 1
 
 
-def test_nobody_at_the_other_end_is_no_failure(bench):
-    bench.follow()
-    bench.device.close()
-    codes = [bench.exchange(0, 0) for _ in range(SILENT_CYCLES + 2)]
-    assert codes[-1] == DOWN
-    assert set(codes) == {0, DOWN}
-
-
-def test_a_flood_is_taken_in_portions_and_the_newest_counts_in_the_end(bench):
-    bench.follow()
-    for k in range(80):
-        bench.say(strain=k)
-    for _ in range(4):
-        bench.exchange(0, 0)
-    assert bench.signals[0]["value"] == pytest.approx(79.0)
-
-
 @pytest.mark.long  # a hundred thousand datagrams
 def test_garbage_changes_no_sample_and_no_output(bench, request):
     bench.follow()
@@ -294,18 +256,6 @@ def test_a_loop_that_waits_has_the_answer_of_its_own_cycle():
         assert values(bench)[0] == pytest.approx(2.5), "without waiting: of the cycle before"
         assert bench.c["gate"]["acknowledged"] == bench.c["gate"]["sent_count"]
         answered.result()
-
-
-def test_an_answer_that_takes_longer_than_the_loop_waits_is_of_the_next_cycle():
-    with Bench(wait_us=70.0) as bench:
-        bench.follow()
-        bench.now_ns = time.monotonic_ns()
-        assert bench.exchange(1.0, 0.0) == 0
-        before = bench.sample("strain")["sequence"]
-        bench.say(strain=2.5)
-        assert bench.exchange(1.0, 0.0) == 0
-        assert bench.sample("strain")["sequence"] == before + 1
-        assert values(bench)[0] == pytest.approx(2.5)
 
 
 def test_the_host_sees_that_the_device_rests(bench):

@@ -67,13 +67,6 @@ def test_a_short_break_while_the_loop_moves_on_makes_no_step(wire):
     assert wire.bench.statistics["held_back"] > 10
 
 
-def test_with_an_answer_in_each_cycle_nothing_is_held_back(wire):
-    for k in range(50):
-        assert wire.pass_cycle(STEP_V * k) == 0
-    assert wire.bench.statistics["held_back"] == 0
-    assert wire.voltages[-1] == pytest.approx(STEP_V * 49)
-
-
 def test_answers_that_say_nothing_new_are_silence(wire):
     """The device speaks, and acts on nothing that it is sent: its samples are good, its outputs are lost."""
     codes, before = [], int(wire.bench.signals[0]["sequence"])

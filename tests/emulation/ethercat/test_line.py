@@ -23,7 +23,6 @@ from micromanip.bus.ethercat.frames import Datagram, framed, unframed
 from micromanip.bus.ethercat.registers import (
     AL_CONTROL,
     AL_STATUS,
-    APRD,
     APWR,
     BRD,
     BWR,
@@ -33,10 +32,6 @@ from micromanip.bus.ethercat.registers import (
     FPRD,
     FPWR,
     FRMW,
-    LRW,
-    SII_ADDRESS,
-    SII_CONTROL,
-    SII_DATA,
     SM,
     STATION,
 )
@@ -102,32 +97,6 @@ class Bench:
         return self
 
 
-def test_a_broadcast_reads_all_slaves_merged_and_counts_them():
-    back = Bench().send(BRD, (0, AL_STATUS), bytes(2))
-    assert (back.data, back.wkc, back.address) == (bytes([INIT, 0]), 2, (2, AL_STATUS))
-
-
-def test_positions_count_up_and_stations_stay():
-    bench = Bench().stations()
-    assert bench.send(APRD, (0xFFFF, STATION), bytes(2)).data == struct.pack("<H", 0x1002)
-    back = bench.send(FPRD, (0x1002, STATION), bytes(2))
-    assert (back.data, back.wkc, back.address) == (b"\x02\x10", 1, (0x1002, STATION))
-    assert bench.send(FPRD, (0x1003, STATION), bytes(2)).wkc == 0
-
-
-def test_what_only_the_slave_writes_stays_and_does_not_count():
-    bench = Bench().stations()
-    assert bench.send(FPWR, (0x1001, AL_STATUS), b"\x08\x00").wkc == 0
-    assert bench.status() == (INIT, 0)
-
-
-def test_the_eeprom_holds_the_identity():
-    bench = Bench().stations()
-    bench.send(FPWR, (0x1001, SII_ADDRESS), struct.pack("<I", 8))
-    bench.send(FPWR, (0x1001, SII_CONTROL), struct.pack("<H", 0x0100))
-    assert struct.unpack("<II", bench.send(FPRD, (0x1001, SII_DATA), bytes(8)).data) == (0x1234, 0x10)
-
-
 def test_states_are_refused_with_their_reasons():
     bench = Bench().stations()
     assert bench.ask(PREOP) == (INIT | ERROR, INVALID_MAILBOX)
@@ -154,16 +123,6 @@ def test_a_mailbox_takes_one_mail_and_gives_one():
     assert bench.send(FPRD, (0x1001, MAILBOX_IN), bytes(MAILBOX_BYTES)).wkc == 0
 
 
-def test_process_data_cross_by_logical_address_and_count_three():
-    bench = Bench().operate()
-    memory = bench.line.applications[0].memory
-    memory[INPUTS : INPUTS + 2] = (1, 1)
-    outputs = bytes(range(14))
-    back = bench.send(LRW, 0, outputs + bytes(2))
-    assert (back.data, back.wkc) == (outputs + b"\1\1", 3)
-    assert memory[OUTPUTS : OUTPUTS + 14].tobytes() == outputs
-
-
 def test_the_watchdog_ends_OP_unless_the_machine_stood_still():
     bench = Bench().operate()
     for k in range(1, 100):
@@ -174,15 +133,6 @@ def test_the_watchdog_ends_OP_unless_the_machine_stood_still():
     bench.line.tick(bench.now_ns + 128 * MS)
     assert bench.status() == (SAFEOP | ERROR, WATCHDOG)
     assert bench.left == 1
-
-
-def test_power_lost_ends_the_line_and_takes_the_set_up():
-    bench = Bench().operate()
-    bench.line.controllers[1]["powered"] = 0
-    assert bench.send(BRD, (0, AL_STATUS), bytes(2)).wkc == 1
-    bench.line.applications[0].switch_on(bench.now_ns)
-    assert bench.send(LRW, 0, bytes(16)).wkc == 0
-    assert bench.send(FPRD, (0x1001, STATION), bytes(2)).wkc == 0
 
 
 def test_the_clocks_follow_the_reference():

@@ -56,23 +56,3 @@ def test_interrupts_on_the_loops_cpu_need_to_go_before_the_loop(machine, rt_prio
     if verdict is Verdict.POOR:
         assert "echo 0,1,2 | sudo tee /proc/irq/125/smp_affinity_list" in interrupts.mend
         assert ("chrt -f -p 85 77" in interrupts.mend) is (rt_priority is not None)
-
-
-def test_a_card_on_usb_is_poor(machine):
-    files = CARD | {
-        "sys/class/net/eno1/device/uevent": "DRIVER=r8152\n",
-        "sys/class/net/eno1/device/modalias": "usb:v0BDAp8153d3000\n",
-    }
-    assert found(machine(files))["driver"].found == "r8152, on USB"
-
-
-def test_what_can_not_be_seen_is_not_called_good(machine):
-    of_card = found(machine({place: text for place, text in CARD.items() if place != "proc/interrupts"}), None)
-    assert {of_card[name].verdict for name in ("coalescing", "interrupts")} == {Verdict.UNKNOWN}
-
-
-def test_a_virtual_interface_and_one_that_is_not_there(machine):
-    (virtual,) = found(machine(TUNED | {"sys/class/net/ecat0/ifindex": "9\n"}), interface="ecat0").values()
-    assert virtual.verdict is Verdict.UNKNOWN
-    (missing,) = found(machine(TUNED), interface="eth7").values()
-    assert (missing.verdict, missing.found) == (Verdict.POOR, "not there")

@@ -2,7 +2,7 @@
 
 import pytest
 
-from micromanip.host.readiness.tracing import IDLE, UNSEEN, explained, parsed, traced, why_not
+from micromanip.host.readiness.tracing import UNSEEN, explained, parsed, traced, why_not
 
 LOOP = 500
 TRACE = """\
@@ -47,19 +47,6 @@ def test_what_the_loop_did_before_the_cycle_was_due_is_its_own_affair():
         "python-500 [001] d..2. 100.000193: local_timer_exit: vector=236\n"
     )
     assert late(30, due_us=100_000_200, trace=spun) == {UNSEEN: 30, "interrupt local_timer": 3}
-
-
-def test_a_cpu_that_was_asleep_is_told():
-    assert late(100, due_us=99_999_300) == {IDLE: 160}
-
-
-@pytest.mark.parametrize("trace", ["", "# tracer: nop\n", "CPU:1 [LOST 423 EVENTS]\n"])
-def test_without_a_switch_nothing_is_claimed(trace):
-    assert late(70, trace=trace) == {}
-
-
-def test_why_nothing_can_be_traced_is_told_with_what_mends_it(tmp_path):
-    assert "mount -t tracefs" in why_not(tmp_path)
 
 
 @pytest.mark.skipif(why_not() is not None, reason="needs tracefs, and the right to use it")

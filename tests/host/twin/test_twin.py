@@ -1,14 +1,11 @@
 """The C twin of a tracking cycle does what our cycle does, with samples of any kind."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from micromanip.errors import CheckFailed
 from micromanip.rt.laws.estimator import INPUT_HISTORY
-from micromanip.rt.outrun import FAR
-from micromanip.rt.states import OUTRUN, TRACKING
+from micromanip.rt.states import TRACKING
 from micromanip.settings.compile.limits import NEVER
 
 from .scene import TRACKING_CYCLES
@@ -56,31 +53,6 @@ def test_late_missing_and_false_samples_and_overruns(scene, tracking, agreed):
     assert outcome.state["axis"]["errors"][0, 0] > 0
 
 
-def test_samples_that_are_false_held_or_come_after_a_gap(scene, agreed):
-    """What the filter believes of them."""
-    random = np.random.default_rng(5)
-    stage = scene.sensor("stage")
-    stage["value"][random.integers(0, scene.cycles, 20)] += random.choice([-20.0, 5.0], 20)
-    for held in random.integers(0, scene.cycles - 60, 5):
-        stage["value"][held : held + 30] = stage["value"][held]
-    scene.periods[100] = 50
-    scene.axes["setpoint_slew_um"] = ANY_UM
-    scene.forget_ages()
-    outcome = agreed(scene.recording())
-    assert np.abs(outcome.rows["axis"]["innovation_um"][:, 0]).max() > 5.0
-
-
-def test_the_calm_gains_until_they_are_followed(scene, tracking, agreed):
-    state = tracking.state.copy()
-    state["axis"]["far"] = FAR
-    state["axis"]["watch"]["raised"] |= 1 << OUTRUN
-    outcome = agreed(replace(scene.recording(), state=state))
-    assert np.all(outcome.state["axis"]["far"][0, :3] == 0)
-    assert np.all(outcome.state["axis"]["near"][0, :3] == scene.cycles - FAR)
-    as_ever = agreed(scene.recording()).rows["axis"]["setpoint_um"][:, :3]
-    assert np.abs(outcome.rows["axis"]["setpoint_um"][:FAR, :3] - as_ever[:FAR]).max() > 0.1
-
-
 def test_the_calm_gains_where_many_cycles_and_samples_are_missing(scene, agreed):
     """Both loops': the PID's fallback gains too, and back again."""
     scene.periods[300:420:4] += 3
@@ -98,17 +70,6 @@ def test_the_calm_gains_where_many_cycles_and_samples_are_missing(scene, agreed)
         assert (apart.max(axis=0) > 1e-3).all()
 
 
-def test_samples_that_jump_are_not_taken(scene, agreed):
-    scene.axes["strain_rate_um_per_ns"] = 1e-4
-    scene.sensor("strain")["value"][200:205] += 20.0
-    scene.sensor("deviation")["value"][300:400] += 60.0
-    outcome = agreed(scene.recording())
-    axis = outcome.rows["axis"][:, 0]
-    assert not np.any(axis["fresh"][200:205] & 1)
-    assert outcome.state["axis"]["reference"]["rejected"][0, 0] > 0
-    assert np.ptp(axis["reference_um"][295:400]) < 50.0
-
-
 def test_joints_that_swing_at_another_frequency(scene, agreed):
     """Followed by all that the law has: with noise, and samples that are missing, so that slew and ends are met."""
     p = scene.axes["reference"]
@@ -122,57 +83,12 @@ def test_joints_that_swing_at_another_frequency(scene, agreed):
     assert np.all((found != 0.0) & (found >= -3.0) & (found <= 4.0))
 
 
-def test_a_narrow_predictor_beside_the_wide_one(scene, agreed):
-    """Believed at last, and lost where the joint jumps."""
-    p = scene.axes["reference"]
-    p["steady"], p["steady_um2"], p["returning"] = 1, 0.3, 16.0
-    p["steady_gain"][:, :5] = 0.3 * p["gain"][:, :5]
-    p["detuning_low"][:, 0], p["detuning_high"][:, 0] = -3.0, 4.0
-    for pull, floor_um2 in (("detuning_pull", "swing_floor_um2"), ("steady_pull", "steady_floor_um2")):
-        p[pull][:, 0], p[floor_um2][:, 0] = 40.0, 0.01
-    p["detuning_slew"][:, 0], p["jump_um"] = 1.0, np.inf
-    deviation = scene.sensor("deviation")
-    deviation["value"] += 0.5 * np.random.default_rng(6).normal(size=scene.cycles)
-    deviation["value"][1500:] += 15.0
-    deviation["value"][1600:1700] = np.nan
-    state = agreed(scene.recording()).state["axis"]["reference"][0, :3]
-    assert np.all(state["narrow"][:, 0] != state["wide"][:, 0])
-    assert np.all(state["trust"] > -18.0)
-
-
-def test_creep_and_rate_dependence(scene, agreed):
-    hysteresis = scene.axes["hysteresis"]
-    hysteresis["creeps"], hysteresis["rate_cycles"] = 2, 0.5
-    hysteresis["creep_gain"][:, :2], hysteresis["creep_step"][:, :2] = (0.05, 0.03), (0.01, 0.001)
-    outcome = agreed(scene.recording())
-    assert np.all(outcome.state["axis"]["hysteresis"]["creep_um"][0, :, :2] != 0.0)
-
-
-def test_voltage_at_its_end(scene, agreed):
-    scene.axes["limiter"]["high_V"] = np.median(scene.sensor("strain")["value"])
-    outcome = agreed(scene.recording())
-    assert np.any(outcome.rows["axis"]["voltage_V"] == scene.axes["limiter"]["high_V"])
-
-
 def test_fault_shows_as_disagreement(scene, agreed):
     """The controller reacts, the twin only knows that something is."""
     scene.axes["watch"]["stage_samples"], scene.axes["watch"]["degraded_cycles"] = 3, 100
     scene.sensor("stage")[200:] = scene.sensor("stage")[200]
     with pytest.raises(CheckFailed, match="disagree"):
         agreed(scene.recording())
-
-
-def test_disagreement_names_the_number(tracking):
-    from benchmarks.agreement import require_agreement
-    from benchmarks.recording import Outcome, ours
-
-    short = replace(tracking, signals=tracking.signals[:200])
-    left, right = Outcome.room(200), Outcome.room(200)
-    ours(short, left, 1)
-    ours(short, right, 1)
-    right.rows["axis"]["voltage_V"][7, 1] += 1e-6
-    with pytest.raises(CheckFailed, match=r"rows\.axis\.voltage_V at \[7, 1\]"):
-        require_agreement(left, right)
 
 
 def _without_feedback(axis):

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from packaging.requirements import Requirement
 
-pytestmark = [pytest.mark.live, pytest.mark.long]
+pytestmark = [pytest.mark.live, pytest.mark.long, pytest.mark.timeout(1200)]  # it may have to compile all
 
 ROOT = Path(__file__).parents[2]
 SOURCE = ("pyproject.toml", "README.md", "LICENSE", "micromanip", "drivers", "config", "systemd", "docs/grafana")
@@ -142,7 +142,12 @@ def test_a_cell_runs_and_is_recorded(installed, examples):
     installed.micromanip("replay", "run.mcap")
 
 
-def test_an_axis_is_identified_and_commissioned(installed, examples):
-    installed.micromanip("identify", examples / "factory.yaml", "--axis", "y", "--seconds", 3, "--out", "identified")
+def test_an_axis_is_identified(installed, examples):
+    identify = ("identify", examples / "factory.yaml", "--axis", "y", "--seconds", 3)
+    installed.micromanip(*identify, "--out", "identified")
+    installed.micromanip(*identify, "--live", "--yes", "--socket", installed.work_socket, "--out", "identified_live")
+
+
+def test_an_axis_is_commissioned(installed, examples):
     installed.micromanip("commission", examples / "factory.yaml", "--axis", "y", "--out", "tuned")
     installed.micromanip("check", installed.work / "tuned" / "tuned.yaml")

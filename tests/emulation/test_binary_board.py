@@ -118,13 +118,6 @@ def test_a_frame_in_pieces_between_noise_arrives_and_a_damaged_one_does_not(benc
     assert bench.devices.report()["outputs"]["voltage_x"]["max"] < 99.0
 
 
-def test_watchdog(bench):
-    command_for(bench, 0.05, x=60.0)
-    bench.run(0.35)
-    assert bench.cell.voltages()["voltage_x"] == pytest.approx(0.0)
-    assert bench.devices.report()["amplifier_trips"] == 1
-
-
 def test_counter_stands_still_and_messages_are_silent_on_command(bench):
     bench.order(device="stop_counter", for_s=0.01)
     bench.client.silence(0.001)

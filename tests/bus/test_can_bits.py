@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from micromanip.bus.can_bits import classic_bits, fd_bits, fd_length, worst_case_s
+from micromanip.bus.can_bits import classic_bits, fd_bits, worst_case_s
 
 MBIT = 1_000_000
 
@@ -83,8 +83,3 @@ def test_cycles_of_known_buses():
     assert fd == pytest.approx(145e-6, abs=0.5e-6)
     assert worst_case_s(24, MBIT, 8 * MBIT) == pytest.approx(68e-6, abs=0.5e-6)
     assert worst_case_s(8, MBIT, 8 * MBIT) == pytest.approx(47e-6, abs=0.5e-6)
-
-
-def test_fd_lengths_are_rounded_up():
-    assert [fd_length(n) for n in (0, 8, 9, 24, 25, 64)] == [0, 8, 12, 24, 32, 64]
-    assert fd_bits(9) == fd_bits(12)

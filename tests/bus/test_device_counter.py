@@ -40,15 +40,3 @@ def test_a_device_that_begins_anew_is_believed_after_a_few_frames(bits):
     counter, lost = followed([last, 0, 1, 2, 3, 4], bits)
     assert lost == [0, None, None, None, 0, 0]
     assert counter.counted("restarts") == 1
-
-
-def test_a_toggle_bit_counts_too():
-    _, lost = followed([0, 1, 0, 0, 1], bits=1)
-    assert lost == [0, 0, 0, None, 0]
-
-
-def test_forgotten_is_as_new():
-    counter, _ = followed([7])
-    counter.forget()
-    assert counter.lost_before(3) == 0
-    assert counter.counted("lost") == 0

@@ -11,27 +11,12 @@ from micromanip.bus.driver import Task
 from micromanip.bus.schedule import Schedule
 
 
-def test_each_task_at_its_own_rate():
-    schedule = Schedule([Task("fast", 1000), Task("slow", 250)], 0)
-    done = []
-    for now in range(0, 8_000_000, 100_000):
-        while (task := schedule.take(now)) is not None:
-            done.append((now, task))
-    assert [now for now, task in done if task == 0] == list(range(0, 8_000_000, 1_000_000))
-    assert [now for now, task in done if task == 1] == [0, 4_000_000]
-
-
 def test_what_was_missed_is_skipped_and_the_grid_is_kept():
     schedule = Schedule([Task("only", 1000)], 0)
     assert schedule.take(0) == 0
     assert schedule.take(3_700_000) == 0  # one turn for the three that are over
     assert schedule.take(3_800_000) is None
     assert (schedule.skipped, schedule.next_ns()) == (2, 4_000_000)
-
-
-def test_without_tasks_nothing_is_due():
-    schedule = Schedule([], 0)
-    assert (schedule.take(10**9), schedule.next_ns()) == (None, None)
 
 
 @given(st.lists(st.integers(0, 20_000_000), min_size=1, max_size=50))

@@ -12,6 +12,7 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 from hil.step_cells import BUSES, CUTS, RAMP_S, RANGE_V, step_cell, step_V
+from testbus.loop_in_thread import LoopInThread
 
 from micromanip.bus.image import ProcessImage
 from micromanip.bus.last_given import LastGiven
@@ -33,34 +34,21 @@ class Emulated:
     """The device, in a thread of its own."""
 
     def __init__(self, file):
-        self._devices, self._orders, self._ends = Devices(file, watchdog_ms=NEVER_MS), [], threading.Event()
+        self._devices = Devices(file, watchdog_ms=NEVER_MS)
         self._devices.start()
-        self._thread = threading.Thread(target=self._play)
-        self._thread.start()
-
-    def _play(self):
-        loop = self._devices.loop
-        while not self._ends.is_set():
-            while self._orders:
-                order, answers = self._orders.pop(0)
-                answers.append(self._devices.command(json.dumps(order)))
-            loop.run(loop.now_ns() + 5_000_000)
+        self._running = LoopInThread(self._devices.loop)
 
     def order(self, **order):
-        answers = []
-        self._orders.append((order, answers))
-        while not answers:
-            time.sleep(0.001)
-        assert "error" not in answers[0], answers[0]
-        return answers[0]
+        answer = self._running.ask(lambda: self._devices.command(json.dumps(order)))
+        assert "error" not in answer, answer
+        return answer
 
     def figures(self):
         """Of the voltages that came since the last call."""
         return self.order(report=True)["outputs"]["voltage_x"]
 
     def end(self):
-        self._ends.set()
-        self._thread.join()
+        self._running.end()
         self._devices.close()
 
 

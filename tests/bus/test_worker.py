@@ -208,14 +208,6 @@ def test_it_ends_only_when_the_outputs_are_at_rest(bench):
     assert bench.driver.given[-1] == (0.0, 1.0)
 
 
-def test_every_step_is_within_the_slew_limit_whatever_the_loop_wants(bench):
-    bench.follow(80.0)
-    bench.follow(-20.0)
-    bench.driver.errors.append(LinkError("unplugged"))
-    bench.until(lambda: bench.safe.state == RESTING, 140.0)
-    assert largest_step(bench.driver) <= STEP_V + 1e-9
-
-
 def test_the_loop_is_told_in_the_cycle_in_which_its_outputs_are_taken_away(bench):
     bench.follow(80.0)
     bench.until(lambda: bench.cycle(80.0) == AWAY, 80.0)
@@ -277,16 +269,6 @@ def test_a_value_that_was_not_confirmed_was_not_given(bench):
     bench.until(lambda: bench.image.output_state == "at rest")
     assert bench.image.known(2) == [0.0, 1.0]
     assert largest_step(bench.driver) <= STEP_V + 1e-9
-
-
-def test_what_the_device_says_is_where_the_ramp_begins(said):
-    bench = Bench()
-    bench.driver.has = [120.0, 1.0]
-    with running(bench):
-        bench.until(lambda: bench.safe.state == RESTING)
-        assert bench.driver.given[0][0] == pytest.approx(120.0, abs=0.1)
-        assert largest_step(bench.driver, 120.0) <= STEP_V + 1e-9
-    assert "outputs" not in [document["event"] for document in said]
 
 
 def test_a_voltage_out_of_range_is_told(said):

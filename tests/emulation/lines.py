@@ -43,6 +43,45 @@ outputs:
 ELSEWHERE = OUTPUTS.replace("device,", "spare,")
 """Outputs of a second driver, for a device that only measures."""
 
+BOARD = """\
+    serial: {{device: {device}, baud: 4000000}}
+    silence_ms: 200
+    watchdog: outputs to 0 V
+    binary:
+      sync: aa 55
+      length: {{at: 2, type: uint8, plus: 5}}
+      kind: {{at: 3, type: uint8}}
+      crc: {{name: crc8.smbus, first: 2}}
+      identity:
+        request: aa 55 00 01
+        kind: 0x81
+        numbers: {{serial_number: {{at: 4, type: uint32, byte_order: little, value: 1234}}}}
+      receive:
+        strains:
+          kind: 0x10
+          rate_hz: 2000
+          counter: {{at: 4, type: uint16, byte_order: little}}
+          status: {{at: 6, type: uint8, good: [0]}}
+          fields:
+            strain_x: {{at: 7, type: int32, byte_order: little, scale: 1.0e-4}}
+            strain_y: {{at: 11, type: int32, byte_order: big, scale: 1.0e-4, offset: -2.5}}
+        monitor:
+          kind: 0x11
+          rate_hz: 100
+          fields: {{true_strain_x: {{at: 4, type: float32, byte_order: big}}}}
+      send:
+        voltages:
+          kind: 0x20
+          rate_hz: 2000
+          cyclic_safe: true
+          counter: {{at: 4, type: uint16, byte_order: little}}
+          fields:
+            voltage_x: {{at: 6, type: int16, byte_order: little, scale: 0.005, range: [-20, 150]}}
+            voltage_y: {{at: 8, type: int16, byte_order: little, scale: 0.005, range: [-20, 150]}}
+        ask: {{kind: 0x30, rate_hz: 100, reply: monitor}}
+"""
+"""A board that speaks in binary frames, for `driver` of ``write_cell``."""
+
 
 def signal(name, channel=None):
     """A line of the section signals."""

@@ -51,15 +51,6 @@ def test_stopped_counter_with_running_values(controller):
     assert controller.newest()["Count"] > heard[-1][1]["Count"]
 
 
-def test_silence_of_one_message(controller):
-    order(controller, device="silence", message="Sensors", for_s=0.02)
-    controller.run(0.015)
-    assert not controller.decoded("Sensors")
-    assert len(controller.decoded("Tracker")) == pytest.approx(15, abs=1)
-    controller.run(0.015)
-    assert len(controller.decoded("Sensors")) == pytest.approx(20, abs=1)
-
-
 def test_reboot_is_silent_and_deaf_then_begins_anew(controller):
     controller.command_for(0.1, voltage_x=50.0)
     order(controller, device="reboot", for_s=0.3)

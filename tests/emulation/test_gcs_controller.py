@@ -112,16 +112,3 @@ def test_lines_may_end_in_any_way_and_come_in_pieces(bench):
     assert bench.client.ask(b"") == b"2.0\n"
     bench.client.write(b"\n \n" + b"x" * 5000 + b"\n")
     assert bench.client.ask(b"ERR?") == b"2\n"
-
-
-def test_watchdog_comes_while_nobody_talks_and_knows_slow_commands(make, tmp_path):
-    """Commands come 100 times a second: five may be missing, whatever the option says."""
-    bench = make(f"serial: {{device: {tmp_path}/ttyGcs, baud: 115200}}")
-    client = bench.open(tmp_path / "ttyGcs")
-    client.write(b"SVA 1 60\n")
-    bench.run(0.045)
-    assert bench.devices.report()["amplifier_trips"] == 0
-    bench.run(0.3)
-    assert bench.devices.report()["amplifier_trips"] == 1
-    assert bench.cell.voltages()["voltage_x"] == pytest.approx(0.0)
-    assert bench.devices.report()["stalls"]["count"] == 0

@@ -167,21 +167,3 @@ def test_a_stranger_needs_datagrams(line):
     udp = DeviceLine(line.loop, lambda hear: UdpPort(line.loop, "127.0.0.1", port, None, hear, 1e8))
     udp.inject(parsed({"kind": "stranger"}))
     udp.close()
-
-
-@pytest.mark.parametrize(
-    ("document", "said"),
-    [
-        ({"kind": "melt"}, "melt"),
-        ({"kind": "drop", "share": 0}, "drop share: Input should be greater than 0"),
-        ({"kind": "drop", "shares": 1}, "drop shares: Extra inputs are not permitted"),
-        ({"kind": "delay", "ms": float("nan")}, "delay ms"),
-        ({"kind": "join", "count": 1}, "join count"),
-        ({"kind": "hang", "direction": "sent"}, "hang direction"),
-        ({}, "kind"),
-    ],
-)
-def test_what_is_no_fault_is_said(document, said):
-    with pytest.raises(UsageError, match=r"^fault") as caught:
-        parsed(document)
-    assert said in str(caught.value)

@@ -8,8 +8,7 @@ from testbus.virtual_bus import VirtualLoop
 from micromanip.emulation.devices import Devices
 from micromanip.errors import ConfigError, DeviceUnavailable
 
-from .lines import free_port, write_cell
-from .test_binary_board import BOARD
+from .lines import BOARD, free_port, write_cell
 from .test_gcs_controller import GCS
 from .test_stream_device import CAPACITIVE
 

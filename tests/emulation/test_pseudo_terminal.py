@@ -149,13 +149,6 @@ def test_unplugged_and_back_under_the_same_name(bench):
     assert waiting(again, 4) == b"back"
 
 
-def test_the_link_is_removed_at_the_end(tmp_path):
-    bench = Bench(tmp_path / "tty")
-    assert bench.port.device.is_symlink()
-    bench.close()
-    assert list(tmp_path.iterdir()) == []
-
-
 @pytest.mark.parametrize("kind", ["file", "link", "dangling"])
 def test_what_is_there_is_never_replaced(tmp_path, kind):
     device = tmp_path / "ttyUSB0"

@@ -25,9 +25,3 @@ def test_percentile_is_that_of_the_sorted_ages_within_a_bin(parts, share):
     assert exact * (1 - 1 / 256) <= found <= exact
     if exact < 512:
         assert found == exact
-
-
-def test_negative_ages_count_as_zero():
-    ages = Ages()
-    ages.add(np.array([-5, -1, 3]))
-    assert (ages.percentile(0.5), ages.maximum) == (0, 3)

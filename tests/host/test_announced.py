@@ -79,16 +79,6 @@ def test_once_with_its_file_as_soon_as_that_is_on_disk(told, clock):
     assert [(report.kind.code, report.box) for report in said[1:]] == [("X-201", None)]
 
 
-def test_how_the_loop_died_is_not_told_with_the_box_of_the_trip_before(told, clock):
-    """It is told by whoever ends the run, with a box of its own."""
-    cell, boxes, said = told
-    cell.trip(1)
-    boxes._hear({"key": 1, "code": "X-201", "file": "/trips/a.npz", "complete": False})
-    boxes.announce()
-    boxes.announce(last=True)
-    assert [(report.kind.code, report.box) for report in said] == [("X-201", "/trips/a.npz")]
-
-
 def test_a_disk_that_hangs_is_given_up(told, clock):
     cell, boxes, said = told
     cell.trip(1)

@@ -136,13 +136,6 @@ def test_whoever_operates_the_cell_meanwhile_has_it(ready, verb):
     assert cell.noted == []
 
 
-def test_whoever_came_before_ready_has_it_too(ready):
-    cell = ready()
-    cell.arming.leave_to(Request("disarm", {}, ALICE))
-    assert cell() == "READY"
-    assert cell.orders == []
-
-
 @pytest.mark.parametrize("bits", [states.LATCHED, states.NOT_READY, states.LINK_MISSING, states.OUTPUTS_MISSING])
 def test_a_fault_or_a_lost_link_meanwhile_is_not_waited_out(ready, bits):
     cell = ready()
@@ -172,13 +165,6 @@ def test_a_line_that_says_no_is_not_waited_out(ready, value, bad):
     said(cell.cell["axis"][0]["amplifier_ok"], value, bad=bad)
     with pytest.raises(CheckFailed, match="amplifier_ok_x is not 1"):
         cell()
-
-
-def test_a_line_that_has_not_said_anything_yet_is_a_late_sensor(ready):
-    cell = ready()
-    cell.lack(states.ENABLE_MISSING, x=states.AMPLIFIER_MISSING)
-    said(cell.cell["enable"], 0.0, bad=7, time_ns=0)
-    assert cell(cell.lack) == "ARMING"
 
 
 def test_verbs_tell_who_operates_but_not_who_looks_or_records(tmp_path):

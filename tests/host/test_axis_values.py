@@ -79,13 +79,6 @@ def test_the_frequency_of_the_tooth_is_told_where_it_is_followed(controller, fou
     assert report(controller, made)["tooth_Hz"] == told
 
 
-@pytest.mark.parametrize(("voltage_V", "headroom_V"), [(-19.0, 1.0), (149.5, 0.5), (65.0, 85.0), (-20.0, 0.0)])
-def test_headroom_is_to_the_nearer_end(controller, voltage_V, headroom_V):
-    made = rows()
-    made["axis"]["voltage_V"] = voltage_V
-    assert report(controller, made)["headroom_V"]["latest"] == headroom_V
-
-
 def test_an_axis_at_rest_has_position_strain_and_voltage_and_no_setpoint_or_error(controller):
     axis = report(controller, rows(20, PARKED))
     for name in ("setpoint_um", "error_um"):

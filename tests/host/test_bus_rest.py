@@ -246,30 +246,6 @@ def test_one_failing_task_leaves_the_others_tried(error, failing):
     assert str(error) in failed[0]
 
 
-def test_without_any_knowledge_that_is_told_too():
-    bus = Bus()
-    bus.asked = False
-    bus.raises["open"] = LinkError("no route")
-    failed, _ = rested(bus)
-    assert failed[0] == "voltage_x (safe: 0 V) can't be called safe: nobody knows what it has; no route"
-    assert len(failed) == 4, "what nobody uses is not told"
-    assert bus.written == []
-    assert bus.opened > 2
-
-
-def test_why_the_link_is_gone_is_told_of_all():
-    bus = Bus(voltage_x=80.0)
-    bus.raises[2] = LinkError("reset by the device")
-    bus.raises["open"] = [None, *[LinkError("no answer")] * 1000]
-    failed, _ = rested(bus)
-    assert [line.rpartition("; ")[2] for line in failed] == [
-        "no answer",
-        "reset by the device",
-        "no answer",
-        "it waits for the voltages to be at rest",
-    ]
-
-
 def test_a_link_that_comes_back_is_used():
     bus = Bus(voltage_x=80.0)
     bus.raises["open"] = [LinkError("busy"), None]
@@ -395,13 +371,6 @@ def test_what_broke_the_link_is_tried_again_however_long_the_others_take():
     bus.raises[1] = [LinkError("reset")]
     assert rested(bus, ramp_s=8.0)[0] == []
     assert bus.has == pytest.approx(SAFE)
-
-
-def test_a_problem_that_is_over_is_not_told():
-    bus = Bus(voltage_x=80.0)
-    bus.raises[1] = [TransientError("late"), None]
-    bus.outcome[1] = [None, *[Outcome.HELD] * 100_000]
-    assert rested(bus)[0][0].endswith("; it was not acknowledged")
 
 
 def test_a_task_is_given_up_after_three_seconds_and_two_turns():

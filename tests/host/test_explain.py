@@ -26,10 +26,6 @@ def seen(rows):
     return [(round(moment.ms, 1), moment.axis, moment.text) for moment in observations(box(rows))]
 
 
-def test_nothing_is_seen_where_nothing_is():
-    assert seen(tracking_rows()) == []
-
-
 def test_the_order_of_causes():
     """Saturated, then an error that grows, then the gauge goes, deadlines are missed on the way: told in that order."""
     rows = tracking_rows()

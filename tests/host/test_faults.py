@@ -6,9 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from micromanip.faults import BY_NAME, KINDS, FaultReport, latched, raised
+from micromanip.faults import BY_NAME, KINDS, FaultReport, latched
 from micromanip.rt import states
-from micromanip.rt.faults import EVENT
 from micromanip.rt.records import CELL_STATE
 from micromanip.settings.documents import faults_page
 from micromanip.settings.documents.faults_page import render
@@ -69,16 +68,3 @@ def test_of_a_lost_link_the_value_is_its_driver():
     assert report.seen == "X-108 driver bus: the link is lost"
     (unknown,) = latched(state_with(states.LINK_LOST, -1, np.nan, 0.0), ["x"], ["cell", "bus"])
     assert (unknown.driver, unknown.document()["value"]) == (None, None)
-
-
-def test_the_fault_that_ends_the_run_comes_last():
-    state = state_with(states.HOST_DEAD, -1, 150.0, 100.0)
-    state["former"], state["former_axis"], state["former_value"] = states.STRAIN_INVALID, 0, 4.0
-    assert [(report.kind.code, report.axis) for report in latched(state, ["x"], [])] == [
-        ("X-201", "x"),
-        ("X-101", None),
-    ]
-
-
-def test_an_event_that_this_version_does_not_know():
-    assert raised(np.array([(1, 1000, -1, 2.5, 1.0, 0, 0)], EVENT)[0], ["x"]) is None

@@ -55,12 +55,6 @@ def test_what_was_written_is_read(config, folder):
     assert read(config.with_name("other.yaml"), folder, OURS) is None
 
 
-def test_it_belongs_to_the_file_that_a_link_leads_to(config, folder, tmp_path):
-    (tmp_path / "link.yaml").symlink_to(config)
-    kept(tmp_path / "link.yaml", folder)
-    assert read(config, folder, OURS) is not None
-
-
 def test_the_newest_counts_and_a_writer_that_was_killed_leaves_the_one_before(config, folder, monkeypatch):
     kept(config, folder)
     config.write_text(PARKED)
@@ -175,14 +169,6 @@ def test_the_file_is_held_to_all_that_run_asks(config):
     config.write_text(changed(SLOW, ("{source: hold, offset_um: 60}", "{source: hold, offset_um: 600}")))
     with pytest.raises(ConfigError, match="can't reach it"):
         plan_of(config)
-
-
-def test_the_file_can_be_asked_for(config, folder):
-    kept(config, folder)
-    config.write_text(PARKED)
-    plan = plan_of(config, from_file=True)
-    assert plan.configuration.outputs["voltage_x"].park_V == 5
-    assert plan.said == f"from {config}"
 
 
 def test_what_is_said_comes_from_the_newest_of_several(config, folder, tmp_path):

@@ -58,12 +58,6 @@ def test_a_gauge_at_a_third_of_its_rate_is_told_with_figures_and_the_next_step(s
     assert sensors.play(every(1)) == [], "it is no more"
 
 
-def test_half_of_the_rate_is_told_without_calm_gains(sensors):
-    (told,) = sensors.play(every(2))
-    assert "comes 5000 times" in told
-    assert "W-217" not in told
-
-
 def test_other_sensors_too(sensors):
     (told,) = sensors.play(every(4), bit=STAGE)
     assert told.startswith("stage_x comes 2500 times a second, its driver cell states 10000")
@@ -84,11 +78,3 @@ def test_other_sensors_too(sensors):
 )
 def test_losses_and_silence_are_not_told_as_a_rate(came, sensors):
     assert sensors.play(came) == []
-
-
-def test_what_came_and_was_refused_came(sensors):
-    """A stage at the end of its range: noise flags every other sample."""
-    rows = every(2)
-    sensors.play(rows[:1000], bit=STAGE)
-    sensors.status["state"][0]["axis"][0]["stage"]["refused"] += len(rows) // 2
-    assert sensors.play(rows[1000:], bit=STAGE) == []

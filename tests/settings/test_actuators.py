@@ -51,10 +51,6 @@ def test_it_becomes_cycles_and_gains(tmp_path):
         assert with_it["fallback"][gain] / with_it["pid"][gain] == without["fallback"][gain] / without["pid"][gain]
 
 
-def test_a_lag_that_is_over_within_a_cycle_needs_no_lead(tmp_path):
-    assert compiled(tmp_path, {"lag_us": 1.0}, reference=HOLD)["hysteresis"]["lead"] == pytest.approx(0.0, abs=1e-12)
-
-
 @pytest.mark.parametrize(
     ("mode", "inner_mode", "reference"),
     [("stage", "pid+feedforward", None), ("strain", "pid", HOLD), ("voltage", "pid+feedforward", HOLD)],

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from micromanip.settings.change import ABSENT, changed, needed, needs, said
+from micromanip.settings.change import changed, needed, needs, said
 from micromanip.settings.check import prepare, revise, validate
 from micromanip.settings.load import load
 from micromanip.settings.schema.key import DISARM, LIVE, RESTART
@@ -82,14 +82,6 @@ def test_defaults_count_as_values(running):
     new = revised(running, loop=lambda loop: loop | {"priority": 79})
     assert changed(running, new) == {("loop", "priority"): (80, 79)}
     assert needs(running, new) == {("loop", "priority"): RESTART}
-
-
-def test_section_taken_away(running):
-    new = revised(running, axes=lambda axes: axes | {"x": axes["x"] | {"hysteresis_affine": None}})
-    found = changed(running, new)
-    assert found["axes", "x", "hysteresis_affine"] == (ABSENT, None)
-    assert found["axes", "x", "hysteresis_affine", "model"] == ("pi", ABSENT)
-    assert set(needs(running, new).values()) == {LIVE}
 
 
 def test_another_set_of_axes_needs_a_restart(running):

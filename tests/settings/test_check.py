@@ -127,14 +127,6 @@ def test_one_line_with_place_and_way_out(tmp_path, name):
     assert lines[0].startswith(f"{line_of(text, marker)}: {message}")
 
 
-def test_a_missing_signal_is_asked_for(tmp_path):
-    text = "\n".join(line for line in TEXT.splitlines() if not line.startswith("  stage_y:"))
-    expected = "axes.y: mode stage needs the signal stage_y, which the section signals does not have"
-    axes = text[text.index("\naxes:") :]
-    offset = text[: text.index("\naxes:")].count("\n")
-    assert complaint(tmp_path, text) == f"{offset + line_of(axes, '  y:')}: {expected}"
-
-
 def test_an_unstable_outer_loop_is_refused(tmp_path):
     row = next(line for line in TEXT.splitlines() if line.strip().startswith("- [0.0, 0.0, 0.9"))
     number = row.split("[0.0, 0.0, ")[1].split(",")[0]

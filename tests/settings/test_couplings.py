@@ -10,7 +10,6 @@ from micromanip.control.outer_gains import dc_gain, steady_lag
 from micromanip.design.loops import model_system
 from micromanip.errors import ConfigError
 from micromanip.settings.check import prepared
-from micromanip.settings.commissioned import changes_since, tuning_hash
 from micromanip.settings.text.source import Source
 
 CONFIG = Path(__file__).parents[2] / "config" / "simulated.yaml"
@@ -65,11 +64,3 @@ def test_an_axis_that_is_not_in_mode_stage_is_not_answered_to():
     share = cell.parameters[0]["axis"][0]["decoupling"]["share"]
     assert share[1] == 0.0
     assert share[2] > 0.0
-
-
-def test_a_report_is_about_the_coupling_that_was_measured():
-    plain, coupled = Source.parse(Path("a"), CONFIG.read_text(encoding="utf-8")), with_coupling(share={"y": 0.05})
-    before = prepared(plain).configuration.axes["x"]
-    assert tuning_hash(before) == before.commissioned.hash
-    assert tuning_hash(coupled.configuration.axes["x"]) != before.commissioned.hash
-    assert any("axis x was changed" in said for _, said in changes_since(coupled.configuration.axes))

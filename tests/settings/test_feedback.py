@@ -66,12 +66,6 @@ def test_integral_action_behind_a_delay_has_the_margin_of_the_textbook(tmp_path)
     assert loop.swing_Hz == pytest.approx(0.25 / delay_s, rel=0.05)
 
 
-def test_the_path_is_named_with_its_time(tmp_path):
-    loop = loop_of(tmp_path, BUS, K_V_per_um=0.01)
-    assert loop.path == "strain_x 1000 Hz + voltage_x 1000 Hz"
-    assert loop.path_s == pytest.approx(2.2e-3)
-
-
 def test_a_loop_that_its_bus_can_not_carry_is_refused_with_the_gain_that_fits(tmp_path):
     with pytest.raises(ConfigError) as refused:
         prepared(tmp_path, document(BUS))
@@ -136,11 +130,6 @@ def test_a_notch_counts_in_the_phase_and_needs_samples_that_show_it(tmp_path):
             prepared(tmp_path, made)
         says = "axes.x.inner: a notch at 460 Hz needs at least 1022 samples per second, not 1000 (strain_x 1000 Hz)"
         assert says in str(refused.value)
-
-
-def test_nothing_is_said_of_the_cell_without_a_bus():
-    cell = prepare(CONFIG)
-    assert list(feedback_warnings(cell.configuration, cell.wiring)) == []
 
 
 def test_samples_that_are_stale_by_design(tmp_path):

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from micromanip.settings.change import ABSENT, is_weaker, said, values
+from micromanip.settings.change import is_weaker, said, values
 from micromanip.settings.load import load
 
 SIMULATED = Path(__file__).parents[2] / "config" / "simulated.yaml"
@@ -47,13 +47,6 @@ def test_every_key_that_watches_has_a_direction():
         assert not is_weaker(path, value, value)
         if path[-1] == "reaction":
             assert is_weaker(path, "off", "warn")
-
-
-def test_what_protects_nothing_has_none():
-    for path in (("axes", "x", "inner", "K_V_per_um"), ("signals", "strain_x", "driver"), ("loop", "rate_hz")):
-        assert said(path, "weaker") is None
-        assert not is_weaker(path, 1.0, 2.0)
-    assert not is_weaker(("signals", "new", "max_age_us"), ABSENT, 100.0)
 
 
 LIMIT = st.none() | st.floats(1e-3, 1e6)

@@ -55,14 +55,6 @@ def test_the_same_seed_drops_the_same_frames(make_bus):
     assert dropped(1) == dropped(1) != dropped(2)
 
 
-def test_delayed_frames_with_their_true_stamp(bus, sender, listener):
-    bus.hub.faults.inject(Delay(delay_s=0.005, jitter_s=0.001, true_stamp=True))
-    send_each_period(bus, sender, 3)
-    assert listener.got == []
-    bus.run(0.01)
-    assert listener.times_ns == [75_000 + n * 100_000 for n in range(3)]
-
-
 def test_jitter_keeps_the_order_and_its_bounds_and_nothing_overtakes_at_its_end(bus, sender, listener):
     bus.hub.faults.inject(Delay(delay_s=0.001, jitter_s=0.001, for_s=0.01))
     send_each_period(bus, sender, 150)

@@ -66,14 +66,6 @@ def test_one_reader_may_remove_another_that_is_readable_too(loop):
         os.close(end)
 
 
-def test_stopped_before_it_runs_it_returns_and_can_run_again(loop):
-    loop.stop()
-    loop.run()
-    begin_ns = time.monotonic_ns()
-    loop.run(begin_ns + 1_000_000)
-    assert time.monotonic_ns() >= begin_ns + 1_000_000
-
-
 def test_who_has_more_to_do_than_it_can_leaves_the_others_some_time(loop):
     """Each call brings the next one, at once: 2 ms of every 22 are the others', or more on a busy machine."""
     end_ns = time.monotonic_ns() + 400_000_000

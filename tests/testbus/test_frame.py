@@ -1,7 +1,6 @@
 """The layout of frames, beside python-can's own for SocketCAN."""
 
 import can
-import pytest
 from can.interfaces.socketcan.constants import CAN_EFF_FLAG, CAN_RTR_FLAG, CANFD_BRS, CANFD_FDF
 from can.interfaces.socketcan.socketcan import build_can_frame, dissect_can_frame, is_frame_fd
 from hypothesis import given
@@ -42,25 +41,6 @@ def test_packed_as_python_can_does_for_socketcan(frame):
     assert data[:length] == frame.data
     assert is_frame_fd(pack(frame)) is frame.fd
     assert flags == frame.fd * CANFD_FDF + frame.bitrate_switch * CANFD_BRS
-
-
-def test_an_error_frame_keeps_its_class():
-    frame = Frame(0x204, bytes(8), error=True)
-    assert unpack(pack(frame)) == frame
-
-
-@pytest.mark.parametrize(
-    "packed", [b"", bytes(15), bytes(71), bytes(4) + b"\x09" + bytes(11), bytes(4) + b"\x41" + bytes(67)]
-)
-def test_what_is_no_frame_is_refused(packed):
-    with pytest.raises(ValueError, match="CAN frame"):
-        unpack(packed)
-
-
-@pytest.mark.parametrize("frame", [Frame(0x800), Frame(-1), Frame(0x20000000, extended=True)])
-def test_an_identifier_out_of_range_is_refused(frame):
-    with pytest.raises(ValueError, match="bits"):
-        pack(frame)
 
 
 def test_priority_is_that_of_the_wire():

@@ -70,7 +70,3 @@ def test_golden_frames():
     order = [signal.name for signal in classic.get_message_by_name("Voltages").signals]
     values = {"voltage_x": 0.0, "voltage_y": 150.0, "voltage_z": -20.0, "heartbeat": 1, "Count": 7}
     assert pack.data([values.get(name, 0) for name in order]) == bytes.fromhex("1f40 f451 02d7 04 07")
-
-
-def _float():
-    return cantools.database.conversion.BaseConversion.factory(is_float=True)

@@ -240,15 +240,3 @@ def test_heartbeats_are_pythons_and_hold_up_no_sample():
             (TPDO, pdo.length - 1),
         ]
         assert at.receive() == 0
-
-
-def test_a_missing_heartbeat_is_pythons_by_the_time_of_the_frames():
-    fields, _ = layout(1)
-    pdo, syncs = received(fields)
-    with compiled(pdo, syncs) as at:
-        at.tables.expect_heartbeats(10_000)
-        assert [at.receive(began_ns) for began_ns in (10_000, 10_001)] == [0, 1]
-        at.arrives(bytes(pdo.length), 9_000)
-        assert at.receive(20_000) == 0, "what came before it was missing is taken first"
-        at.arrives(bytes(pdo.length), 10_001)
-        assert at.receive(20_000) == 1

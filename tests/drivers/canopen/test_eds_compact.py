@@ -1,9 +1,6 @@
 """Objects that a DCF keeps short (CompactSubObj), as programs that configure a whole line write them."""
 
-import pytest
 from micromanip_drivers.canopen.dictionary import Dictionary
-
-from micromanip.errors import ConfigError
 
 SHORT = """\
 [1000]
@@ -69,13 +66,3 @@ def test_parts_that_are_not_listed_are_there(tmp_path):
     assert found.find("of the second").subindex == 2
     assert (found.value(0x1003), found.has(0x1003, 254), found.has(0x1003, 255)) == (254, True, False)
     assert (found.has(0x1600, 4), found.has(0x1016, 13)) == (False, False)
-
-
-def test_none_that_are_short_is_as_if_it_were_not_said(tmp_path):
-    found = dictionary(tmp_path, SHORT)
-    assert (found.value(0x1000), found.value(0x1018, 0), found.has(0x1018, 1)) == (0, 0, False)
-
-
-def test_values_without_their_object_are_told(tmp_path):
-    with pytest.raises(ConfigError, match=r"line\.dcf:\d+: \[1601Value\] belongs to \[1601\], which is not there"):
-        dictionary(tmp_path, SHORT.replace("[1600value]", "[1601value]"))

@@ -128,17 +128,6 @@ def test_a_drive_that_lacks_what_it_needs_is_refused(terminal, said):
         options(terminals={"stage": terminal})
 
 
-def test_words_of_a_drive_are_no_outputs_and_its_switches_take_no_bytes():
-    both = options(terminals={"stage": DRIVE, "gauge": GAUGE})
-    driver, image = Ethercat(both, PERIOD_NS), Image(both)
-    assert driver.outputs == ("voltage", "amplifier_enable", "amplifier_reset")
-    assert driver.inputs == (
-        *("statusword", "mode_shown", "position", "error_code", "strain", "count", "deviation"),
-        "amplifier_ok",
-    )
-    assert image.bytes == (2 + 1 + 4) + (2 + 1 + 4 + 2) + 9
-
-
 def of_page(name):
     """The terminal of this name on the page of the driver."""
     page = (Path(__file__).parents[3] / "docs" / "ethercat.md").read_text(encoding="utf-8")

@@ -174,19 +174,6 @@ def test_a_frame_in_more_chunks_than_there_is_room_for_is_python_s():
         assert at.arrives(whole) == 0, "afterwards compiled code goes on"
 
 
-def test_counters_of_what_is_sent_go_on_where_the_other_side_is():
-    with Spoken(BOARD, True) as at:
-        at.begin(strains())
-        counts = []
-        for k in range(6):
-            if k % 2:
-                at.framing.perform(0, [0.0] * 3, Inbox())
-            else:
-                assert at.send([0.0] * 3) == UNCONFIRMED
-            counts.append(at.heard()[4])
-        assert counts == [0, 1, 2, 3, 4, 5]
-
-
 def test_what_the_system_takes_in_part_goes_out_whole():
     """The rest of it is Python's to send, and nothing goes before."""
     with Spoken(BOARD, True) as at:

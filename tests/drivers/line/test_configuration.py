@@ -150,18 +150,6 @@ def test_refused_with_one_message_that_says_where(tmp_path, options, path, value
     assert refusal.value.exit_code == 78
 
 
-def test_the_line_is_that_of_the_key(tmp_path):
-    """Also where only the driver can know that it is wrong."""
-    file = tmp_path / "cell.yaml"
-    section = {"driver": "line", **changed(BOARD, "binary.send.voltages.cyclic_safe", False)}
-    file.write_text(yaml.safe_dump({"schema_version": 2, "drivers": {"one": section}}))
-    number = 1 + next(i for i, line in enumerate(file.read_text().splitlines()) if "cyclic_safe" in line)
-    with pytest.raises(
-        ConfigError, match=rf"cell\.yaml:{number}: drivers\.one\.binary\.send\.voltages\.cyclic_safe: 1000"
-    ):
-        driver_to_probe(file, "one")
-
-
 @pytest.mark.parametrize(
     ("options", "section", "key"), [(BOARD, "binary.receive.strains", "rate_hz"), (GAP, "stream", "rate_hz")]
 )
@@ -173,12 +161,6 @@ def test_silence_that_is_the_rule(options, section, key):
 def test_two_fields_with_one_name():
     options = changed(BOARD, "binary.receive.again", {**FRAMING["binary"]["receive"]["strains"], "kind": 0x11})
     with pytest.raises(ConfigError, match="two inputs are called strain_x"):
-        built(options)
-
-
-def test_two_messages_that_can_not_be_told_apart():
-    options = changed(BOARD, "binary.receive.again", FRAMING["binary"]["receive"]["strains"])
-    with pytest.raises(ConfigError, match=r"binary\.receive\.again: strains and again have the same kind"):
         built(options)
 
 
@@ -227,19 +209,6 @@ def test_budget_of_text():
     asked = 11 + 3 * (2 + 14 + 3)
     written = len("SVA 1 -20.0000 2 -20.0000 3 -20.0000\nERR?\n") + 3 + 14 + 3
     assert one.share == pytest.approx(100 * (asked + written) * 10 / 115200)
-
-
-def test_parity_and_stop_bits_cost_time():
-    slow = changed(BOARD, "serial", {**BOARD["serial"], "parity": "even", "stopbits": 2})
-    for plain, more in zip(built(BOARD).loads(), built(slow).loads(), strict=True):
-        assert more.share == pytest.approx(plain.share * 12 / 10)
-
-
-def test_budget_of_a_network():
-    """A packet of 8 samples: 38 + 20 + 32 + 32 + 96 bytes, and one of 84 to acknowledge it; at worst one sample."""
-    one = load(GAP)
-    assert one.name == "link 192.168.0.30 in"
-    assert one.share == pytest.approx(2000 * (38 + 52 + 32 + 12 + 84) * 8 / 100e6)
 
 
 def test_rates_and_latencies():

@@ -5,8 +5,7 @@ import struct
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
-from micromanip_drivers.line.frame_options import InputField, Number, OutputField, Status, WholeNumber
-from micromanip_drivers.line.frame_parts import StatusWord
+from micromanip_drivers.line.frame_options import InputField, Number, OutputField, WholeNumber
 from micromanip_drivers.line.number import InputNumber, NumberCodec, OutputNumber
 from micromanip_drivers.line.packet_counter import PacketCounter
 
@@ -84,21 +83,6 @@ def test_range_is_kept_also_with_a_negative_scale():
             one.put(wire, bad)
     one.put(wire, 150.0)
     assert struct.unpack(">h", wire) == (-14000,)
-
-
-def test_rounded_to_the_nearest():
-    one, wire = OutputNumber("voltage", OutputField(at=0, type="int16", byte_order="big", scale=0.01)), bytearray(2)
-    for value, number in ((0.016, 2), (0.014, 1), (-0.016, -2), (12.299999, 1230)):
-        one.put(wire, value)
-        assert struct.unpack(">h", wire) == (number,)
-
-
-@pytest.mark.parametrize(
-    ("options", "word", "status"),
-    [({}, 0, 0), ({}, 4, 4), ({"good": [1]}, 1, 0), ({"good": [1]}, 0, -1), ({"mask": 6}, 9, 0), ({"mask": 6}, 13, 4)],
-)
-def test_status(options, word, status):
-    assert StatusWord(Status(at=0, type="uint8", **options)).of(bytes((word,))) == status
 
 
 def counted(counter, *counts, samples=1):

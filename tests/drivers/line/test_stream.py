@@ -135,13 +135,6 @@ def test_datagrams_doubled_lost_and_out_of_order():
     assert one.counters["not_fresh"] == 2
 
 
-def test_start_is_sent():
-    one, port = framing(start="53 54 41 52 54 0a")
-    port.coming.append((time.monotonic_ns(), packet(0, 1)))
-    one.begin(time.monotonic_ns() + 200_000_000)
-    assert port.sent == [b"START\n"]
-
-
 def line(options):
     return Line(Line.Options.model_validate(options), None)
 

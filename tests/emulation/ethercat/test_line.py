@@ -25,8 +25,6 @@ from micromanip.bus.ethercat.registers import (
     AL_STATUS,
     APWR,
     BRD,
-    BWR,
-    DC_PORTS,
     DC_SYSTEM,
     FMMU,
     FPRD,
@@ -148,14 +146,6 @@ def test_the_clocks_follow_the_reference():
     assert abs(system(0x1002) - system(0x1001) - 1000) < 1500  # 50 ns a ms ahead, of which a 16th is taken each time
     bench.now_ns += 1000 * MS
     assert system(0x1002) - system(0x1001) > 40_000, "left alone it runs away"
-
-
-def test_receive_times_tell_the_way_to_the_last_slave():
-    bench = Bench().stations()
-    assert bench.send(BWR, (0, DC_PORTS), bytes(4)).wkc == 2
-    there, back = struct.unpack("<II", bench.send(FPRD, (0x1001, DC_PORTS), bytes(8)).data)
-    assert back - there == 1500
-    assert struct.unpack("<II", bench.send(FPRD, (0x1002, DC_PORTS), bytes(8)).data)[1] == 0
 
 
 @pytest.fixture(scope="module")

@@ -76,13 +76,6 @@ def test_a_cpu_that_is_not_there_is_told_with_those_that_are(machine, cpu, onlin
     assert first.mend is not None
 
 
-def test_an_interrupt_that_has_been_led_elsewhere_is_no_concern(machine):
-    moved = DESKTOP | {"proc/irq/125/effective_affinity_list": "0\n"}
-    found = looked_at(machine(moved))["interrupts"]
-    assert found.verdict is Verdict.GOOD
-    assert found.found == "no device interrupts CPU 3 any more"
-
-
 @given(st.sets(st.integers(0, 255)))
 def test_cpu_lists_are_read_in_every_way_that_they_are_written(cpus):
     ordered = sorted(cpus)

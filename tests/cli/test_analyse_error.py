@@ -1,12 +1,10 @@
 """`micromanip analyse error`: its document, and what it says of what it can't budget."""
 
 import json
-import re
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
-from micromanip_drivers.simulated.driver import SimulatedCell
 
 from micromanip.cli.analyse_error import command
 from micromanip.errors import CheckFailed, UsageError
@@ -28,21 +26,6 @@ def test_the_document_sums_to_the_whole_and_pictures_are_drawn(tmp_path):
     assert axis["measured_um"] is None
     assert axis["bound"]["ratio"] == pytest.approx(axis["rms_um"] / axis["bound"]["rms_um"])
     assert {file.name for file in tmp_path.iterdir()} == {"budget_x.svg"}
-
-
-def test_what_is_known_is_not_called_the_whole(monkeypatch):
-    """A simulated driver that tells nothing of its plant: .367 um were called the whole, where .448 um were left."""
-    monkeypatch.setattr(SimulatedCell, "simulated_axis", lambda *_: None)
-    said = asked(CONFIG / "simulated.yaml", "--axis", "x", "--seconds", "0.5").stdout
-    assert "What is known of the path error of axis x" in said
-    assert re.search(r"│ known +│ 0\.\d+ ", said)
-    assert "whole" not in said
-    assert " %" not in said
-    assert re.search(r"^in virtual time: 0\.\d+ um rms, with what is not known$", said, re.MULTILINE)
-    assert said.count("not known: deviation of the robot, force") == 1
-    assert "the driver that simulates the cell does not tell them" in said
-    (axis,) = json.loads(asked(CONFIG / "simulated.yaml", "--axis", "x", "--seconds", "0", "--json").stdout)["axes"]
-    assert {cause["share_percent"] for cause in axis["causes"]} == {None}
 
 
 def test_what_can_not_be_budgeted_is_told():

@@ -145,19 +145,3 @@ def test_a_fault_on_the_way_ends_it(tmp_path):
         commission_axis(prepared.configuration, Watched(Faulty(prepared)), "x", lambda _: None)
     assert "the experiment was ended by fault X-201; nothing was tuned. Likely: " in str(refused.value)
     assert str(refused.value).startswith("axis x: sensors at rest: ")
-
-
-@pytest.mark.thorough  # another plant to commission
-def test_a_resonance_that_has_moved_is_followed(tmp_path):
-    """Nearly three times the mass on the stage, the mode at 40 Hz: another outer loop, the same margins."""
-    heavy = prepare(cell(tmp_path, plant("stage_kg: 33.0")))
-    recorded = Recorded(heavy)
-    found = commission_axis(heavy.configuration, Watched(recorded), "x", lambda _: None)
-    poles = found.stage.found.modes.poles
-    swinging = np.log(poles[poles.imag > 1e-9]) / found.stage.found.dt  # a real pole, of the delays, is no resonance
-    mode_Hz = np.abs(swinging[np.argmin(-swinging.real / np.abs(swinging))]) / (2 * np.pi)
-    assert mode_Hz == pytest.approx(66.9 * np.sqrt(12.0 / 33.0), rel=0.03)
-    assert found.outer.margins.gain_dB >= 6.0
-    assert found.outer.margins.phase_deg >= 35.0
-    assert found.outer_loop.agrees
-    assert max(voltages.max() for voltages in recorded.voltages) <= 150.0

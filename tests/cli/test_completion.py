@@ -15,7 +15,6 @@ from micromanip.cli import axes
 from micromanip.cli.main import cli
 
 from .command import COMMANDS
-from .played import Played
 
 CONFIG = """axes:
   left: {}
@@ -30,14 +29,6 @@ def file(tmp_path):
     path = tmp_path / "cell.yaml"
     path.write_text(CONFIG)
     return path
-
-
-@pytest.fixture
-def controller(tmp_path):
-    """The path of a socket on which somebody says what runs."""
-    played = Played(tmp_path / "control.sock")
-    yield played.path
-    played.close()
 
 
 def completed(*words):
@@ -66,25 +57,6 @@ def test_an_axis_or_all_of_the_file(verb, file):
     assert completed(*verb.split(), file, "--axis", "l") == ["left"]
 
 
-def test_axes_of_the_running_controller(controller):
-    assert completed("jog", "--socket", controller, "") == ["x", "y"]
-
-
-def test_a_file_goes_before_the_running_controller(controller, file):
-    assert completed("analyse", "health", file, "--socket", controller, "--axis", "") == ["left", "up", "all"]
-
-
-@pytest.mark.parametrize("text", ["axes: {x: [", "axes: 5\n", "- 1\n", "\0\1", ""])
-def test_a_configuration_that_is_none_completes_to_nothing(text, tmp_path, capsys):
-    file = tmp_path / "cell.yaml"
-    file.write_text(text)
-    assert completed("analyse", "margins", file, "--axis", "") == []
-    assert completed("analyse", "margins", tmp_path / "missing.yaml", "--axis", "") == []
-    assert completed("analyse", "margins", "--axis", "") == []
-    assert completed("jog", "--socket", tmp_path / "none.sock", "") == []
-    assert capsys.readouterr() == ("", "")
-
-
 def test_who_hangs_is_not_waited_for(tmp_path, monkeypatch):
     monkeypatch.setattr(axes, "_PATIENCE_S", 0.2)
     path = tmp_path / "control.sock"
@@ -108,17 +80,6 @@ def test_every_command_that_takes_an_axis_completes_it():
     ]
     assert len(named) > 10
     assert not [name for name, param in named if param._custom_shell_complete is None]
-
-
-def test_no_compiler_and_no_schema_is_loaded(file):
-    """A shell waits for it."""
-    code = (
-        "import sys; from click.shell_completion import ShellComplete as S; from micromanip.cli.main import cli\n"
-        f"words = ['analyse', 'health', {str(file)!r}, '--axis']\n"
-        "assert len(S(cli, {}, 'micromanip', '_').get_completions(words, '')) == 3\n"
-        "print({'numba', 'numpy', 'scipy', 'rich', 'micromanip.settings.schema.model'} & set(sys.modules))"
-    )
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "set()\n"
 
 
 BASH = """

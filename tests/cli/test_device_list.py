@@ -95,13 +95,6 @@ def test_broken_one_is_shown_with_its_reason(text, reason, announce, only, capsy
     assert err == "micromanip: driver nothing can't be used\n"
 
 
-def test_none_installed(only, capsys):
-    only()
-    code, out, _ = listed(capsys)
-    assert code == 0
-    assert "no driver is installed" in out
-
-
 def test_one_that_is_not_whole_is_a_wrong_configuration(announce, tmp_path, capsys):
     """Its class can't be made an object of, which was called a bug of ours."""
     announce("nothing", "driver_of_nothing:Driver", BUS.replace("def close", "def shut").replace("def open", "def ope"))

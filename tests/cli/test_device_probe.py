@@ -66,35 +66,6 @@ def test_answers_in_a_table(config, capsys):
     assert rest[1].split() == ["strain_y", "0"]
 
 
-def test_answers_as_a_document(config, monkeypatch, capsys):
-    monkeypatch.setattr(Stage, "probed", lambda self, seconds: iter([Answer("unit 3", {"pressure": 1.5}, "[busy]")]))
-    assert ended(config[0], "stage", "--seconds", "0.2", "--json") == 0
-    document = json.loads(capsys.readouterr().out)
-    assert document["device"] == f"udp 127.0.0.1:{config[1].port}"
-    assert document["answers"] == [{"name": "unit 3", "values": {"pressure": 1.5}, "note": "[busy]", "is_value": True}]
-
-
-def test_terminal_shows_the_newest(config, monkeypatch, capsys):
-    file, _ = config
-    monkeypatch.setattr("sys.stdout.isatty", lambda: True)
-    answers = [Answer("unit 3", {"pressure": 1.5}, "[busy]"), Answer("unit 3", {"pressure": 2.5}, "[idle]")]
-    monkeypatch.setattr(Stage, "probed", lambda self, seconds: iter(answers))
-    assert ended(file, "stage", "--seconds", "0.2") == 0
-    last = [line for line in capsys.readouterr().out.splitlines() if "unit 3" in line][-1]
-    assert "2.5" in last
-    assert "[idle]" in last
-
-
-def test_ctrl_c_shows_what_was_found(config, monkeypatch, capsys):
-    def interrupted(self, seconds):
-        yield Answer("unit 3", {})
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(Stage, "probed", interrupted)
-    assert ended(config[0], "stage") == 0
-    assert "unit 3" in capsys.readouterr().out
-
-
 def test_no_device_is_69(config, capsys):
     assert ended(config[0], "stage", "--seconds", "0.1") == 69
     line = capsys.readouterr().err.strip()
@@ -102,15 +73,6 @@ def test_no_device_is_69(config, capsys):
     assert line.startswith(f"micromanip: {device} ")
     assert line.count(device) == 1
     assert "\n" not in line
-
-
-def test_silent_bus_is_69_and_a_document(config, monkeypatch, capsys):
-    monkeypatch.setattr(Stage, "probed", lambda self, seconds: iter(()))
-    assert ended(config[0], "stage", "--seconds", "0.1", "--json") == 69
-    shown = capsys.readouterr()
-    assert json.loads(shown.out)["answers"] == []
-    assert "nothing answered on udp" in shown.err
-    assert "drivers.stage" in shown.err
 
 
 def test_refusals_alone_are_69_and_shown(config, monkeypatch, capsys):
@@ -122,12 +84,6 @@ def test_refusals_alone_are_69_and_shown(config, monkeypatch, capsys):
     assert "exception 2" in out
     assert "silent" in out
     assert "cell.strain_x: exception 2 (and 1 more)" in err
-
-
-def test_a_value_that_was_read_once_is_enough(config, monkeypatch):
-    said = [Answer("unit 3", {"pressure": 1.5}), Answer("unit 3", {}, "no answer", is_value=False)]
-    monkeypatch.setattr(Stage, "probed", lambda self, seconds: iter(said))
-    assert ended(config[0], "stage", "--seconds", "0.1") == 0
 
 
 def test_device_in_use_is_refused(config, monkeypatch, capsys):

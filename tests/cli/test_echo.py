@@ -23,14 +23,6 @@ def test_every_word_is_whole_and_no_line_is_too_long_but_for_a_word(lines, width
     assert wrapped(text, 1000) == text
 
 
-def test_a_line_goes_on_below_its_last_column():
-    assert wrapped("   0.0  x: X-301 no usable sample", 24).splitlines() == [
-        "   0.0  x: X-301 no",
-        "        usable sample",
-    ]
-    assert wrapped("  axis x, mode stage, ten plays", 24).splitlines() == ["  axis x, mode stage,", "    ten plays"]
-
-
 @pytest.mark.parametrize("width", [40, 60])
 def test_help_fits_a_narrow_terminal(width, monkeypatch, capsys):
     monkeypatch.setenv("COLUMNS", str(width))

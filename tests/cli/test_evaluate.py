@@ -67,28 +67,6 @@ def test_the_inverse_is_at_least_as_good_as_the_papers(report, config):
         assert row["max_error_um"] <= paper.MAXIMUM_UM[config][row["frequency_hz"]]
 
 
-def test_figures_of_one_run_hang_together(report):
-    for row in report["rows"] + report["feedforward_alone"]:
-        assert 0 < row["std_error_um"] < row["max_error_um"] <= row["max_error_with_start_um"]
-        assert 0 < row["true_std_error_um"] < row["true_max_error_um"]
-
-
-def test_what_is_undone_brings_the_position_to_the_reference(report):
-    """D's true sigma at 1, 5 and 10 Hz, to three digits; hoped for were .020 at 1 Hz, .30 % of the stroke at 150."""
-    for row in report["rows"]:
-        if row["config"] == "D":
-            assert round(row["true_std_error_um"], 3) <= {1.0: 0.021, 5.0: 0.030, 10.0: 0.035}[row["frequency_hz"]]
-    sigma = {(row["axis"], row["frequency_hz"], row["config"]): row["true_std_error_um"] for row in report["fast"]}
-    assert set(sigma) == {(axis, hz, config) for axis in "xyz" for hz in (50.0, 100.0, 150.0) for config in "CD"}
-    for axis in "xyz":
-        assert sigma[axis, 100.0, "D"] <= 0.12 < sigma[axis, 100.0, "C"] / 5.0
-    for row in report["fast"]:
-        assert set(row) == KEYS | {"amplitude_um", "true_rms_percent", "refused"}
-        assert row["true_rms_percent"] >= 100.0 * row["true_std_error_um"] / (2.0 * row["amplitude_um"])
-        if row["config"] == "D":
-            assert row["true_rms_percent"] <= {50.0: 0.16, 100.0: 0.25, 150.0: 0.35}[row["frequency_hz"]]
-
-
 def test_a_pid_that_swings_on_its_actuator_is_told(few_sines, monkeypatch):
     """Three times the paper's gain: 1.7 um at 1575 Hz, in no range's end and so no fault, looked like a figure."""
     strong = paper.ANCHOR_PID.model_copy(update={"K_V_per_um": 3.0 * paper.ANCHOR_PID.K_V_per_um})
@@ -99,10 +77,6 @@ def test_a_pid_that_swings_on_its_actuator_is_told(few_sines, monkeypatch):
     assert "D, axis x: the strain loop swings" not in result.stdout
 
 
-def test_a_loop_that_only_has_noise_swings_nowhere(report):
-    assert {row["swings_hz"] for row in [*report["rows"], *report["fast"]]} == {None}
-
-
 def test_the_same_seed_gives_the_same_numbers_and_another_one_does_not(report, few_sines, monkeypatch):
     monkeypatch.setattr(paper, "FREQUENCIES_HZ", (10.0,))
     played = [row for row in report["rows"] if row["frequency_hz"] in paper.FREQUENCIES_HZ]
@@ -111,15 +85,3 @@ def test_the_same_seed_gives_the_same_numbers_and_another_one_does_not(report, f
     assert [row["axis"] for row in other] == ["x"] * 4
     same = [row for row in played if row["axis"] == "x"]
     assert all(a["std_error_um"] != b["std_error_um"] for a, b in zip(other, same, strict=True))
-
-
-def test_figures_are_written_as_svg(tmp_path, few_sines):
-    report = evaluated("--axis", "y", "--out", str(tmp_path / "figures"))
-    files = [Path(name) for name in report["figures"]]
-    assert {file.suffix for file in files} == {".svg"}
-    names = {file.stem for file in files}
-    assert {"figure2_hysteresis_y", "figure5_model_y", "figure8_control_error_y", "figure9_input_output_y"} <= names
-    for file in files:
-        content = file.read_bytes()
-        assert len(content) > 5_000
-        assert b"<svg" in content[:1000]

@@ -6,7 +6,6 @@ import pytest
 
 from micromanip.design.parallel import scheduler
 from micromanip.errors import DeviceUnavailable
-from micromanip.extras import required
 
 from .command import code_of
 
@@ -39,8 +38,3 @@ def test_a_cluster_names_the_extra(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(DeviceUnavailable, match=r"needs distributed: .* its extra cluster "), scheduler("tcp://x:1"):
         pass
-
-
-def test_a_module_of_our_own_that_is_missing_is_a_bug():
-    with pytest.raises(ModuleNotFoundError), required("a command", "gateway"):
-        import micromanip.no_such_module  # noqa: F401

@@ -68,81 +68,12 @@ def test_json_has_the_documented_keys(csv, capsys):
     np.testing.assert_allclose(predict(model, u)[500:], predict(TRUE, u)[500:], atol=0.3)
 
 
-@pytest.mark.parametrize(
-    ("seconds", "hertz", "wanted"),
-    [
-        (6.0, (0.7, 2.3), None),
-        (
-            1.6,
-            (1.9, 3.1),
-            r"fitted to 1.6 s with 6 turns over [\d.]+ um, in which creep slower than 0.4 s did not show: ",
-        ),
-        (6.0, (1.0,), r"fitted to 6 s with 12 turns over [\d.]+ um, in which minor loops did not show: the figures"),
-    ],
-)
-def test_how_little_it_was_fitted_to_is_told(seconds, hertz, wanted, tmp_path, capsys):
-    t = np.arange(round(seconds / STEP_S)) * STEP_S
-    u = 60.0 + sum(25.0 / (k + 1) * np.sin(2 * np.pi * f * t + k) for k, f in enumerate(hertz))
-    table = np.column_stack([t, u, predict(TRUE, u, STEP_S)])
-    np.savetxt(tmp_path / "x.csv", table, "%.9g", ",", header="t_s,u_V,y_um", comments="")
-    assert code_of(tmp_path / "x.csv", *QUICK[:4], *QUICK[6:], "--json") == 0
-    notes = json.loads(capsys.readouterr().out)["notes"]
-    assert len(notes) == (wanted is not None)
-    assert wanted is None or re.match(wanted, notes[0]), notes
-
-
 def test_how_much_of_the_set_points_range_was_seen_is_told(csv, cell, capsys):
     for low, high in ((2, 128), (-20, 128)):
         cell.write_text(cell.read_text().replace("range_um: [2, 128]", f"range_um: [{low}, {high}]"))
         assert code_of(csv, *QUICK, "--into", cell, "--axis", "x") == 0
         told = "% of the set-point's range, -20 to 128 um: beyond, the model is continued" in capsys.readouterr().out
         assert told == (low == -20)
-
-
-def test_validation_is_predicted_with_its_offset_refitted(csv, tmp_path, capsys):
-    other = record(tmp_path / "other.csv", 2)
-    lines = Path(other).read_text().split("\n")
-    rows = [line.split(",") for line in lines[1:] if line]
-    moved = tmp_path / "moved.csv"
-    moved.write_text("\n".join([lines[0], *(f"{t},{u},{float(y) + 9.0}" for t, u, y in rows)]) + "\n")
-    figures = []
-    for file in (other, moved):
-        assert code_of(csv, *QUICK, "--validate", file, "--json") == 0
-        figures.append(json.loads(capsys.readouterr().out)["validation"])
-    assert set(figures[0]) == {"rms_percent", "max_percent"}
-    assert 0 < figures[0]["rms_percent"] <= 0.2
-    assert figures[1] == pytest.approx(figures[0])
-
-
-@pytest.mark.long
-def test_best_tells_what_it_tried(csv, capsys):
-    assert code_of(csv, *COLUMNS, "--plays", "4", "--json") == 0
-    report = json.loads(capsys.readouterr().out)
-    tried = report["candidates"]
-    kinds = {kind + creep for kind in ("pi-affine", "pi-tanh", "pi-free", "rate") for creep in ("", "+creep")}
-    assert {each["model"].removesuffix("+delay") for each in tried} == kinds | {"network"}
-    merits = {each["model"]: max(each["rms_percent"], each["held_out_percent"]) for each in tried}
-    assert list(merits.values()) == sorted(merits.values())
-    assert merits[report["model"]] <= 1.15 * min(merits.values())
-
-
-def test_creep_is_added_when_asked_for(csv, capsys):
-    assert code_of(csv, *QUICK, "--creep", "--json") == 0
-    report = json.loads(capsys.readouterr().out)
-    assert report["model"] == "pi-affine+creep"
-    assert report["parameters"]["creep_s"] == [0.1, 1.0]  # up to a quarter of 6 s
-
-
-@pytest.mark.long
-def test_text_and_figures(csv, tmp_path, capsys):
-    other, out = record(tmp_path / "other.csv", 2), tmp_path / "out"
-    assert code_of(csv, *QUICK, "--validate", other, "--out", out) == 0
-    said = capsys.readouterr().out
-    assert re.search(r"^pi-affine: rms 0\.\d+ %, maximum 0\.\d+ % of the stroke$", said, re.MULTILINE)
-    assert re.search(r"^not fitted to: rms 0\.\d+ %, maximum 0\.\d+ %$", said, re.MULTILINE)
-    assert f"10 figures in {out}/" in said
-    names = ("figure5_model", "residuals", "held_out", "held_out_residuals", "density")
-    assert {path.name for path in out.iterdir()} == {f"{name}.svg" for name in names}
 
 
 def test_into_keeps_comments_and_the_other_axes(csv, cell, capsys):

@@ -87,63 +87,6 @@ def test_json_has_the_documented_keys(csv, capsys):
     assert gain == pytest.approx(np.array(truth), abs=0.05)
 
 
-def test_text_without_header_by_number(tmp_path, capsys):
-    u, y = signals()
-    for separator in (" ", ","):
-        file = tmp_path / "x.dat"
-        np.savetxt(file, np.column_stack([u, y]), "%.12e", separator)
-        report = report_of(capsys, file, "--input", "1,2", "--output", "3, 4", "--dt", DT)
-        assert (report["order"], report["delay_samples"]) == (3, [3, 0])
-
-
-def test_several_files_are_several_experiments(tmp_path, capsys):
-    files = [record(tmp_path / f"{seed}.csv", seed, samples=400, noise=0.2) for seed in range(4)]
-    other = record(tmp_path / "other.csv", 9, noise=0.0)
-    both = [
-        report_of(capsys, *chosen, *COLUMNS, "--order", 3, "--split", 1, "--validate", other)
-        for chosen in (files[:1], files)
-    ]
-    assert both[0]["fit_percent"] == both[0]["validation"]["fit_percent"]
-    assert np.mean(both[1]["rms_error_percent"]) < 0.8 * np.mean(both[0]["rms_error_percent"])
-
-
-def test_validation_is_judged_apart(csv, tmp_path, capsys):
-    other = record(tmp_path / "other.csv", 2, noise=0.1)
-    report = report_of(capsys, csv, *COLUMNS, "--validate", other)
-    assert report["fit_percent"] == pytest.approx([99.0, 99.0], abs=0.3)
-    assert report["validation"]["fit_percent"] == pytest.approx([90.0, 90.0], abs=1.5)
-    assert report["validation"]["rms_error_percent"] == pytest.approx([10.0, 10.0], abs=1.5)
-
-
-def test_a_whole_multiple_of_the_sampling_interval_thins(tmp_path, capsys):
-    """A slow lag sampled fast, and the same modelled at a quarter of the rate."""
-    rng = np.random.default_rng(0)
-    u = lfilter([0.02], [1.0, -0.98], rng.normal(size=8000))
-    y = lfilter([0.0, 0.01], [1.0, -0.99], u)
-    file = tmp_path / "slow.csv"
-    np.savetxt(file, np.column_stack([DT * np.arange(8000), u, y]), "%.12g", ",", header="time,u,y", comments="")
-    report = report_of(capsys, file, "--input", "u", "--output", "y", "--dt", 4 * DT, "--order", 1)
-    assert report["dt_s"] == pytest.approx(4 * DT)
-    assert report["poles_z"][0][0] == pytest.approx(0.99**4, abs=0.01)
-    assert code_of(file, "--input", "u", "--output", "y", "--dt", 3.5 * DT) == 1
-    said = capsys.readouterr().err
-    assert "slow.csv: --dt 0.007 s is no whole multiple of the record's sampling interval, 0.002 s" in said
-
-
-@pytest.mark.long
-def test_text_and_figures(csv, tmp_path, capsys):
-    out = tmp_path / "out"
-    assert code_of(csv, *COLUMNS, "--out", out) == 0
-    said = capsys.readouterr().out
-    assert said.startswith("order 3, delay 3, 0 samples of 0.002 s\n")
-    assert re.search(r"^held out, y1: fit 9[89]\.\d\d %, rms error [01]\.\d\d %$", said, re.MULTILINE)
-    assert re.search(r"^  pole 0\.\d+ \+0\.\d+j: 24\.\d+ Hz, damping 0\.16\d+$", said, re.MULTILINE)
-    assert re.search(r"^  tried order 1: \d+\.\d+ % on the part left out$", said, re.MULTILINE)
-    names = ["singular_values", "free_run", *(f"bode_u{i}_y{o}" for i in (1, 2) for o in (1, 2))]
-    assert {path.name for path in out.iterdir()} == {f"{name}.svg" for name in names}
-    assert f"12 figures in {out}/" in said
-
-
 def test_bad_data_is_one_sentence_with_its_place_and_leaves_nothing(csv, tmp_path, capsys):
     """What can't be fitted else: tests/design/linear."""
 

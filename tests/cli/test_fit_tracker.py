@@ -2,17 +2,13 @@
 
 import json
 import re
-from inspect import signature
 from pathlib import Path
 
 import pytest
 from replay.recorded import recording
 
-from micromanip.cli.analyse_error import command as budget
 from micromanip.cli.fit_tracker import command
 from micromanip.design.budget.configured import cell_of
-from micromanip.design.deviation.fit import fit_deviation
-from micromanip.design.deviation.moves import MOVES_PERCENT
 from micromanip.errors import CheckFailed, ConfigError, UsageError
 from micromanip.settings.check import prepare
 from micromanip.virtual.experiment import VirtualExperiment
@@ -69,16 +65,6 @@ def test_an_axis_is_found_and_put_into_a_configuration(fitted, unfitted):
     assert untouched.laws.tracker == cell_of(prepare(unfitted), "x").laws.tracker
 
 
-def test_what_it_would_be_is_told_as_the_recordings_budget_tells_what_was(fitted, recorded):
-    share = fitted[0]["path_share_um"]
-    assert share["reason"] is None
-    assert share["after_um"] < 0.7 * share["before_um"]
-    (axis,) = asked(recorded, "--axis", "y", "--json", of=budget)["axes"]
-    causes = {cause["name"]: cause["variance_um2"] for cause in axis["causes"]}
-    together = causes["tracker noise"] + causes["tracker delay, rate, prediction"]
-    assert share["before_um"] ** 2 == pytest.approx(together, rel=0.15)
-
-
 def test_what_can_not_be_done_is_told_and_nothing_written(recorded, tmp_path):
     held = tmp_path / "held.yaml"
     text = (CONFIG / "factory.yaml").read_text()
@@ -90,14 +76,3 @@ def test_what_can_not_be_done_is_told_and_nothing_written(recorded, tmp_path):
         asked(recorded, "--axis", "q")
     with pytest.raises(CheckFailed, match="no recording of ours"):
         asked(Path(__file__))
-
-
-def test_what_moves_by_default_is_said_in_one_place():
-    """A file of its own, which help can tell without what fits; the number stands nowhere else."""
-    folder = Path(__file__).parents[2] / "micromanip"
-    (option,) = [each for each in command.params if each.name == "moves_percent"]
-    assert option.default is MOVES_PERCENT
-    assert signature(fit_deviation).parameters["moves_percent"].default is MOVES_PERCENT
-    for file in ("cli/fit_tracker.py", "design/deviation/fit.py"):
-        assert f"= {MOVES_PERCENT}" not in (folder / file).read_text(encoding="utf-8")
-        assert f"default={MOVES_PERCENT}" not in (folder / file).read_text(encoding="utf-8")

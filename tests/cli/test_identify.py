@@ -1,6 +1,5 @@
 """``identify``: a recording from the simulation, in virtual time and through the running loop."""
 
-import json
 import os
 import signal
 import subprocess
@@ -12,7 +11,6 @@ import numpy as np
 import pytest
 
 from campaigns.running_controller import MICROMANIP, PATIENCE_S, TAG, descriptor_of, tagged, until
-from micromanip.cli.main import main
 from micromanip.host.shared_memory import STATUS, Segment
 from micromanip.rt import mailbox as w
 from micromanip.rt.states import TRACKING
@@ -50,30 +48,6 @@ def test_virtual_time(kind, tmp_path, capsys):
     assert len(columns) >= 2000
     np.testing.assert_allclose(np.diff(columns["t_s"]), 1e-3, atol=1e-9)
     assert np.ptp(columns["strain_um"]) > 50.0
-
-
-def test_json_and_seed(tmp_path, capsys):
-    recordings = []
-    for seed in (1, 1, 2):
-        out = tmp_path / uuid.uuid4().hex
-        assert code_of(FACTORY, "--axis", "x", "--seconds", "1", "--seed", seed, "--out", out, "--json") == 0
-        report = json.loads(capsys.readouterr().out)
-        assert set(report) == {"file", "rows", "columns", "stroke_um"}
-        columns = table(report["file"])
-        assert report["rows"] == len(columns)
-        assert report["columns"] == list(columns.dtype.names)
-        assert report["stroke_um"] == pytest.approx(np.ptp(columns["strain_um"]))
-        recordings.append(columns["voltage_V"])
-    np.testing.assert_array_equal(recordings[0], recordings[1])
-    assert np.abs(recordings[0] - recordings[2]).max() > 1.0
-
-
-@pytest.mark.long
-def test_the_next_step_is_a_command_that_works(tmp_path, capsys):
-    assert code_of(FACTORY, "--axis", "x", "--out", tmp_path) == 0
-    following = capsys.readouterr().out.splitlines()[1].removeprefix("next: micromanip ").split()
-    main([*following, "--model", "pi-tanh"])
-    assert capsys.readouterr().out.startswith("pi-tanh: rms 0.3")
 
 
 def with_stage_range(folder, low_um, high_um):

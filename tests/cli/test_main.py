@@ -5,13 +5,10 @@ import subprocess
 import sys
 from pathlib import Path
 
-import click
 import pytest
 
-from micromanip.cli.commands import SECTIONS, cli
-from micromanip.cli.options import emit_json
+from micromanip.cli.commands import SECTIONS
 from micromanip.client import default_socket
-from micromanip.errors import CheckFailed
 from tests.further import further
 
 from .command import COMMANDS, code_of
@@ -37,15 +34,6 @@ def test_every_command_shows_an_example_and_takes_json(name, capsys):
     assert "Example: " in shown
     assert f"micromanip {name}" in " ".join(shown.partition("Example: ")[2].split())
     assert "--json" in shown
-
-
-@pytest.mark.parametrize("group", sorted({name.split()[0] for name in COMMANDS if " " in name}))
-def test_the_help_of_a_group_has_all_of_its_commands_in_full(group, capsys):
-    assert code_of(group, "--help") == 0
-    shown = " ".join(capsys.readouterr().out.split())
-    for name, command in COMMANDS.items():
-        if name.startswith(f"{group} "):
-            assert f"{name.partition(' ')[2]} {command.get_short_help_str(1000)}" in shown
 
 
 NEAR = {"stauts": "status", "comission": "commission", "recording strat": "start", "fit hysterisis": "hysteresis"}
@@ -121,12 +109,6 @@ def test_what_we_did_not_foresee_is_70_with_a_file_and_no_traceback(monkeypatch,
     assert "ZeroDivisionError" in Path(err.strip().split()[-1]).read_text()
 
 
-def test_completion_scripts(capsys):
-    for shell in ("bash", "zsh", "fish"):
-        assert code_of("completion", shell) == 0
-        assert "_MICROMANIP_COMPLETE" in capsys.readouterr().out
-
-
 def test_the_socket_s_default_is_the_real_one(capsys):
     assert code_of("status", "--help") == 0
     assert str(default_socket()) in capsys.readouterr().out
@@ -150,20 +132,6 @@ def test_an_error_is_one_document_too_where_json_is_asked_for(typed, capsys):
     assert document["error"] in err
 
 
-def test_what_fails_after_its_document_adds_none(monkeypatch, capsys):
-    """`evaluate` prints its document, and then says that a figure could not be written."""
-
-    @click.command("check")
-    def checked():
-        emit_json({"good": False})
-        raise CheckFailed("no")
-
-    monkeypatch.setattr(type(cli), "get_command", lambda self, ctx, name: checked)
-    checked.params.append(click.Option(["--json", "as_json"], is_flag=True, expose_value=False))
-    assert code_of("check", "--json") == 1
-    assert json.loads(capsys.readouterr().out) == {"good": False}
-
-
 @pytest.mark.parametrize(
     "arguments", [*further(f"check {CONFIG}", f"check {CONFIG} --json"), "device list --json", "--help", "get --help"]
 )
@@ -180,11 +148,3 @@ def test_a_closed_or_full_output_is_no_bug(arguments, redirected, code, said):
     assert (done.returncode, said in done.stderr) == (code, True), done.stderr
     for word in ("bug", "Traceback", "Exception ignored"):
         assert word not in done.stderr
-
-
-def test_bench_without_the_source_tree_is_69_and_one_sentence(monkeypatch, tmp_path, capsys):
-    monkeypatch.setattr("micromanip.__file__", str(tmp_path / "micromanip" / "__init__.py"))
-    assert code_of("system", "bench") == 69
-    assert capsys.readouterr().err == (
-        "micromanip: system bench needs the source tree of micromanip, which this installation lacks\n"
-    )

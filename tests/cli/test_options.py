@@ -3,7 +3,6 @@
 import click
 import pytest
 
-from micromanip import quantities
 from micromanip.cli.options import Quantity, StrictCommand
 
 from .command import COMMANDS, code_of
@@ -55,18 +54,3 @@ def test_no_number_that_none_could_mean(name, number, text, capsys):
     before = [] if given[0] == "--" else ["x"] * len(needed)
     message = refusal(capsys, *name.split(), *given, *before)
     assert " number from " in message
-
-
-def test_bounds_are_those_of_the_file():
-    for _, number in NUMBERS:
-        low, high, _ = number.type.bounds()
-        unit = quantities.__dict__[number.type._unit].__metadata__[0].metadata
-        limits = {type(each).__name__: each for each in unit}
-        assert limits["Ge"].ge <= low < high <= limits["Le"].le
-
-
-def test_defaults_are_within_the_bounds():
-    for _, number in NUMBERS:
-        low, high, _ = number.type.bounds()
-        if isinstance(number.default, float | int):
-            assert low <= number.default <= high

@@ -39,25 +39,6 @@ def produced(tmp_path_factory):
     return folder, said[0]
 
 
-def test_it_finds_the_tooth_and_the_tracker(produced):
-    _, said = produced
-    production = said["production"]
-    assert production["tracks"]
-    assert production["tooth_hz"] == {"x": pytest.approx(200.0, abs=0.5)}
-    assert production["reference"]["source"] == "signal"
-    assert production["reference"]["noise_um"] == pytest.approx(0.5, rel=0.1)
-
-
-def test_its_error_budget_is_that_of_the_trial(produced):
-    _, said = produced
-    production = said["production"]
-    budget = production["budget"]["x"]
-    assert production["budget_obstacle"] is None
-    assert production["path_error_um"]["x"]["rms"] == pytest.approx(budget["rms_um"], rel=0.25), "as samples tell it"
-    assert sum(each["variance_um2"] for each in budget["causes"]) == pytest.approx(budget["variance_um2"])
-    assert budget["bound"]["rms_um"] < budget["rms_um"]
-
-
 def test_it_runs_as_it_was_tried(produced, capsys):
     folder, said = produced
     tuned = folder / "out" / "tuned.yaml"

@@ -40,14 +40,3 @@ def test_each_recording_is_a_row_the_newest_first(folder, capsys):
     assert found["empty.mcap"]["began"] == "2001-09-09T01:46:40+00:00"
     assert found["empty.mcap"]["problem"].startswith("no recording of ours")
     assert found["gone.mcap"]["problem"] == "no such file"
-
-
-def test_people_read_a_table(folder, tmp_path, capsys, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "200")
-    assert code_of("recording", "list", folder) == 0
-    lines = capsys.readouterr().out.splitlines()
-    assert any("whole.mcap" in line and "in order" in line and "coolant [off]" in line for line in lines)
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    assert code_of("recording", "list") == 0
-    assert "no recording (.mcap) in it" in capsys.readouterr().out
-    assert code_of("recording", "list", folder / "notes.txt") == 64

@@ -1,20 +1,16 @@
 """Where results go: tried before anything moves, nothing older replaced, and a full disk loses as little as it can."""
 
 import contextlib
-import datetime
 import errno
 import json
 import os
 import resource
-import shutil
 import stat
 from pathlib import Path
 
 import pytest
 
-from micromanip.cli import results
 from micromanip.cli.results import Pictures, publish, results_folder, run_folder
-from micromanip.design import figures, paper
 from micromanip.errors import DeviceUnavailable, PermissionDenied, UsageError, system_error
 
 from .command import code_of
@@ -52,23 +48,6 @@ def test_a_place_that_takes_nothing_is_refused_before_the_work(command, place, c
     assert "bug" not in line
 
 
-@pytest.mark.parametrize("name", ["page.txt", "page", ""])
-@pytest.mark.parametrize("command", [("recording", "report", "run.mcap"), ("recording", "compare", "a.mcap", "b.mcap")])
-def test_a_page_that_no_browser_would_open_is_refused_before_anything_is_read(command, name, capsys):
-    assert code_of(*command, "--to", name) == 64
-    assert "a page is HTML: name a file that ends with .html" in capsys.readouterr().err
-
-
-def test_a_folder_on_a_full_disk_is_refused_before_the_work(tmp_path, capsys, monkeypatch):
-    def full(*_, **__):
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr(results.tempfile, "TemporaryFile", full)
-    assert code_of(*WRITERS["identify"], "--out", tmp_path / "a" / "out") == 69
-    assert "No space left on device; make room there" in capsys.readouterr().err
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_a_folder_that_was_made_for_nothing_is_removed(tmp_path):
     with results_folder(tmp_path / "a" / "b"):
         assert (tmp_path / "a" / "b").is_dir()
@@ -85,33 +64,6 @@ def test_identify_replaces_no_recording(tmp_path, capsys):
     assert f"{tmp_path / 'x_multisine.csv'} is there already" in capsys.readouterr().err
     assert files_in(tmp_path) == before
     assert code_of(*WRITERS["identify"], "--kind", "step", "--out", tmp_path) == 0
-
-
-@pytest.mark.long
-def test_evaluate_sets_older_figures_aside(tmp_path, monkeypatch):
-    """And where they are the same ones, byte for byte, there is nothing to keep."""
-
-    def draw_one(configuration, experiment, runs, axis, folder, about):
-        assert about.startswith(f"axis x, {SIMULATED} (")
-        today = datetime.datetime.now(datetime.UTC).date()
-        assert about.endswith((f", {today}, seed 1", f", {today}, seed 7"))
-        yield figures.save(figures.input_output(runs, axis), folder, "figure", about=about)
-
-    monkeypatch.setattr(figures, "draw_all", draw_one)
-    monkeypatch.setattr(paper, "FREQUENCIES_HZ", (10.0,))
-    monkeypatch.setattr(paper, "FAST_HZ", ())
-    assert code_of(*WRITERS["evaluate"], "--out", tmp_path) == 0
-    first = files_in(tmp_path)
-    assert all("/" not in name for name in first)
-    assert code_of(*WRITERS["evaluate"], "--out", tmp_path) == 0
-    assert files_in(tmp_path) == first
-    assert code_of(*WRITERS["evaluate"], "--seed", "7", "--out", tmp_path) == 0
-    both = files_in(tmp_path)
-    (aside,) = tmp_path.glob("[0-9]*-earlier")
-    assert all(content in both.values() for content in first.values())
-    assert {name for name in both if "/" not in name} == set(first)
-    assert not list(tmp_path.glob(".*"))
-    assert any(both[f"{aside.name}/{name}"] != both[name] for name in first if f"{aside.name}/{name}" in both)
 
 
 def run_of(folder, **contents):
@@ -160,41 +112,6 @@ def test_a_run_that_came_to_nothing_leaves_nothing(tmp_path):
         (run / "previous.yaml").touch()
     assert files_in(tmp_path) == before
     assert not run.exists()
-
-
-def test_without_links_latest_is_a_file(tmp_path, monkeypatch):
-    def refused(*_, **__):
-        raise PermissionError(errno.EPERM, os.strerror(errno.EPERM))
-
-    monkeypatch.setattr(Path, "symlink_to", refused)
-    run = run_of(tmp_path, tuned="first")
-    assert (tmp_path / "latest").read_text() == f"{run.name}\n"
-    run = run_of(tmp_path, tuned="second")
-    assert (tmp_path / "latest").read_text() == f"{run.name}\n"
-
-
-@pytest.mark.long
-def test_commission_replaces_no_report(commissioned, tmp_path, monkeypatch):
-    """Also one that somebody put there, and the file that it starts from."""
-    from micromanip.design.commission import cell
-
-    monkeypatch.setattr(cell, "commission_cell", lambda *_: commissioned.found)  # finds the same again
-    out = tmp_path / "out"
-    shutil.copytree(commissioned.folder / "out", out, symlinks=True)
-    (out / "report.html").write_text("the evidence of last year")
-    with (out / "tuned.yaml").open("a") as tuned:
-        tuned.write("# looked at by the operator\n")
-    first = files_in(out)
-    assert code_of("commission", out / "tuned.yaml", "--axis", "y", "--seed", "2", "--out", out) == 0
-    both = files_in(out)
-    runs = sorted(out.glob("*-y*"))
-    assert len(runs) == 2
-    for name, content in first.items():
-        assert content in both.values(), name
-    assert both["previous.yaml"] == first["tuned.yaml"]
-    assert (out / "latest").resolve() == runs[-1].resolve()
-    assert code_of("check", out / "tuned.yaml") == 0
-    assert code_of("check", out / "latest" / "tuned.yaml") == 0
 
 
 def test_a_disk_that_fills_while_drawing_keeps_what_is_whole(tmp_path):
@@ -270,19 +187,6 @@ def test_an_experiment_that_was_not_recorded_moves_on_to_nothing(tmp_path, monke
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.long
-def test_figures_on_a_full_disk_do_not_cost_the_table(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(paper, "FREQUENCIES_HZ", (10.0,))
-    monkeypatch.setattr(paper, "FAST_HZ", ())
-    with no_file_above(20_000):
-        assert code_of("evaluate", SIMULATED, "--axis", "x", "--out", tmp_path / "out", "--json") == 69
-    done = capsys.readouterr()
-    assert "the figures are not complete" in done.err
-    report = json.loads(done.out)
-    assert {row["config"] for row in report["rows"]} == set("ABCD")
-    assert all(Path(file).stat().st_size <= 20_000 for file in report["figures"])
-
-
 @pytest.mark.parametrize(
     ("number", "kind"),
     [
@@ -310,17 +214,3 @@ def test_what_the_system_refuses_is_no_bug(number, kind, monkeypatch, capsys):
     said = capsys.readouterr().err
     assert said.startswith(f"micromanip: /some/file: {os.strerror(number)}")
     assert len(said.splitlines()) == 1
-
-
-def test_the_trace_of_a_bug_finds_no_room(monkeypatch, capsys):
-    def broken(*_):
-        raise ZeroDivisionError("a bug")
-
-    def full(*_, **__):
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr("micromanip.settings.check.prepare", broken)
-    monkeypatch.setattr("tempfile.NamedTemporaryFile", full)
-    assert code_of("check", FACTORY) == 70
-    said = capsys.readouterr().err
-    assert "bug: ZeroDivisionError: a bug" in said

@@ -1,6 +1,5 @@
 """``micromanip status`` before a played controller: what is said, once, and in which colour."""
 
-import json
 import os
 import pty
 import subprocess
@@ -8,10 +7,6 @@ import sys
 from pathlib import Path
 
 import pytest
-
-from micromanip.cli.live import figures, state_line
-from micromanip.cli.run import _judge
-from micromanip.errors import CheckFailed
 
 from .command import code_of
 from .played import FAULT, Played, status
@@ -74,31 +69,3 @@ def test_that_it_arms_by_itself_is_said_before_the_values(played, capsys):
     played.status["arming_awaits"] = None
     assert code_of("status", "--socket", played.path) == 0
     assert "arms by itself" not in capsys.readouterr().out
-
-
-def test_json_is_what_the_controller_answered(played, capsys):
-    assert code_of("status", "--socket", played.path, "--json") == 0
-    assert json.loads(capsys.readouterr().out) == played.status
-
-
-def test_the_live_line_has_the_error_of_the_last_second(played):
-    assert str(state_line(played.status)).endswith("error rms x 0.50 y 0.50 um")
-
-
-def test_a_run_that_ends_by_a_fault_does_not_tell_it_again(played):
-    """It was told in full when it was noticed."""
-    with pytest.raises(
-        CheckFailed, match=r"^ended by X-201 on axis x, as said above; `micromanip trip show` tells more$"
-    ):
-        _judge(played.status)
-
-
-@pytest.mark.parametrize(("without", "told"), [(114.3, "140 times"), (None, "-")])
-def test_better_by_needs_a_deviation(played, without, told, capsys):
-    from rich.console import Console
-
-    error = {"uncompensated_rms": without, "rms": 0.8164, "max": 3.0}
-    Console(width=100).print(figures(played.status | {"path_error_um": {"x": error}}))
-    row = next(line for line in capsys.readouterr().out.splitlines() if line.startswith("│ x"))
-    assert [cell.strip() for cell in row.strip("│").split("│")][-1] == told
-    assert "0.816" in row

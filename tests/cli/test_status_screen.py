@@ -74,18 +74,6 @@ def test_a_fault_is_red_and_has_its_next_step(played, width):
     played_on(played, script, width)
 
 
-def test_what_is_not_known_is_said_and_is_no_number(played):
-    played.status = status("READY", position=(None, "stale: no usable sample of stage_x for 4 ms"))
-
-    async def script(pilot, see):
-        screen = await see("R E A D Y", "unknown: x position, y position: stale: no usable sample of stage_x")
-        row = next(line for line in screen.splitlines() if "position, um" in line)
-        assert "stale" in row
-        assert not any(character.isdigit() for character in row)
-
-    played_on(played, script)
-
-
 @pytest.mark.long  # draws some thirty screens
 def test_a_key_asks_and_only_yes_sends(played):
     async def script(pilot, see):
@@ -106,17 +94,6 @@ def test_a_key_asks_and_only_yes_sends(played):
     played_on(played, script)
 
 
-def test_a_refusal_is_shown_with_its_reason(played):
-    played.refuses = "arm refused: the state is TRACKING"
-
-    async def script(pilot, see):
-        await see("T R A C K I N G")
-        await pilot.press("a", "y")
-        await see("arm refused: the state is TRACKING")
-
-    played_on(played, script)
-
-
 def test_a_controller_that_goes_is_said_and_found_again(played):
     async def script(pilot, see):
         await see("T R A C K I N G", "51.250")
@@ -128,17 +105,6 @@ def test_a_controller_that_goes_is_said_and_found_again(played):
         await see("R E A D Y", "51.250")
 
     played_on(played, script)
-
-
-def test_q_ends_it(played):
-    async def script(pilot, see):
-        await see("T R A C K I N G")
-        await pilot.press("q")
-        await pilot.pause()
-        assert not pilot.app.is_running
-
-    played_on(played, script)
-    assert played.orders == [], "leaving it changes nothing"
 
 
 def test_without_a_terminal_it_prints_a_line_a_time_until_the_controller_goes(played, capsys):

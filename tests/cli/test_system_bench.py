@@ -1,7 +1,5 @@
 """``system bench``: what fails costs nobody the other figures, and what is measured is what the driver does."""
 
-import json
-
 import pytest
 
 from benchmarks import cycle, ethercat_exchange, offline
@@ -30,13 +28,6 @@ def test_the_figures_of_the_others_are_told(one_fails, capsys):
     assert "30 s/s" in said.out
     assert "they read 1 and 2" in said.out
     assert said.err.splitlines()[-1] == "micromanip: failed, as said above: cycle"
-
-
-def test_it_is_one_document(one_fails, capsys):
-    assert code_of(*ARGUMENTS, "--json") == 1
-    document = json.loads(capsys.readouterr().out)
-    assert [row["name"] for row in document["results"]] == ["offline"]
-    assert document["failed"] == [{"name": "cycle", "reason": "they read 1 and 2"}]
 
 
 @pytest.mark.live

@@ -193,18 +193,6 @@ def test_at_rest_it_stays_where_it_is_at_the_park_voltage(reach):
     assert (course == 0.0).all()
 
 
-def test_park_voltages_may_differ():
-    record = parameters()
-    for i, park in enumerate((10.0, -5.0, 0.0)):
-        record[0]["axis"][i]["limiter"]["park_V"] = park
-    cell = BenchCell(record)
-    assert (cell.run(50) == [10.0, -5.0, 0.0]).all()
-    cell.arm()
-    assert cell.step(DISARM)
-    cell.run(100)
-    assert (cell.run(50) == [10.0, -5.0, 0.0]).all()
-
-
 # -- smoothness --------------------------------------------------------------------------------------
 
 
@@ -284,18 +272,6 @@ def test_arming_away_from_park():
     assert cell.voltages == pytest.approx([40.0, 30.0, 20.0], abs=1e-6)
     cell.run(3)
     assert cell.voltages == pytest.approx([40.0, 30.0, 20.0], abs=0.5)
-
-
-@pytest.mark.many_cycles
-def test_strain_axis_follows_its_sines():
-    cell = tracking()
-    errors = []
-    for _ in range(1000):
-        cell.step()
-        errors.append(cell.strain[Y] - float(cell.s["axis"][Y]["setpoint_um"]))
-    assert np.abs(errors[300:]).max() < 1.0
-    assert np.ptp([cell.s["axis"][Y]["reference"]["w"][0]]) == 0.0
-    assert cell.s["axis"][Y]["errors"] > 900
 
 
 # -- sensors -------------------------------------------------------------------------------------------
@@ -524,15 +500,6 @@ def test_a_long_stall_is_survived(periods):
     moved_um = 2.0 * 20.0 * math.sin(min(0.5, 0.5 * 31.4 * periods * 1e-4)) + 1.0
     assert max(errors) < 1.5 * moved_um
     assert max(errors[300:]) < 1.0
-
-
-def test_an_axis_without_feedback_does_not_save_up_cycles():
-    """Feedforward alone: once the feedback is switched on, the time before that is not integrated."""
-    record = parameters()
-    record[0]["axis"][Y]["feedback"] = 0
-    cell = BenchCell(record).arm()
-    cell.run(500)
-    assert cell.s["axis"][Y]["strain_cycles"] <= 1
 
 
 # -- outputs -------------------------------------------------------------------------------------------

@@ -7,7 +7,7 @@ from micromanip.rt.cell import decouple
 from micromanip.rt.laws.decoupling import EASED
 from micromanip.rt.phases import CLOSED, PARKING
 from micromanip.rt.records import CELL_PARAMETERS, CELL_STATE
-from micromanip.rt.states import HOLDING, TRACKING
+from micromanip.rt.states import TRACKING
 
 LEAD_S = 7e-4
 SHARE = (0.0, 0.01, -0.004)
@@ -66,14 +66,3 @@ def test_an_axis_that_is_not_closed_adds_nothing_and_begins_anew():
     decouple(p, s, PARKING)
     assert added(s) == 0.0
     assert not s["axis"][0]["decoupling"]["share"].any()
-
-
-def test_a_frozen_axis_stays_where_it_was():
-    p, s = cell()
-    for _ in range(20):
-        decouple(p, s, CLOSED)
-    before = added(s)
-    s["state"], s["axis"][1]["frozen"] = HOLDING, 1
-    s["axis"][1]["reference"]["w"][:] = 1e6  # the scratch of samples that nobody follows
-    decouple(p, s, CLOSED)
-    assert added(s) == before

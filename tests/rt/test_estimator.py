@@ -228,20 +228,3 @@ def test_a_steady_start_has_no_innovation(delay, oscillation_Hz):
         assert abs(s["innovation_um"]) < 1e-9
         remember(s, 3.0)
     assert s["x"] == pytest.approx(start, abs=1e-8)
-
-
-def test_it_converges_from_a_wrong_start():
-    """Within the time constants that its poles promise (the oscillator's is the slowest)."""
-    _, gains, p = designed(oscillation_um=0.01)
-    s = started(p, u=1.0, y=-20.0)
-    x = started(p, u=1.0, y=20.0)["x"][:N].copy()
-    assert np.abs(s["x"][:N] - x).max() > 10.0
-    cycles = np.arange(1, 3000)
-    y = np.zeros(len(cycles))
-    for k in range(len(cycles)):
-        x = gains.A @ x + gains.B * 1.0
-        y[k] = gains.C @ x
-    remember(s, 1.0)
-    estimates, _ = along(p, s, cycles, np.ones(len(cycles)), y, np.zeros(len(cycles)))
-    assert estimates[-1] == pytest.approx(x, abs=1e-6)
-    assert abs(s["innovation_um"]) < 1e-8

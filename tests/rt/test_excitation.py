@@ -46,12 +46,6 @@ def test_it_begins_and_ends_at_zero_without_a_step():
         assert np.abs(end).max() < 1e-2 * WAVE.peak
 
 
-def test_a_missed_cycle_shifts_nothing():
-    cycles = np.concatenate([np.arange(500), np.arange(507, 900)])  # behind the fade
-    whole = course(parameters(), np.arange(900))
-    assert course(parameters(), cycles) == pytest.approx(whole[cycles], abs=1e-12)
-
-
 def test_a_stop_fades_out():
     s = record(EXCITATION_STATE)
     before = course(parameters(), np.arange(600), s)

@@ -35,15 +35,6 @@ def exchange(image, now_ns=0, outputs=None, signals=None):
     return exchange_image(image[0], given, signals, now_ns), signals
 
 
-def test_a_sample_goes_through():
-    image = new()
-    ProcessImage(image).publish_sample(1, 12.5, 700, 0, 0)
-    ProcessImage(image).publish_sample(1, 13.5, 800, 4, 2)
-    _, signals = exchange(image, 900)
-    assert signals[1].tolist() == (13.5, 800, 4, 4)  # value, time, sequence with the two lost, status
-    assert signals[0].tolist() == (0.0, 0, 0, 0)
-
-
 def test_a_sample_taken_after_the_deadline_counts_as_taken_then():
     image = new()
     ProcessImage(image).publish_sample(0, 1.0, 950, 0, 0)

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from micromanip.control.joints import followed_joints, joints_radius, removed
+from micromanip.control.joints import joints_radius, removed
 from micromanip.control.predictor import output_row, reference_transition, tracker_gain
-from micromanip.rt.laws.joints import JOINTS, as_rates, follow_joints
+from micromanip.rt.laws.joints import as_rates, follow_joints
 from micromanip.rt.laws.reference import (
     REFERENCE_PARAMETERS,
     REFERENCE_STATE,
@@ -21,7 +21,7 @@ from micromanip.rt.laws.reference import (
     signal_sample,
 )
 from micromanip.settings.compile.reference import fill_predictor
-from micromanip.settings.schema.reference import AxisDeviation, AxisTracker, Oscillation, Tracker
+from micromanip.settings.schema.reference import AxisTracker, Oscillation
 
 from .builders import record
 from .kernels import predictor_course
@@ -86,36 +86,12 @@ def test_a_sine_at_another_frequency_is_followed_as_by_the_filter_that_knew_it(h
 
 
 @pytest.mark.many_cycles
-@pytest.mark.parametrize("hertz", [6.4, 8.0, 10.4])
-def test_without_noise_it_is_found_exactly(hertz):
-    error_um, detuning_Hz = played(LONE, [(30.0, hertz)], seconds=6.0, noise_um=0.0)
-    assert detuning_Hz[-1] == pytest.approx(hertz - 8.0, abs=2e-3)
-    assert np.abs(error_um[-1000:]).max() < 0.1
-
-
-@pytest.mark.many_cycles
 def test_a_jump_by_a_tenth_is_found_within_half_a_second():
     time_s = np.arange(1, 5001) / RATE_HZ
     phase = 2 * np.pi * np.where(time_s < 2.5, 8.0 * time_s, 8.0 * 2.5 + 8.8 * (time_s - 2.5))
     samples, given_um, detunings = 30.0 * np.sin(phase), np.zeros(5000), np.zeros((5000, 3))
     predictor_course(LONE, record(REFERENCE_STATE), samples, STEP_NS, 0, given_um, detunings)
     assert np.abs(detunings[3000:, 0] / (2 * np.pi) - 0.8).max() < 0.1
-
-
-@pytest.mark.many_cycles
-@pytest.mark.parametrize("share", [0.9, 1.0, 1.1])
-def test_two_neighbours_find_their_own(share):
-    swings = [(30.0, 8.0 * share), (20.0, 11.0 * share)]
-    _, detuning_Hz = played(predictor(8.0, 11.0, range_percent=15.0), swings)
-    found = np.array([8.0, 11.0]) + detuning_Hz[-1000:].mean(axis=0)
-    assert found == pytest.approx([8.0 * share, 11.0 * share], rel=0.005)
-
-
-@pytest.mark.many_cycles
-def test_samples_that_are_missing_do_not_matter():
-    seen = np.random.default_rng(2).random(4000) > 0.6
-    _, detuning_Hz = played(LONE, [(30.0, 9.1)], seen=seen)
-    assert detuning_Hz[-1000:].mean() == pytest.approx(1.1, abs=0.05)
 
 
 @pytest.mark.many_cycles
@@ -201,17 +177,6 @@ def test_rate_and_acceleration_are_those_of_the_frequency_found(detuning, o_um, 
     assert w[2] - omega**2 * w[3] == pytest.approx((after - 2 * here + before) / h**2, rel=1e-3, abs=1.0)
 
 
-def test_below_the_floor_the_frequency_stays():
-    s = record(REFERENCE_STATE, detuning=[4.0])
-    w = np.zeros(REFERENCE_STATES)
-    w[3] = 0.99 * math.sqrt(LONE["swing_floor_um2"][0])
-    taken_up(LONE, s, w, 10.0)
-    assert s["detuning"][0] == 4.0
-    w[3] *= 1.02
-    taken_up(LONE, s, w, 10.0)
-    assert s["detuning"][0] != 4.0
-
-
 @pytest.mark.parametrize("lost", ["gap", "memory"])
 def test_what_starts_anew_begins_at_the_configured_frequency(lost):
     s = record(REFERENCE_STATE, filtered=[10.0], detuning=[4.0], time_ns=STEP_NS, silent=500)
@@ -236,12 +201,6 @@ def test_other_parameters_keep_frequency_amplitude_and_phase(hertz, percent, kep
     assert s["filtered"][4] / omega * 2 * np.pi * kept == pytest.approx(rate_um_per_s)
 
 
-def test_an_oscillation_that_was_not_there_begins_at_its_frequency():
-    s = record(REFERENCE_STATE, detuning=[1.0, 2.0, 3.0])
-    change_modes(predictor(8.0), predictor(8.0, 20.0, range_percent=10.0), s)
-    assert s["detuning"].tolist() == [1.0, 0.0, 0.0]
-
-
 # -- its design -------------------------------------------------------------------------------------
 
 
@@ -257,27 +216,9 @@ def test_a_sample_removes_what_stepping_the_filter_says():
     assert removed(own)[0] == pytest.approx(1 - left, rel=0.05)
 
 
-def test_no_range_is_no_field_but_the_floor():
-    off = followed_joints(model(8.0, range_percent=0.0))
-    assert (off.detuning_low, off.detuning_high, off.detuning_slew) == ([0.0], [0.0], [0.0])
-    assert set(off._fields) == {name for name, *_ in JOINTS}
-
-
 def test_what_a_range_would_make_unstable_is_seen():
     """Two wide filters side by side, of a slow tracker, one of them on the other's place."""
     swinging = (Oscillation(frequency_Hz=f, um_per_s=200.0, range_percent=60.0) for f in (8.3, 52.0))
     wide = AxisTracker(200.0, tuple(swinging), 1e5, 0.5)
     assert joints_radius(model(8.0)) < 1.0
     assert joints_radius(wide) > 1.0
-
-
-def test_the_oscillation_of_all_axes_is_followed_as_one_of_an_axis_is():
-    common = Tracker(source="signal", noise_um=NOISE_UM, oscillation_Hz=8.0, oscillation_range_percent=RANGE_PERCENT)
-    own = AxisDeviation(oscillations=(Oscillation(frequency_Hz=8.0, um_per_s=60.0, range_percent=RANGE_PERCENT),))
-    single = Tracker(source="signal", noise_um=NOISE_UM, axes={"x": own})
-    filled = [record(REFERENCE_PARAMETERS) for _ in range(2)]
-    for p, reference in zip(filled, (common, single), strict=True):
-        fill_predictor(p, reference.of("x"))
-    assert filled[0] == filled[1]
-    assert (filled[0]["detuning_low"][0], filled[0]["detuning_high"][0]) == pytest.approx(REACH)
-    assert not Tracker(source="signal").of("x").oscillations[0].range_percent

@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 from micromanip.host.learning.handover import FADE_S, fill_learned
 from micromanip.rt.laws.learned import (
     BROKEN_OFF,
-    FINISHED,
     IDLE,
     LEARNED_PARAMETERS,
     LEARNED_STATE,
@@ -70,15 +69,6 @@ def test_rows_are_played_from_the_first_cycle_of_the_part_on_with_their_derivati
     assert out[inside, 2] == pytest.approx(-(omega**2) * np.sin(omega * time_s), abs=1e-3 * omega**2)
 
 
-def test_its_derivatives_are_those_of_what_is_played_while_it_fades_too():
-    p = parameters()
-    out = course(p, np.ones(ROWS), np.arange(ROWS + 200))
-    for position, derivative in ((0, 1), (1, 2)):
-        found = np.gradient(out[:, position], 1 / LOOP_HZ)
-        scale = np.abs(out[:, derivative]).max()
-        assert out[2:-2, derivative] == pytest.approx(found[2:-2], abs=0.1 * scale)
-
-
 def test_it_begins_and_ends_at_zero_without_a_step_and_ends_after_the_part():
     p = parameters()
     out, fade = course(p, np.ones(ROWS), np.arange(ROWS + 200)), int(p["fade_cycles"])
@@ -86,12 +76,6 @@ def test_it_begins_and_ends_at_zero_without_a_step_and_ends_after_the_part():
     assert np.abs(np.diff(out[:, 0])).max() < 2.0 / fade
     assert out[ROWS - 1, 0] == 1.0
     assert not out[ROWS + fade :].any()
-
-
-def test_a_missed_cycle_shifts_nothing():
-    cycles = np.concatenate([np.arange(300), np.arange(307, ROWS)])
-    whole = course(parameters(), wave(), np.arange(ROWS))
-    assert course(parameters(), wave(), cycles) == pytest.approx(whole[cycles], abs=1e-12)
 
 
 def test_a_part_that_was_broken_off_fades_out_and_is_not_resumed_but_the_next_one_begins():
@@ -162,13 +146,6 @@ def test_nothing_begins_with_another_tool_than_the_memorys():
     s["other_tool"] = 1
     assert not course(parameters(), np.ones(ROWS), np.arange(300), s).any()
     assert s["why"] == IDLE
-
-
-def test_a_part_of_the_right_path_is_played_whole_and_ends_by_itself():
-    s, path = state(40), 100.0 * wave(0.5)
-    course(parameters(), np.ones(ROWS), 40 + np.arange(ROWS + 1), s, path=path, reference=np.append(path, 0.0) + 0.9)
-    assert s["why"] == FINISHED
-    assert s["apart_um"] == pytest.approx(0.9)
 
 
 @pytest.mark.parametrize(("late", "begins"), [(0, True), (99, True), (101, False)])

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from micromanip.rt.laws.feedforward import HYSTERESIS_PARAMETERS, HYSTERESIS_STATE, NETWORK
-from micromanip.rt.laws.network import MAX_NEURONS, sigmoid, start_network
+from micromanip.rt.laws.network import sigmoid, start_network
 
 from .builders import courses, record
 from .kernels import network_course
@@ -76,20 +76,6 @@ def test_equations_10_to_12_with_the_last_turning_point_as_memory(w, y, v_before
     assert along(network(*w, reversal), s, y) == pytest.approx(expected, rel=1e-12, abs=1e-12)
 
 
-def test_the_memory_is_the_sample_before_the_one_that_came_back_far_enough():
-    w = np.array([[1.0, 0.5, -0.3]]), np.array([0.1]), np.array([2.0]), 0.2
-    p, s = network(*w, 0.25), record(HYSTERESIS_STATE)
-    start_network(s, 0.0, 0.7)
-    rising = along(p, s, [0.5, 1.0, 0.9, 0.8])  # 0.2 back from the extreme: not yet
-    assert (s["y_memory"], s["v_memory"]) == (0.0, 0.7)
-    along(p, s, [0.7])
-    assert (s["y_memory"], s["v_memory"]) == (0.8, rising[-1])
-    along(p, s, [0.2, 0.1, 0.3])
-    assert (s["y_memory"], s["v_memory"]) == (0.8, rising[-1])
-    along(p, s, [0.4])
-    assert s["y_memory"] == 0.3
-
-
 @given(weights(), courses(st.floats(-3.0, 3.0)), st.integers(2, 5))
 def test_a_branch_does_not_depend_on_the_loops_rate(w, y, times):
     """Sampled more often on its way, the displacement gets the same voltage where both look."""
@@ -99,18 +85,6 @@ def test_a_branch_does_not_depend_on_the_loops_rate(w, y, times):
     p = network(*w, 0.5)
     held = along(p, fine, np.repeat(y, times))
     assert along(p, coarse, y) == pytest.approx(held[::times], rel=1e-12, abs=1e-12)
-
-
-def test_full_width_and_padding():
-    rng = np.random.default_rng(1)
-    w = rng.normal(size=(MAX_NEURONS, 3)), rng.normal(size=MAX_NEURONS), rng.normal(size=MAX_NEURONS), 0.0
-    y = rng.normal(size=50)
-    s = record(HYSTERESIS_STATE)
-    start_network(s, y[0], 0.0)
-    assert along(network(*w), s, y) == pytest.approx(by_the_book(*w, y, y[0], 0.0, turning_points(y, 1e-9)))
-    few = network(w[0][:4], w[1][:4], w[2][:4], 0.0)
-    few["w_in"][4:], few["b_in"][4:], few["w_out"][4:] = np.nan, np.nan, np.nan
-    assert np.isfinite(along(few, record(HYSTERESIS_STATE), y)).all()
 
 
 @given(st.floats(allow_nan=False, allow_infinity=False))

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import signal
 
-from micromanip.control.pid import pid_gains, pid_phase, pid_response, pid_system
+from micromanip.control.pid import pid_gains, pid_response
 from micromanip.rt.laws.pid import PID_PARAMETERS, pid_output, retune, start_pid
 from micromanip.settings.schema.axis import Inner, Notch
 
@@ -104,16 +104,6 @@ def test_its_output_is_bounded_whatever_the_steps(inner, x, data):
     assert np.abs(out).max() <= 5.0 * np.abs(x).max() + 1e-9
 
 
-@given(notches(), st.lists(st.integers(1, 3000), min_size=1, max_size=50), ERRORS, ERRORS)
-def test_without_input_its_energy_falls_at_every_step(inner, steps, band, low):
-    p, s = parameters(inner), pid_state(notch_band_um=band, notch_low_um=low)
-    energy = band**2 + low**2
-    for step in steps:
-        along(p, [0.0], step, s)
-        assert s["notch_band_um"] ** 2 + s["notch_low_um"] ** 2 <= energy * (1.0 + 1e-12)
-        energy = s["notch_band_um"] ** 2 + s["notch_low_um"] ** 2
-
-
 @given(courses(ERRORS))
 def test_without_one_the_pid_is_the_plain_pid(error):
     plain, none = np.zeros(len(error)), np.zeros(len(error))
@@ -138,13 +128,3 @@ def test_switched_on_off_or_changed_it_makes_no_bump(error, before, after):
     if before == after:  # its states are kept: nothing is new but what the same notch does to the same error
         moved += 2.0 * new["K_V_per_um"] * 50.0 + new["derivative"] / PERIOD_S * 100.0
     assert abs(went_on) <= moved + 1e-9
-
-
-@given(notches())
-def test_system_response_and_phase_agree(inner):
-    omega = 2 * np.pi * np.geomspace(0.3, 4900.0, 60)
-    response = pid_response(inner, PERIOD_S, omega)
-    assert pid_system(inner, PERIOD_S).response(omega) == pytest.approx(response, rel=1e-6)
-    phase = pid_phase(inner, PERIOD_S, omega)
-    assert np.exp(1j * phase) == pytest.approx(response / np.abs(response), abs=1e-9)
-    assert np.abs(phase).max() < np.pi

@@ -115,13 +115,3 @@ def test_a_swing_that_the_outer_loop_answers_is_noticed():
     cell = watched(200.0)
     energies(cell, sine(600.0, 14.0), 66.0 + sine(600.0, 10.5))
     assert raised(cell) == [FALLBACK, OSCILLATION]
-
-
-def test_the_watch_starts_at_the_set_point_without_a_jump():
-    cell = watched(200.0)
-    assert (energies(cell, np.zeros(200), np.full(200, 66.0)) == 0.0).all()
-
-
-def test_a_tooth_that_no_sample_shows_takes_nothing():
-    section = watched(600.0, 1000.0).p["axis"][Y]["watch"]["tooth_notch"]
-    assert (list(section["b"]), list(section["a"])) == ([1.0, 0.0, 0.0], [0.0, 0.0])

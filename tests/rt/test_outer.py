@@ -3,12 +3,10 @@
 import control
 import numpy as np
 import pytest
-from filterpy.kalman import KalmanFilter
 
 from micromanip.control.gain_schedule import calm_gains
 from micromanip.control.predictor import reference_transition
-from micromanip.rt.laws.estimator import ESTIMATOR_STATE, output
-from micromanip.rt.laws.lqg import OUTER_PARAMETERS, outer_setpoint
+from micromanip.rt.laws.estimator import ESTIMATOR_STATE
 from micromanip.rt.laws.reference import REFERENCE_PARAMETERS, REFERENCE_STATE, REFERENCE_STATES, extrapolate
 from micromanip.settings.schema.reference import AxisDeviation, Oscillation, Tracker
 
@@ -78,33 +76,6 @@ def test_feedback_is_dlqr(delay, oscillation_Hz):
         rel=1e-4,
         abs=1e-3,  # delay poles at 0 are badly conditioned
     )
-
-
-@variants
-def test_feedback_is_the_limit_of_the_finite_horizon(delay, oscillation_Hz):
-    """Dynamic programming backwards, without any Riccati solver."""
-    settings, gains, _ = designed(delay, oscillation_Hz=oscillation_Hz)
-    A, B, C, n = split(settings, gains)
-    P = np.outer(C, C)
-    for _ in range(4000):
-        K = (B @ P @ A) / (settings.control_weight + B @ P @ B)
-        P = np.outer(C, C) + A.T @ P @ (A - np.outer(B, K))
-    assert gains.feedback[:n] == pytest.approx(K, rel=1e-6, abs=1e-8)
-
-
-@pytest.mark.parametrize("sample_cycles", [1, 3, 10])
-@variants
-def test_observer_is_the_limit_of_the_kalman_filter(delay, oscillation_Hz, sample_cycles):
-    settings, gains, _ = designed(delay, oscillation_Hz=oscillation_Hz, sample_cycles=sample_cycles)
-    n = len(gains.A)
-    kf = KalmanFilter(dim_x=n, dim_z=1)
-    kf.F, kf.H, kf.Q = gains.A, gains.C[None, :], process_noise(settings, gains)
-    kf.R, kf.P = np.array([[settings.sensor_noise_um**2]]), np.eye(n)
-    for _ in range(6000 // sample_cycles):
-        for _ in range(sample_cycles):
-            kf.predict()
-        kf.update(np.zeros(1))
-    assert gains.observer == pytest.approx(kf.K[:, 0], rel=1e-3, abs=1e-5)
 
 
 @variants
@@ -194,26 +165,6 @@ def test_references_are_followed_and_disturbances_cancelled(delay, oscillation_H
     assert np.ptp(out[-500:, 2]) > (1e-3 if reference != "constant" or oscillation_Hz else -1.0)
 
 
-def test_without_the_regulator_equations_it_would_not_follow():
-    """Negative control: the feedforward of the velocity left out."""
-    _, gains, p = designed(2, TRACKER.of("x"))
-    p["reference"][1] = 0.0
-    plant, out, scratch = np.zeros(p["a_columns"].shape[0]), np.zeros((4000, 3)), np.zeros(REFERENCE_STATES)
-    outer_course(p, record(ESTIMATOR_STATE), plant, scratch, state("ramp"), moved("x"), STILL, PERIOD_S, out)
-    assert np.abs(out[-500:, 0] - out[-500:, 1]).min() > 1e-3
-    assert len(gains.reference) == 5
-
-
-def test_steady_states():
-    """Of a set-point held, and of a sensor reading."""
-    for delay, oscillation_Hz in VARIANTS:
-        _, gains, _ = designed(delay, oscillation_Hz=oscillation_Hz)
-        assert gains.A @ gains.steady_u + gains.B == pytest.approx(gains.steady_u, abs=1e-10)
-        assert gains.A @ gains.steady_y == pytest.approx(gains.steady_y, abs=1e-10)
-        assert gains.C @ gains.steady_y == pytest.approx(1.0)
-        assert gains.C @ gains.steady_u == pytest.approx(0.0, abs=1e-12)
-
-
 def test_the_calm_gains_are_of_the_same_cost_with_more_weight_and_leave_no_error():
     """Oracle: python-control's discrete Riccati equation; the closed loop's gain from a position that is held is 1."""
     for delay, oscillation_Hz in VARIANTS:
@@ -232,22 +183,6 @@ def test_the_calm_gains_are_of_the_same_cost_with_more_weight_and_leave_no_error
         w[n] = 1.0
         state = np.linalg.solve(np.eye(n) - A + B @ feedback[None, :n], gains.A[:n, n] - B[:, 0] * feedback[n])
         assert C @ state == pytest.approx(0.0, abs=1e-9)
-
-
-def test_law_is_a_sum_of_products():
-    rng = np.random.default_rng(3)
-    p = record(
-        OUTER_PARAMETERS,
-        states=9,
-        feedback=rng.normal(size=16),
-        reference_states=7,
-        reference=rng.normal(size=9),
-        c=rng.normal(size=16),
-    )
-    x, w = rng.normal(size=16), rng.normal(size=9)
-    u = outer_setpoint(p, p["feedback"], p["reference"], x, w)
-    assert u == pytest.approx(p["reference"][:7] @ w[:7] - p["feedback"][:9] @ x[:9])
-    assert output(p, x) == pytest.approx(p["c"][:9] @ x[:9])
 
 
 def test_reference_transition_is_that_of_extrapolate():

@@ -71,29 +71,3 @@ def test_wipe_out_and_return_point(bottom, height, inside, r, w, downward):
     assert wandered[-1] == direct[-1]
     # the loop is closed: once around, and the state is the same again
     assert along([start, end, start, end], r, w)[-1] == direct[-1]
-
-
-@given(courses(INPUTS), courses(INPUTS), INPUTS, st.floats(0.0, 100.0), THRESHOLDS)
-def test_congruency(one_history, other_history, bottom, height, r):
-    """Minor loops between the same inputs have the same shape, whatever came before."""
-    shape = np.array([0.0, 1.0, 0.75, 0.5, 0.25, 0.0, 0.5, 1.0, 0.0]) * height + bottom
-    loops = []
-    for history in (one_history, other_history):
-        w = along(history, r)[-1]
-        loops.append(along([*shape, *shape], r, w)[len(shape) :])
-    assert np.ptp(loops[0] - loops[1]) < 1e-11
-    assert np.ptp(loops[0]) == pytest.approx(max(0.0, height - 2.0 * r), abs=1e-11)
-
-
-@given(courses(INPUTS), courses(st.floats(0.0, 50.0)), THRESHOLDS, st.floats(-150.0, 150.0), st.floats(0.0, 50.0))
-def test_monotone(x, above, r, w, w_above):
-    n = min(len(x), len(above))
-    low, high = along(x[:n], r, w), along(x[:n] + above[:n], r, w + w_above)
-    assert (low <= high).all()
-
-
-@given(courses(INPUTS), courses(INPUTS), THRESHOLDS)
-def test_outputs_are_never_further_apart_than_inputs(x, y, r):
-    n = min(len(x), len(y))
-    apart = np.abs(along(x[:n], r) - along(y[:n], r)).max()
-    assert apart <= np.abs(x[:n] - y[:n]).max() + 1e-11

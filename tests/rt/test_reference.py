@@ -13,7 +13,6 @@ from scipy.linalg import block_diag
 
 from micromanip.control.predictor import output_row, reference_transition, tracker_gain
 from micromanip.rt.laws.reference import (
-    HOLD,
     MAX_MODES,
     REFERENCE_PARAMETERS,
     REFERENCE_STATE,
@@ -21,11 +20,8 @@ from micromanip.rt.laws.reference import (
     SAMPLES,
     SIGNAL,
     SINES,
-    STEP,
-    change_modes,
     extrapolate,
     own_reference,
-    position,
     previewed,
     signal_reference,
     signal_sample,
@@ -66,17 +62,6 @@ def test_a_sine_is_known_ahead_as_it_will_be(t_s, frequency_Hz, phase_deg):
     assert s["w"].tolist() == now.tolist()  # the reference of now is another thing
 
 
-@given(st.floats(-0.002, 0.006))
-def test_between_two_samples_of_a_line_the_reference_is_on_it(t_s):
-    samples = np.column_stack([np.linspace(10.0, 50.0, 41)] * 3)
-    p = record(REFERENCE_PARAMETERS, kind=SAMPLES, samples_per_s=10_000.0)
-    expected = np.clip(10.0 + 1e4 * t_s, 10.0, 50.0)
-    # the first and the last sample are the ends of the movement: there the slope is that of half a step
-    assert previewed(p, record(REFERENCE_STATE), t_s, samples) == pytest.approx(expected, abs=0.51)
-    if 1e-4 < t_s < 3.8e-3:
-        assert previewed(p, record(REFERENCE_STATE), t_s, samples) == pytest.approx(expected, abs=1e-9)
-
-
 # -- extrapolation ----------------------------------------------------------------------------------
 
 
@@ -105,29 +90,7 @@ def test_extrapolation_is_the_differential_equation(w, modes, tau_s):
     assert np.isnan(out[used:]).all(), "what it has not is not touched"
 
 
-@given(st.floats(0.0, 0.01), st.floats(0.0, 0.01))
-def test_extrapolations_add_up(first_s, second_s):
-    w = np.array([1.0, 20.0, 300.0, 4.0, -50.0, 2.0, 30.0, -1.0, 8.0])
-    p, (middle, end, direct) = swinging((50.0, 0.0), (31.0, 2.0), (90.0, 0.1)), np.zeros((3, REFERENCE_STATES))
-    extrapolate(p, STILL["detuning"], w, first_s, middle)
-    extrapolate(p, STILL["detuning"], middle, second_s, end)
-    extrapolate(p, STILL["detuning"], w, first_s + second_s, direct)
-    assert end == pytest.approx(direct, rel=1e-9, abs=1e-9)
-
-
-def test_the_position_is_the_path_with_its_oscillations():
-    assert position(np.array([1.0, 99.0, 99.0, 4.0, 99.0, 20.0, 99.0, 300.0, 99.0])) == 325.0
-
-
 # -- own sources --------------------------------------------------------------------------------------
-
-
-def test_hold_and_step():
-    hold = record(REFERENCE_PARAMETERS, kind=HOLD, offset_um=7.0, start_s=1.0)
-    step = record(REFERENCE_PARAMETERS, kind=STEP, offset_um=7.0, step_um=3.0, start_s=1.0)
-    for t in (-1.0, 0.0, 0.999, 1.0, 5.0):
-        assert own(hold, t).tolist() == [7.0, *NO_MOTION]
-        assert own(step, t).tolist() == [10.0 if t >= 1.0 else 7.0, *NO_MOTION]
 
 
 SINES_25 = record(
@@ -151,14 +114,6 @@ def test_sines_are_equation_25_and_begin_without_a_step():
     assert own(SINES_25, t)[0] == pytest.approx(expected)
 
 
-@given(st.floats(0.51, 3.0))
-def test_velocity_and_acceleration_are_the_derivatives(t):
-    h = 1e-5
-    before, here, after = (own(SINES_25, t + k * h) for k in (-1, 0, 1))
-    assert here[1] == pytest.approx((after[0] - before[0]) / (2 * h), rel=1e-5, abs=1e-3)
-    assert here[2] == pytest.approx((after[1] - before[1]) / (2 * h), rel=1e-5, abs=1e-1)
-
-
 PLAYED = np.column_stack([np.zeros(5), [1.0, 3.0, 7.0, 8.0, 6.0], np.zeros(5)])
 PLAYER = record(REFERENCE_PARAMETERS, kind=SAMPLES, column=1, samples_per_s=1000.0)
 
@@ -168,18 +123,10 @@ def test_samples_are_played_one_by_one(t_s, expected):
     assert own(PLAYER, t_s, PLAYED)[0] == expected
 
 
-def test_samples_have_the_velocity_of_their_neighbours():
-    assert own(PLAYER, 0.002, PLAYED)[1] == pytest.approx((8.0 - 3.0) / 0.002)
-
-
 @pytest.mark.parametrize(("t_s", "place"), [(-1.0, 1.0), (-0.0011, 1.0), (0.0052, 6.0), (3600.0, 6.0)])
 def test_before_and_after_the_samples_it_stands_still(t_s, place):
     """A held position has no velocity: fed forward it would be a lasting error."""
     assert own(PLAYER, t_s, PLAYED).tolist() == [place, *NO_MOTION]
-
-
-def test_a_single_sample_is_a_constant():
-    assert own(PLAYER, 5.0, np.full((1, 3), 4.0)).tolist() == [4.0, *NO_MOTION]
 
 
 # -- signal -------------------------------------------------------------------------------------------
@@ -279,15 +226,6 @@ def test_three_oscillations_are_filterpys_too():
         assert s["filtered"] == pytest.approx(kf.x[:, 0], rel=1e-3, abs=1e-3 * max(1.0, np.abs(kf.x).max()))
 
 
-@pytest.mark.parametrize(("before", "after", "kept"), [(1, 3, 5), (3, 1, 5), (2, 2, 7), (0, 3, 3)])
-def test_other_oscillations_begin_at_rest(before, after, kept):
-    s = record(REFERENCE_STATE, filtered=np.arange(1.0, 10.0), w=np.arange(1.0, 10.0))
-    old, new = (tracker(modes=modes, oscillator=[OMEGA, 40.0, 90.0]) for modes in (before, after))
-    change_modes(old, new, s)
-    for name in ("filtered", "w"):
-        assert s[name].tolist() == [*np.arange(1.0, kept + 1.0), *[0.0] * (9 - kept)]
-
-
 def test_it_predicts_to_now():
     """Latency of 1 ms and samples every ms: held, the reference is micrometres late; predicted, hardly."""
     errors = {}
@@ -314,14 +252,6 @@ def test_bad_samples_are_rejected_and_counted(value):
     assert s["rejected"] == 1
     s["rejected"] = 0
     assert s == before
-
-
-def test_range_ends_are_accepted():
-    p, s = tracker(), record(REFERENCE_STATE)
-    signal_sample(p, s, 300.0, MS)
-    signal_sample(p, s, -300.0, 2 * MS)
-    assert s["rejected"] == 0
-    assert s["sampled_um"] == -300.0
 
 
 def test_past_the_horizon_the_last_position_is_held():
@@ -398,13 +328,6 @@ def test_one_that_wanders_back_after_it_was_doubted_for_long_is_lost_all_the_sam
     assert (s["silent"], s["rejected"], s["sampled_um"]) == (7, 200, 10.0)
 
 
-def test_a_spike_is_forgotten():
-    p, s = tracker(jump_um=50.0), record(REFERENCE_STATE, followed=1)
-    for k in range(1, 100):
-        signal_sample(p, s, 500.0 if k == 50 else 90.0 if k == 70 else 10.0, k * MS)
-    assert (s["rejected"], s["doubted"], s["time_ns"]) == (2, 0, 99 * MS)
-
-
 def test_at_rest_a_tracker_may_be_set_up_anew():
     p, s = tracker(jump_um=50.0), record(REFERENCE_STATE)
     for k in range(1, 100):
@@ -435,12 +358,6 @@ def test_a_sample_out_of_order_is_ignored(late_ns):
     before = s.copy()
     signal_sample(p, s, 77.0, 9 * MS - late_ns)
     assert s == before
-
-
-def test_before_the_first_sample_the_reference_is_zero():
-    p, s = tracker(), record(REFERENCE_STATE)
-    signal_reference(p, s, 5 * MS)
-    assert s["w"].tolist() == [0.0, *NO_MOTION]
 
 
 @given(st.lists(st.tuples(st.floats(allow_nan=True, allow_infinity=True), st.integers(-5 * MS, 30 * MS)), max_size=60))

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy import signal
 
 from micromanip.rt.laws.feedforward import HYSTERESIS_PARAMETERS, HYSTERESIS_STATE, start_feedforward
-from micromanip.rt.laws.resonance import MAX_RESONANCES, start_resonances
+from micromanip.rt.laws.resonance import MAX_RESONANCES
 from micromanip.settings.compile.hysteresis import fill_hysteresis
 from micromanip.settings.schema.actuator import Actuator, Resonance
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
@@ -93,23 +93,6 @@ def test_the_response_is_that_of_the_equation(pairs, rate_Hz):
     out = along(parameters(*pairs, period_s=1.0 / rate_Hz), impulse)
     measured = np.exp(-1j * np.outer(omega / rate_Hz, np.arange(len(out)))) @ out
     assert measured == pytest.approx(expected, rel=0.02)
-
-
-@given(st.lists(resonances(), min_size=1, max_size=MAX_RESONANCES), UM, UM, UM)
-def test_without_input_it_comes_to_rest(pairs, x, band, low):
-    """Each alone loses energy in every cycle, whatever its frequencies."""
-    for each in pairs:
-        p = parameters(each)
-        s = record(HYSTERESIS_STATE, resonance_band_um=[band], resonance_low_um=[low])
-        energy = band**2 + low**2
-        for _ in range(20):
-            along(p, [0.0], s)
-            left = float(s["resonance_band_um"][0] ** 2 + s["resonance_low_um"][0] ** 2)
-            assert left <= energy * (1.0 + 1e-12)
-            energy = left
-    s = record(HYSTERESIS_STATE)
-    start_resonances(parameters(*pairs), s, x)
-    assert along(parameters(*pairs), np.full(30, x), s) == pytest.approx(np.full(30, x), abs=1e-9)
 
 
 @given(st.floats(5.0, 5000.0), courses(UM, most=100))

@@ -29,18 +29,6 @@ def seen(sequence=1, value=5.0, time_ns=1_000_000):
     return s
 
 
-def test_a_fresh_sample():
-    s = seen(value=5.0, time_ns=1_000_000)
-    assert (s["value"], s["time_ns"], s["age_ns"], s["fresh"], s["bad"], s["unseen"]) == (5.0, 1_000_000, 0, 1, 0, 0)
-
-
-def test_a_held_sample_is_not_fresh_and_ages():
-    s = seen()
-    held = record(SIGNAL, value=6.0, time_ns=9, sequence=1)  # same sequence: whatever else it says is not new
-    assert not read(held, s, 1_200_000)
-    assert (s["value"], s["time_ns"], s["age_ns"], s["fresh"], s["bad"]) == (5.0, 1_000_000, 200_000, 0, 0)
-
-
 def test_staleness_counts_cycles_until_a_fresh_sample():
     s, held = seen(), record(SIGNAL, value=5.0, time_ns=1_000_000, sequence=1)
     counts = []
@@ -90,15 +78,6 @@ def test_bad_samples_in_a_row_add_up():
     for k in range(3):
         read(record(SIGNAL, value=math.nan, time_ns=0, sequence=2 + k), s, 1_100_000 + k)
     assert s["bad"] == 3
-
-
-def test_samples_that_were_never_seen_are_counted():
-    s = seen(sequence=41)  # what came before the first look is not lost
-    assert s["unseen"] == 0
-    read(record(SIGNAL, value=1.0, time_ns=1_000_000, sequence=42), s, 1_000_000)
-    assert s["unseen"] == 0
-    read(record(SIGNAL, value=1.0, time_ns=1_000_000, sequence=46), s, 1_000_000)
-    assert s["unseen"] == 3
 
 
 def test_a_driver_that_counts_anew_loses_nothing():

@@ -122,21 +122,6 @@ def test_the_stage_is_compared_with_the_reference_of_its_time():
     assert stage_error(p, a, 20) == (16.5, 17.0)
 
 
-def test_before_the_set_point_of_a_cycle_is_known_its_sample_has_the_one_before():
-    p, a = moved()
-    a["strain"]["age_ns"] = 0
-    assert strain_error(p, a, 21) == 200.0
-
-
-def test_what_is_older_than_the_memory_has_the_oldest():
-    p, a = moved()
-    for cycle in range(21, 2 * INPUT_HISTORY):
-        a["setpoint_um"] = 10.0 * cycle
-        remember_setpoint(a, cycle)
-    a["strain"]["age_ns"] = 10**12
-    assert strain_error(p, a, 2 * INPUT_HISTORY - 1) == 10.0 * INPUT_HISTORY
-
-
 @pytest.mark.parametrize("skipped", [3, 10 * INPUT_HISTORY])
 def test_in_skipped_cycles_the_set_point_stood(skipped):
     p, a = moved()
@@ -170,25 +155,6 @@ def test_a_moving_set_point_is_no_error_of_late_samples():
 
 
 # -- the PID between its samples ---------------------------------------------------------------------------
-
-
-@pytest.mark.many_cycles
-@pytest.mark.parametrize("every", [1, 10, 40])
-def test_an_output_at_its_limit_is_unwound_alike_at_every_rate(every):
-    """What the limiter takes away is taken back once, not again and again until the next sample."""
-    record = swinging(10.0, tracking=0.2)
-    record[0]["axis"][Y]["limiter"]["high_V"] = 60.0
-    cell = SlowCell(every, 0, record)
-    cell.arm()
-    cell.run(500)
-    integrators, voltages = [], []
-    for _ in range(2000):
-        cell.step()
-        integrators.append(float(cell.s["axis"][Y]["pid"]["integrator"]))
-        voltages.append(cell.voltages[Y])
-    assert cell.s["state"] == TRACKING
-    assert np.ptp(voltages[1000:]) > 5.0  # at its limit in a part of each turn only
-    assert np.abs(integrators).max() < 60.0
 
 
 def test_what_passed_while_the_gauge_was_given_up_is_not_integrated():

@@ -71,12 +71,6 @@ def rms(error_um, first_s, last_s):
     return float(np.sqrt(np.mean(error_um[round(first_s * RATE_HZ) : round(last_s * RATE_HZ)] ** 2)))
 
 
-def corners(time_s):
-    rng = np.random.default_rng(3)
-    at = np.cumsum(rng.uniform(0.1, 0.6, 40))
-    return np.interp(time_s, at, np.cumsum(rng.normal(0.0, 20.0, 40)))
-
-
 @pytest.mark.many_cycles
 @pytest.mark.parametrize("hertz", [8.0, 6.4, 11.0])
 def test_where_nothing_moves_two_thirds_are_left(hertz):
@@ -105,12 +99,6 @@ def test_where_something_moves_it_is_as_good_as_the_wide_one(swing, first_s, las
 
 
 @pytest.mark.many_cycles
-def test_a_path_with_corners_that_no_model_has():
-    both, wide = errors(lambda t: (0.0, 8.0), slow=corners)
-    assert rms(both, 1, 8) <= rms(wide, 1, 8)
-
-
-@pytest.mark.many_cycles
 @settings(deadline=None)
 @given(
     st.lists(st.tuples(st.floats(0.0, 40.0), st.floats(6.0, 11.0)), min_size=1, max_size=8),
@@ -126,20 +114,6 @@ def test_whatever_a_joint_does_it_is_hardly_worse_than_the_wide_one(pieces, seed
 
     both, wide = errors(swing, 0.5 * (len(pieces) + 1), seed)
     assert rms(both, 0.02, 99) <= 1.03 * rms(wide, 0.02, 99)
-
-
-@pytest.mark.many_cycles
-@pytest.mark.parametrize("noise_um", [0.25, 1.0, 1.5])
-def test_a_noise_that_is_other_than_was_said_costs_nothing(noise_um):
-    count = 8000
-    time_s = np.arange(count) / RATE_HZ
-    path = sum(a * np.sin(2 * np.pi * f * time_s) for a, f in (*SLOW, (30.0, 8.5)))
-    samples, left = path + np.random.default_rng(4).normal(0.0, noise_um, count), []
-    for p in (BOTH, WIDE):
-        given_um, detunings = np.zeros(count), np.zeros((count, 1))
-        predictor_course(p, record(REFERENCE_STATE), samples, STEP_NS, 0, given_um, detunings)
-        left.append(np.std((path - given_um)[3000:]))
-    assert left[0] <= left[1]
 
 
 @pytest.mark.many_cycles
@@ -193,22 +167,6 @@ def test_what_is_given_lies_between_both(samples, likely):
             assert (s[mixed] <= high + room).all()
 
 
-@given(LIKELY)
-def test_trust_is_the_logarithm_of_how_much_likelier_the_narrow_one_is(samples):
-    """In terms of the two Gaussian densities of each sample, as far as no limit is met."""
-    s, expected, likelier = record(REFERENCE_STATE), np.zeros(REFERENCE_STATES), ANEW_NATS
-    sigma2 = float(BOTH["steady_um2"])
-    signal_sample(BOTH, s, 0.0, STEP_NS)
-    for k, value_um in enumerate(samples):
-        logarithms = []
-        for own, detuning in (("wide", "wide_detuning"), ("narrow", "narrow_detuning")):
-            extrapolate(BOTH, s[detuning], s[own], 1e-3, expected)
-            logarithms.append(-0.5 * (value_um - position(expected)) ** 2 / sigma2)
-        likelier = min(SURE_NATS, likelier + logarithms[1] - logarithms[0])
-        signal_sample(BOTH, s, value_um, (k + 2) * STEP_NS)
-        assert s["trust"] == pytest.approx(likelier, abs=1e-9)
-
-
 def test_the_narrow_one_is_the_kalman_filter_of_what_is_surely_known():
     sure, h = MODEL.sure, 1e-3
     kf = KalmanFilter(dim_x=5, dim_z=1)
@@ -235,13 +193,6 @@ def test_the_narrow_one_is_the_kalman_filter_of_what_is_surely_known():
         assert s["narrow"][:5] == pytest.approx(kf.x[:, 0], rel=1e-2, abs=1e-2)
 
 
-def test_a_path_that_returns_swings_at_that_frequency():
-    step = sample_transition(MODEL.sure, 1e-3)[:3, :3]
-    turns = np.sort(np.abs(np.angle(np.linalg.eigvals(step)))) / (2 * np.pi * 1e-3)
-    assert turns == pytest.approx([0.0, 0.65, 0.65], abs=1e-6)
-    assert np.abs(np.linalg.eigvals(step)) == pytest.approx(1.0, abs=1e-9)
-
-
 @pytest.mark.parametrize("spoilt", ["far", "lost", "memory"])
 def test_where_the_narrow_one_is_lost_it_begins_where_the_wide_one_is(spoilt):
     s = record(REFERENCE_STATE, wide=[10.0], narrow=[10.0], trust=SURE_NATS, time_ns=STEP_NS)
@@ -253,26 +204,6 @@ def test_where_the_narrow_one_is_lost_it_begins_where_the_wide_one_is(spoilt):
     signal_sample(BOTH, s, 10.0, 2 * STEP_NS)
     assert s["narrow"].tolist() == s["wide"].tolist() == s["filtered"].tolist()
     assert s["trust"] == ANEW_NATS
-
-
-def test_what_starts_anew_has_nothing_but_the_sample():
-    s = record(
-        REFERENCE_STATE, wide=[10.0, 3.0], narrow=[10.0, 2.0], trust=SURE_NATS, narrow_detuning=[1.0], time_ns=STEP_NS
-    )
-    s["silent"] = 500
-    signal_sample(BOTH, s, 12.0, STEP_NS + 30_000_000)
-    for name in ("wide", "narrow", "filtered"):
-        assert s[name].tolist() == [12.0, *[0.0] * (REFERENCE_STATES - 1)]
-    assert s["narrow_detuning"].tolist() == s["wide_detuning"].tolist() == s["detuning"].tolist() == [0.0] * 3
-    assert s["trust"] == ANEW_NATS
-
-
-def test_the_same_parameters_and_those_without_a_narrow_one_change_nothing():
-    for old, new in ((BOTH, BOTH), (BOTH, WIDE)):
-        s = record(REFERENCE_STATE, filtered=[5.0, 1.0], wide=[4.0], narrow=[6.0], detuning=[2.0], trust=SURE_NATS)
-        before = s.tobytes()
-        change_modes(old, new, s)
-        assert s.tobytes() == before
 
 
 @pytest.mark.parametrize(("old", "new"), [(WIDE, BOTH), (OTHER, BOTH)])

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from micromanip.control.outer_gains import outer_gains
-from micromanip.control.tooth import followed_radius, followed_tooth, removed, shown_without, turned
+from micromanip.control.tooth import followed_tooth, removed, turned
 from micromanip.rt.laws.estimator import ESTIMATOR_STATE, GAPS, start_estimator
 from micromanip.rt.laws.tooth import AT_END, FOLLOWS, NO_GAIN, tooth_Hz
 
@@ -117,27 +117,6 @@ def test_a_frequency_that_was_found_makes_the_filter_of_that_frequency(share):
     assert states == pytest.approx(expected, rel=1e-6, abs=1e-9)
 
 
-def test_what_shows_without_a_tooth_in_the_filter():
-    """The innovation of the filter that knows of no tooth, as a plain simulation has it in the end."""
-    plain = FOUND.plain[0, : N - 2]
-    shown = shown_without(GAINS, plain)
-    A, C, o, error = GAINS.A, GAINS.C[: N - 2], np.array([1.0, 0.0]), np.zeros(N - 2)
-    for _ in range(8000):
-        error = A[: N - 2, : N - 2] @ (error - plain * (C @ error)) + A[: N - 2, N - 2 :] @ o
-        o = A[N - 2 :, N - 2 :] @ o
-    assert C @ error == pytest.approx(shown @ o, abs=1e-6)
-
-
-def test_the_poles_are_those_of_the_ends_too():
-    assert 0.9 < followed_radius(SETTINGS, GAINS, PERIOD_S) < 1.0
-    assert FOUND.turn == pytest.approx(math.acos(GAINS.A[-1, -1]))
-    knobs = {"oscillation_Hz": 66.0, "oscillation_um": 0.05}
-    wide = SETTINGS.model_copy(update={**knobs, "oscillation_range_percent": 5.0})
-    _, gains, _ = designed(disturbance_um=0.02, **knobs)
-    ends = [np.abs(turned(gains, k * 0.05 * 2 * np.pi * 66.0 * PERIOD_S).closed_loop_poles).max() for k in (-1, 1)]
-    assert followed_radius(wide, gains, PERIOD_S) >= max(ends)
-
-
 @given(
     st.lists(st.floats(-1e3, 1e3), min_size=1, max_size=40),
     st.floats(-1.0, 1.0),
@@ -209,9 +188,3 @@ def test_one_that_makes_the_innovation_worse_is_given_up(patience, given_up):
     s = started(p, 3.0)
     played(p, s, np.zeros(1000))
     assert s["given_up"] == given_up
-
-
-def test_a_tool_that_leaves_the_cut_is_waited_for():
-    """Until what was learnt has gone to a hundredth by itself."""
-    left = (1.0 - removed(GAINS)) ** (FOUND.patience * FOUND.window)
-    assert left < 0.01

@@ -7,13 +7,13 @@ import pytest
 from micromanip_drivers.simulated.driver import SimulatedCell
 
 from micromanip.design.experiment import with_axes
-from micromanip.rt.states import STRAIN, TRACKING
+from micromanip.rt.states import TRACKING
 from micromanip.rt.swap import swap_cell
 from micromanip.settings.compile.cell import compile_cell
 from micromanip.settings.schema.actuator import Actuator, Resonance
 from micromanip.settings.schema.axis import Inner
 from micromanip.settings.schema.hysteresis import NoModel
-from micromanip.settings.schema.reference import Hold, Sine, Sines
+from micromanip.settings.schema.reference import Sine, Sines
 from micromanip.virtual.cell import VirtualCell
 
 from .bench_cell import prepared
@@ -64,23 +64,6 @@ def test_the_same_seed_gives_the_same_rows_bit_by_bit():
     first, second = rows_of(1), rows_of(1)
     assert len(first) > 4000
     assert first.tobytes() == second.tobytes()
-
-
-def test_another_seed_gives_other_noise_and_the_same_behaviour():
-    one, other = rows_of(1), rows_of(2)
-    late = slice(-1000, None)
-    for i in range(3):
-        a, b = one["axis"][:, i], other["axis"][:, i]
-        assert (a["strain_um"][late] != b["strain_um"][late]).mean() > 0.5
-        assert (a["voltage_V"][late] != b["voltage_V"][late]).all()
-        assert np.abs(a["stage_um"][late] - b["stage_um"][late]).max() < 20.0
-
-
-def test_rows_may_be_thinned_out():
-    cells = [VirtualCell(compile_cell(tuned(), wiring()), wiring()) for _ in range(2)]
-    every, thin = cells[0].run(0.02), cells[1].run(0.02, every=7)
-    assert len(thin) == len(every) // 7
-    assert thin.tobytes() == every[6::7].tobytes()
 
 
 def test_the_stage_follows_the_deviation():
@@ -245,38 +228,6 @@ def test_the_estimate_is_kept_where_its_states_mean_the_same(change, kept):
         assert (after["x"][kept:] == 0.0).all()
 
 
-def test_an_estimate_that_rested_starts_anew():
-    """Through mode strain and back: what the filter knew is out of date."""
-    places = {"stage": 0.0, "strain": 66.0}
-    stage, strain = (
-        compile_cell(tuned(mode=mode).model_copy(update={"reference": Hold(source="hold", offset_um=place)}), wiring())
-        for mode, place in places.items()
-    )
-    cell = VirtualCell(stage, wiring())
-    cell.arm()
-    assert cell.state[0]["axis"][0]["estimator"]["running"] == 1
-    swap_cell(stage[0], strain[0], cell.state[0])
-    cell.parameters = strain
-    cell.run(0.05)
-    swap_cell(strain[0], stage[0], cell.state[0])
-    assert cell.state[0]["axis"][0]["estimator"]["running"] == 0
-    cell.parameters = stage
-    rows = cell.run(0.3)["axis"][-500:]
-    assert np.abs(rows["stage_um"]).max() < 1.0
-
-
-def test_a_hard_change_would_bump():
-    """Negative control: a change without the swap is seen at once by the measure above."""
-    configuration = MODES["strain"]()
-    cell = VirtualCell(compile_cell(configuration, wiring()), wiring())
-    cell.arm()
-    before = cell.run(0.05)
-    cell.parameters = changed(configuration, SWAPS["no hysteresis model"])
-    after = cell.run(0.05)
-    usual, over = steps(before, after, "voltage_V")
-    assert (over > usual + 4 * NOISE_V).any()
-
-
 def test_feedforward_to_feedback_and_back():
     """The integrator does not come back with what it had long ago, nor with the time in between."""
     configuration = MODES["strain"]()
@@ -294,15 +245,3 @@ def test_feedforward_to_feedback_and_back():
     # the feedback may act on the error it finds, no more: some um times its gains
     found = np.abs(before["axis"]["setpoint_um"][-1] - before["axis"]["strain_um"][-1]).max()
     assert (over < usual + found * 0.6 * 2.0 + 4 * NOISE_V).all()
-
-
-@pytest.mark.parametrize("mode", [STRAIN])
-def test_hold_is_held_to_the_noise(mode):
-    configuration = tuned(mode="strain").model_copy(update={"reference": Hold(source="hold", offset_um=66.0)})
-    cell = VirtualCell(compile_cell(configuration, wiring()), wiring())
-    cell.arm()
-    assert (cell.parameters[0]["axis"]["mode"] == mode).all()
-    rows = cell.run(0.3)["axis"]
-    error = rows["setpoint_um"] - rows["true_strain_um"]
-    assert error.std(axis=0).max() < 0.06
-    assert np.abs(error.mean(axis=0)).max() < 0.01

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from micromanip.rt.outrun import AT_ONCE, UNSEEN
 from micromanip.rt.states import NO_FAULT, TRACKING
 from micromanip.rt.telemetry import DEVICE_ABOVE, DEVICE_BELOW, ROW, write_row
-from micromanip.rt.waiting import no_further, see_waiting, wait
+from micromanip.rt.waiting import see_waiting, wait
 from micromanip.rt.wire.gate import GATE, acknowledge, has_sent, near, put_back
 
 from .bench_cell import BenchCell
@@ -115,16 +115,6 @@ def test_one_wait_however_long_is_over_when_it_is_seen(cell):
     cell.run(200)
     assert np.all(np.abs(cell.waits[:2]) > AT_ONCE)
     assert np.all(cell.s["axis"]["unseen"][:2] < UNSEEN)
-
-
-def test_cycles_are_counted_by_their_direction(cell):
-    a = cell.s["axis"][0]
-    found = []
-    for direction in (0, 1, 1, 1, -1, -1, 0, -1):
-        wait(a, direction)
-        found.append(int(a["waits"]))
-    assert found == [0, 1, 2, 3, -1, -2, 0, -1]
-    assert (no_further(a, 5.0, 4.0), no_further(a, 5.0, 6.0)) == (5.0, 6.0)
 
 
 @pytest.mark.parametrize(("direction", "bit"), [(0, 0), (1, DEVICE_BELOW), (-1, DEVICE_ABOVE)])

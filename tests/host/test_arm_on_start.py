@@ -182,7 +182,6 @@ def test_verbs_tell_who_operates_but_not_who_looks_or_records(tmp_path):
 
 
 LATE = ("    seed: 1\n", "    seed: 1\n    faults: [{channel: strain_x, kind: drop, at_s: 0, for_s: 4}]\n")
-NEVER = (LATE[0], LATE[1].replace(", for_s: 4", ""))
 
 
 def test_a_controller_waits_for_a_gauge_that_is_late(run):

@@ -155,29 +155,6 @@ def test_every_reading_is_a_variable_that_a_browsing_client_finds(served):
     assert len(wanted) > 100
 
 
-def test_the_server_says_what_it_is_and_a_list_that_it_is_one(served):
-    async def said():
-        served.say(status())
-        async with client(served) as made:
-            built = (await made.get_node(ua.NodeId(ua.ObjectIds.Server_ServerStatus)).read_value()).BuildInfo
-            assert (built.ProductName, built.ManufacturerName) == ("micromanip gateway", "micromanip")
-            await eventually(lambda: value(made, "Identification/SoftwareRevision"), built.SoftwareVersion)
-            for name in (
-                "ProductName",
-                "ManufacturerName",
-                "SoftwareVersion",
-                "BuildNumber",
-                "BuildDate",
-                "ProductUri",
-            ):
-                number = getattr(ua.ObjectIds, f"Server_ServerStatus_BuildInfo_{name}")
-                assert await made.get_node(ua.NodeId(number)).read_value() == getattr(built, name)
-            for path in ("Notification/Faults", "Notification/NextSteps"):
-                assert await (await node(made, path)).read_value_rank() == ua.ValueRank.OneDimension
-
-    asyncio.run(said())
-
-
 @pytest.mark.parametrize("order", ["Arm", "Hold", "Disarm", "Reset"])
 def test_who_may_operate_gives_orders_in_his_name(served, order):
     served.played.orders.clear()
@@ -331,21 +308,6 @@ def test_the_server_s_key_is_its_owner_s_alone(tmp_path):
     private.chmod(0o644)
     with pytest.raises(PermissionDenied, match=r"server\.key: others may read this key"):
         prepared_folder(tmp_path / "opcua")
-
-
-@pytest.mark.parametrize(
-    ("place", "content", "words"),
-    [
-        ("server.pem", b"nonsense", "not a certificate in PEM"),
-        ("operate/ana.pem", b"-----BEGIN CERTIFICATE-----\nAAAA\n", "ana.pem: expected a certificate"),
-        ("observe/notes.txt", b"", "notes.txt: expected a certificate, PEM or DER"),
-    ],
-)
-def test_a_folder_with_something_else_in_it_is_told(tmp_path, place, content, words):
-    prepared_folder(tmp_path)
-    (tmp_path / place).write_bytes(content)
-    with pytest.raises(ConfigError, match=words.replace(".", r"\.")):
-        prepared_folder(tmp_path)
 
 
 @pytest.mark.parametrize(

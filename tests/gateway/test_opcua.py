@@ -3,7 +3,6 @@
 import asyncio
 import contextlib
 import math
-import socket
 
 import pytest
 
@@ -13,7 +12,6 @@ from asyncua import Client, ua
 from asyncua.crypto.security_policies import SecurityPolicyAes256Sha256RsaPss as Encrypted
 from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256 as Basic256Sha256
 
-from micromanip.cli.main import main
 from micromanip.errors import ConfigError, PermissionDenied
 from micromanip.gateway.cell import Cell
 from micromanip.gateway.opcua.nodes import readings
@@ -308,26 +306,6 @@ def test_the_server_s_key_is_its_owner_s_alone(tmp_path):
     private.chmod(0o644)
     with pytest.raises(PermissionDenied, match=r"server\.key: others may read this key"):
         prepared_folder(tmp_path / "opcua")
-
-
-@pytest.mark.parametrize(
-    ("listen", "code", "words"), [("4840", 64, "expected HOST:PORT"), (None, 69, "choose another")]
-)
-def test_a_place_where_nobody_can_listen_is_told(tmp_path, capsys, monkeypatch, listen, code, words):
-    monkeypatch.setattr("os.umask", lambda _: 0)  # it would be that of the tests after this one, too
-    config = tmp_path / "cell.yaml"
-    config.write_text("schema_version: 2\n")
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        taken.listen()
-        place = listen or f"127.0.0.1:{taken.getsockname()[1]}"
-        arguments = ["gateway", str(config), "--listen", "127.0.0.1:0", "--tokens", str(tmp_path / "tokens")]
-        with pytest.raises(SystemExit) as ended:
-            main([*arguments, "--opcua", place, "--opcua-folder", str(tmp_path / "opcua")])
-    assert ended.value.code == code
-    said = capsys.readouterr().err
-    assert f"--opcua {place}: " in said
-    assert words in said
 
 
 def test_a_folder_that_others_may_fill_and_an_old_certificate_are_refused(tmp_path):

@@ -7,9 +7,8 @@ import pytest
 from mcap.reader import make_reader
 from recordings.damaged import damage
 
-from micromanip.errors import DeviceUnavailable, UsageError
 from micromanip.gateway.overview_filling import fill
-from micromanip.gateway.viewing import RecordedSource, view
+from micromanip.gateway.viewing import RecordedSource
 from micromanip.host.recording.mcap_file import McapRecording
 from micromanip.recordings import open_telemetry
 from micromanip.rt import states
@@ -102,18 +101,6 @@ def test_what_was_cut_off_is_shown_up_to_there_and_said(tmp_path):
     found = opened(file)
     assert 0 < found.recording["rows"] < COUNT
     assert "this is what was in the file" in found.recording["problem"]
-
-
-def test_neither_an_address_of_others_nor_a_port_in_use(tmp_path):
-    import socket
-
-    with pytest.raises(UsageError, match="for this computer only"):
-        view(tmp_path / "run.mcap", "0.0.0.0:8091", print)
-    with socket.socket() as other:
-        other.bind(("127.0.0.1", 0))
-        other.listen()
-        with pytest.raises(DeviceUnavailable, match="choose another address or port"):
-            view(written(tmp_path / "run.mcap"), f"127.0.0.1:{other.getsockname()[1]}", print)
 
 
 def test_an_overview_that_is_half_made_shows_what_is_there_and_the_rest_as_unknown(tmp_path):

@@ -84,14 +84,6 @@ def test_what_can_not_be_told_is_said(calm, noise_um, seconds, problem):
     assert not len(found.response)
 
 
-def test_pieces_are_not_run_together():
-    """Two records one behind the other, between which the position leaps: as good as each by itself."""
-    u, y = ordinary(1, 20.0, 0.02)
-    half = len(u) // 2
-    found = response((u[:half], y[:half]), (u[half:] + 30.0, y[half:] + 50.0))
-    assert np.abs(found.response - closed_form(found.t_s)).max() < 0.02
-
-
 def with_a_step(folder, step_um):
     """Set-point and gauge of axis x (um) under strain control: a step of the set-point, with the noise of that seed.
 

@@ -1,7 +1,5 @@
 """Recurrent network: exact gradients, a free run that the loop repeats, and errors beside the tanh model."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from rt.builders import record
@@ -18,8 +16,6 @@ from micromanip.settings.compile.hysteresis import fill_hysteresis
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
 
 pytestmark = pytest.mark.long
-
-DATA = Path(__file__).parents[2].parent / "shared" / "data" / "yan9a_piezo"
 RATE_HZ = 500.0
 ACTUATOR = PrandtlIshlinskii(
     model="pi",
@@ -74,15 +70,6 @@ def test_the_loop_repeats_the_free_run(inverse):
     network_course(p, s, y, out)
     assert reversals(y, inverse.reversal).sum() > 10
     np.testing.assert_allclose(out, inverse.predict(y, 40.0), atol=1e-6)
-
-
-def test_every_branch_begins_where_the_last_one_ended(inverse):
-    """No jump when the memory moves: between dense samples the output moves as little as the input does."""
-    y = displacement(voltage(4, 4.0), 0.0)
-    dense = np.interp(np.arange(0, len(y) - 1, 0.02), np.arange(len(y)), y)
-    assert reversals(dense, inverse.reversal).sum() > 5
-    out = inverse.predict(dense)
-    assert np.abs(np.diff(out)).max() < 4.0 * np.abs(np.diff(dense)).max()
 
 
 def test_the_inverse_predicts_what_it_was_not_trained_on(inverse):

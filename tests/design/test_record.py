@@ -191,15 +191,6 @@ def test_no_table_is_one_sentence(text, tmp_path, capsys):
     assert re.match(sentence("micromanip: " + TEXTS[text] + "\n", file), refused_by_the_command(tmp_path, file, capsys))
 
 
-def test_dwells_at_the_turning_points_are_not_clipping(tmp_path):
-    """An output that rests while the input rests is no fault of the sensor."""
-    columns = good()
-    columns["strain_um"] = np.clip(columns["voltage_V"], 15.0, 85.0)
-    columns["voltage_V"] = columns["strain_um"].copy()
-    record = load(write(tmp_path / "dwell.csv", columns))
-    assert np.count_nonzero(record.y == record.y.max()) > 50
-
-
 def test_an_output_that_rests_behind_each_turn_is_not_clipped(tmp_path):
     """A hysteresis of one wide play: the input goes back by a quarter of its way until the output follows."""
     columns = good()

@@ -77,13 +77,6 @@ def test_a_window_of_few_cycles_is_whole_and_one_of_the_far_past_is_blocks():
     assert history.oldest_full == 3000 - FULL
 
 
-def test_cycles_that_were_skipped_are_told_as_missing():
-    cycles = np.r_[np.arange(100), np.arange(150, 250)]
-    history = filled(np.zeros(200), cycles, [])
-    assert history.window(history.index(STRAIN), 0, 249, 50).missing == 50
-    assert history.window(history.index(STRAIN), 150, 249, 50).missing == 0
-
-
 def test_every_column_of_the_telemetry_is_a_field():
     assert len(FIELDS) == 8 + 2 * 25
     raised = rows([0, 1, 2])

@@ -30,11 +30,6 @@ def test_values_lie_in_their_range_and_follow_from_seed_and_number(seed, count):
     assert found == drawn(variations, count + 1, seed)[:count]
 
 
-def test_lists_alone_are_combined():
-    found = drawn([Variation.parse("k=1,2"), Variation.parse("m=-3,.5,4")], 6, 1)
-    assert found == [{"k": k, "m": m} for k in (1.0, 2.0) for m in (-3.0, 0.5, 4.0)]
-
-
 @pytest.mark.parametrize(
     "text", ["k", "k=", "k=2..1", "k=1..x", "=1..2", "k=1..2:lin", "k=nan..2", "k=0..1:log", "k=1,y"]
 )

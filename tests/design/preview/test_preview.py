@@ -8,7 +8,7 @@ import pytest
 
 from campaigns.path import compare
 from micromanip.design.preview.seen import recorded_path
-from micromanip.rt.states import ARMING, TRACKING
+from micromanip.rt.states import TRACKING
 from micromanip.rt.telemetry import DEVIATION_FRESH
 from micromanip.settings.check import prepare
 
@@ -58,14 +58,3 @@ def test_what_the_tracker_saw_counts_when_it_was_taken():
     first_s = 3e-4 - 1e-3
     for column, hertz in zip(path.deviation_um.T, (2.0, 1.0), strict=True):
         np.testing.assert_allclose(column, 100.0 * np.sin(2.0 * np.pi * hertz * (path.time_s + first_s)), atol=1e-6)
-
-
-def test_rows_in_which_the_cell_tracked_nothing_are_told():
-    seen = recording()
-    assert recorded_path(seen, ["x"]).notes == ()
-    seen.values["state"][:1000] = ARMING
-    (note,) = recorded_path(seen, ["x"]).notes
-    assert "did not track in 25 % of its rows" in note
-    seen.values["state"][:] = ARMING
-    (note,) = recorded_path(seen, ["x"]).notes
-    assert "tracked in none of its rows" in note

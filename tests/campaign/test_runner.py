@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from campaigns.__main__ import CAMPAIGNS, main
-from campaigns.report import Report, table
+from campaigns.report import Report
 
 CONTRIBUTING = Path(__file__).parents[2] / "CONTRIBUTING.md"
 
@@ -39,7 +39,3 @@ def test_a_wrong_thing_is_the_exit_code_and_stands_in_the_report(monkeypatch, ca
     monkeypatch.setattr(module, "run", lambda asked: Report({"t": [{"a": 1.0}]}, [], [f"{asked.count} of them"]))
     assert typed(monkeypatch, "path", "--count", "3") == 1
     assert "- 3 of them" in capsys.readouterr().out
-
-
-def test_a_table_leaves_open_what_a_row_lacks():
-    assert table([{"a": 1, "b": float("nan")}, {"c": "x|y"}]).splitlines()[2:] == ["| 1 |  |  |", "|  |  | x\\|y |"]

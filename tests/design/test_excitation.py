@@ -28,15 +28,6 @@ def test_multisine_keeps_range_and_slew(low, span, slew, seed):
     assert 0.5 * (wave.max() + wave.min()) == pytest.approx(low + 0.5 * span, abs=1e-6 * (abs(low) + span))
 
 
-def test_multisine_fills_the_range_where_the_slew_allows():
-    wave = multisine(20.0, 136.0, 40_000.0, RATE_HZ, 10.0, 1)
-    assert wave.min() == pytest.approx(20.0, abs=0.01)
-    assert wave.max() == pytest.approx(136.0, abs=0.01)
-    slow = multisine(20.0, 136.0, 100.0, RATE_HZ, 10.0, 1)
-    assert np.ptp(slow) < 10.0
-    assert np.abs(np.diff(slow)).max() * RATE_HZ == pytest.approx(50.0, rel=0.01)
-
-
 def test_multisine_is_equation_13():
     """Lines at the five frequencies, in the given proportions, and nothing else."""
     wave = multisine(0.0, 100.0, 1e9, RATE_HZ, 10.0, 3)
@@ -46,22 +37,6 @@ def test_multisine_is_equation_13():
     assert found / found[0] == pytest.approx(np.array(IDENTIFICATION_SHARE) / IDENTIFICATION_SHARE[0], rel=1e-6)
     others = [k for k, f in enumerate(hz) if k and np.abs(np.array(IDENTIFICATION_HZ) - f).min() > 0.05]
     assert lines[others].max() < 1e-9 * found[0]
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_the_multisine_covers_its_range_better_than_with_zero_phases(seed):
-    def crest(wave):
-        return np.ptp(wave) / 2 / wave.std()
-
-    t = np.arange(40_000) / 1000.0
-    zero = sum(a * np.cos(2 * np.pi * f * t) for f, a in zip(IDENTIFICATION_HZ, IDENTIFICATION_SHARE, strict=True))
-    assert crest(multisine(0.0, 100.0, 1e6, 1000.0, 13.0, seed)) < 0.95 * crest(zero)
-
-
-def test_multisine_seed():
-    one, same, other = (multisine(0.0, 1.0, 1e9, RATE_HZ, 5.0, seed) for seed in (1, 1, 2))
-    assert np.array_equal(one, same)
-    assert not np.allclose(one, other)
 
 
 @given(
@@ -107,15 +82,6 @@ def test_band_noise_has_its_rms_and_seed(rms, cutoff, seed):
     assert not np.allclose(noise, band_noise(rms, cutoff, 10_000.0, 4000, seed + 1))
 
 
-def test_band_noise_stays_in_its_band():
-    noise = band_noise(1.0, 100.0, 10_000.0, 1 << 16, 1)
-    power = np.abs(np.fft.rfft(noise)) ** 2
-    hz = np.fft.rfftfreq(len(noise), 1e-4)
-    inside, outside = power[hz < 50].mean(), power[hz > 1000].mean()
-    assert outside < 1e-3 * inside  # 40 dB a decade
-    assert power[(hz > 90) & (hz < 110)].mean() == pytest.approx(0.25 * power[hz < 10].mean(), rel=0.3)
-
-
 @given(low=st.floats(-100.0, 100.0), span=st.floats(1.0, 200.0), slew=st.floats(50.0, 1e6), seed=st.integers(0, 1000))
 def test_random_turns_keep_range_and_slew(low, span, slew, seed):
     wave = random_turns(low, low + span, slew, RATE_HZ, 4.0, seed)
@@ -124,15 +90,3 @@ def test_random_turns_keep_range_and_slew(low, span, slew, seed):
     assert wave.max() <= low + span + 1e-9 * (abs(low) + span)
     assert np.abs(np.diff(wave)).max() * RATE_HZ <= 0.51 * slew
     assert np.array_equal(wave, random_turns(low, low + span, slew, RATE_HZ, 4.0, seed))
-
-
-def test_random_turns_have_branches_of_every_length():
-    wave = random_turns(0.0, 100.0, 1e6, RATE_HZ, 60.0, 1)
-    way = np.sign(np.diff(wave))
-    corners = np.concatenate([[0], np.flatnonzero(way[1:] != way[:-1]) + 1, [len(wave) - 1]])
-    lengths = np.abs(np.diff(wave[corners]))[1:-1]
-    assert len(lengths) > 200
-    for low, high in ((2.0, 10.0), (10.0, 30.0), (30.0, 60.0), (60.0, 100.0)):
-        assert np.mean((lengths >= low) & (lengths < high)) > 0.1
-    assert wave[corners].min() < 5.0
-    assert wave[corners].max() > 95.0

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from micromanip.design.fitting import Request, fit_record
-from micromanip.design.hysteresis import choose, fit, predict, structure_of
+from micromanip.design.hysteresis import fit, predict, structure_of
 from micromanip.design.record import load_record
 from micromanip.recordings import Wanted
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
@@ -115,33 +115,6 @@ def test_the_same_seed_gives_the_same_model():
     called = []
     fit(structure, v, y, WHOLE, BURN_IN, starts=3, progress=lambda: called.append(1))
     assert len(called) == 3
-
-
-def test_burn_in_forgets_how_the_record_began():
-    v, y = data("pi-affine")
-    y[:BURN_IN] += np.linspace(10.0, 0.0, BURN_IN)
-    fitted = fit(structure_of("pi-affine", v, STEP_S, 8), v, y, WHOLE, BURN_IN, starts=1)
-    assert fitted.rms_um <= 1.25 * NOISE_UM
-    assert fit(fitted.structure, v, y, WHOLE, 0, starts=1).rms_um > 10 * NOISE_UM
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("kind", ["pi-tanh", "pi-free", "rate", "pi-affine+creep"])
-def test_choice_finds_the_kind_that_made_the_data(kind):
-    v, y = data(kind)
-    names = [("pi-affine", False), ("pi-tanh", False), ("rate", False), ("pi-free", False), ("pi-affine", True)]
-    heard = []
-    best, tried = choose([structure_of(k, v, STEP_S, 8, c) for k, c in names], v, y, WHOLE, BURN_IN, heard.append)
-    merits = [each.merit for each in tried]
-    assert merits == sorted(merits)
-    assert {each.structure.name for each in tried} == {k + "+creep" * c for k, c in names}
-    assert heard[-1] == f"{best.structure.name}, on the whole record"
-    generated = next(m for each, m in zip(tried, merits, strict=True) if each.structure.name == kind)
-    assert generated <= 1.02 * merits[0], "nothing is better than the kind that made the data"
-    if kind in ("pi-free", "rate", "pi-affine+creep"):
-        assert best.structure.name == kind
-    else:
-        assert best.structure.name in ("pi-tanh", "rate"), "rate contains tanh"
 
 
 @pytest.fixture(scope="module")

@@ -45,11 +45,6 @@ def test_excitations_respect_the_output(prepared, kind, limits):
         assert output.fastest_V_per_s == 600.0  # 6 mA into 10 uF
 
 
-def test_the_triangle_takes_its_time_with_a_slow_output(prepared):
-    quick, slow = (design(with_output(prepared, slew_V_per_ms=slew), "x", "triangle", 5.0, 1) for slew in (40.0, 0.2))
-    assert len(slow.samples) > 1.5 * len(quick.samples)
-
-
 def test_the_others_rest_at_their_park_voltage(prepared):
     configuration = with_output(prepared, park_V=12.0)
     samples = samples_for(configuration, design(configuration, "y", "multisine", 2.0, 1))
@@ -88,23 +83,3 @@ def test_experiment_in_virtual_time(prepared, kind, tmp_path):
     read = np.genfromtxt(file, delimiter=",", skip_header=1)
     np.testing.assert_allclose(read, np.column_stack(list(columns.values())), rtol=1e-8, atol=1e-12)
     assert [path.name for path in tmp_path.iterdir()] == ["y.csv"]
-
-
-def test_the_same_seed_gives_the_same_recording(prepared):
-    configuration = prepared.configuration
-    excitation = design(configuration, "x", "multisine", 1.0, 1)
-    duration_s = len(excitation.samples) / configuration.loop.rate_hz
-    one, two = (
-        VirtualExperiment(prepared)(variant(configuration), duration_s, samples_for(configuration, excitation))
-        for _ in range(2)
-    )
-    np.testing.assert_array_equal(one["axis"]["strain_um"], two["axis"]["strain_um"])
-
-
-def test_a_signal_without_samples_is_no_column(prepared):
-    configuration = prepared.configuration
-    excitation = design(configuration, "x", "multisine", 1.0, 1)
-    duration_s = len(excitation.samples) / configuration.loop.rate_hz
-    rows = VirtualExperiment(prepared)(variant(configuration), duration_s, samples_for(configuration, excitation))
-    rows["axis"]["stage_um"][:, 0] = np.nan
-    assert list(recording(configuration, excitation, rows)) == ["t_s", "voltage_V", "strain_um"]

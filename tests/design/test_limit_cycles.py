@@ -51,7 +51,3 @@ def test_saturation_below_the_critical_gain_has_none_and_above_it_has_one():
     assert limit_cycles(saturation, AMPLITUDES, lambda w: 5.0 * third_order(w), OMEGA) == []
     (cycle,) = limit_cycles(saturation, AMPLITUDES, lambda w: 12.0 * third_order(w), OMEGA)
     assert saturation(cycle.amplitude).real == pytest.approx(0.5, rel=1e-8)
-
-
-def test_a_lag_alone_never_cycles():
-    assert limit_cycles(relay, AMPLITUDES, lambda w: 1.0 / (1j * w + 1.0), OMEGA) == []

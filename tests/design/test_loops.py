@@ -70,28 +70,6 @@ def test_closed_outer_loop_has_the_poles_of_regulator_and_observer(sample_cycles
     )
 
 
-def test_late_samples_cost_margin():
-    settings, gains, _ = designed(2, sample_cycles=10, control_weight=100.0, disturbance_um=0.003, oscillation_Hz=None)
-    plant = model_system(settings.model, PERIOD_S)
-    found = [margins(stage_loop(gains, plant, 10, late)) for late in (0, 5, 10)]
-    assert all(m.stable for m in found)
-    assert found[0].gain_up > found[1].gain_up > found[2].gain_up
-    with pytest.raises(ValueError, match="before the next one"):
-        stage_loop(gains, plant, 10, 11)
-
-
-def test_a_resampled_system_is_the_same_seen_less_often():
-    plant = delay(3, PERIOD_S).then(System(np.array([[0.7]]), np.array([0.3]), np.array([2.0]), 0.0, PERIOD_S))
-    u = np.random.default_rng(1).normal(size=40)
-    every = simulated(plant, np.repeat(u, 5))[::5]
-    slow = plant.resampled(5)
-    assert slow.period_s == pytest.approx(5 * PERIOD_S)
-    assert simulated(slow, u) == pytest.approx(every, abs=1e-12)
-    assert plant.resampled(1) is plant
-    with pytest.raises(ValueError, match="feeds through"):
-        delay(0, PERIOD_S).resampled(2)
-
-
 def test_over_a_bus_the_pid_steps_from_sample_to_sample_and_late():
     plant = System(np.array([[0.7]]), np.array([0.3]), np.array([2.0]), 0.0, PERIOD_S)
     path = FeedbackPath(strain_cycles=5, strain_late=3, output_late=4)
@@ -148,16 +126,6 @@ def test_margins_of_the_designs_that_were_tried(outer, knobs, Ms, gain_dB, phase
     assert found.sensitivity == pytest.approx(Ms, rel=0.12)
     assert found.gain_dB == pytest.approx(gain_dB, abs=1.7)
     assert found.phase_deg == pytest.approx(phase_deg, abs=4.0)
-
-
-def test_more_speed_costs_margin_and_so_does_delay(outer):
-    slow, middle, fast = (found_margins(outer, knobs) for knobs, *_ in TABLE)
-    assert slow.sensitivity < middle.sensitivity < fast.sensitivity
-    assert slow.gain_dB > middle.gain_dB > fast.gain_dB
-    later = [found_margins(outer, TABLE[2][0], cycles).sensitivity for cycles in (0.0, 0.5, 1.0, 2.0)]
-    assert later == sorted(later)
-    assert later[2] == pytest.approx(3.1, rel=0.15)
-    assert later[3] == pytest.approx(6.9, rel=0.2)
 
 
 def test_a_plant_that_feeds_through_is_refused():

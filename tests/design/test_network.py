@@ -1,28 +1,21 @@
 """Recurrent network: exact gradients, a free run that the loop repeats, and errors beside the tanh model."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from rt.builders import record
 from rt.kernels import network_course
 
 from micromanip.design.excitation import random_turns
-from micromanip.design.fitting import Request, fit_record
 from micromanip.design.hysteresis import predict
 from micromanip.design.network import reversals, smoothed
 from micromanip.design.network_fit import fit_network
 from micromanip.design.network_training import Course, gradient
-from micromanip.design.record import load_record
-from micromanip.recordings import Wanted
 from micromanip.rt.laws.feedforward import HYSTERESIS_PARAMETERS, HYSTERESIS_STATE
 from micromanip.rt.laws.network import start_network
 from micromanip.settings.compile.hysteresis import fill_hysteresis
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
 
 pytestmark = pytest.mark.long
-
-DATA = Path(__file__).parents[2].parent / "shared" / "data" / "yan9a_piezo"
 RATE_HZ = 500.0
 ACTUATOR = PrandtlIshlinskii(
     model="pi",
@@ -79,15 +72,6 @@ def test_the_loop_repeats_the_free_run(inverse):
     np.testing.assert_allclose(out, inverse.predict(y, 40.0), atol=1e-6)
 
 
-def test_every_branch_begins_where_the_last_one_ended(inverse):
-    """No jump when the memory moves: between dense samples the output moves as little as the input does."""
-    y = displacement(voltage(4, 4.0), 0.0)
-    dense = np.interp(np.arange(0, len(y) - 1, 0.02), np.arange(len(y)), y)
-    assert reversals(dense, inverse.reversal).sum() > 5
-    out = inverse.predict(dense)
-    assert np.abs(np.diff(out)).max() < 4.0 * np.abs(np.diff(dense)).max()
-
-
 def test_the_inverse_predicts_what_it_was_not_trained_on(inverse):
     v = voltage(5)
     error = (inverse.predict(displacement(v, 0.0)) - v)[500:]
@@ -95,35 +79,7 @@ def test_the_inverse_predicts_what_it_was_not_trained_on(inverse):
     assert np.std(error) < 0.25 * np.std(hysteresis)
 
 
-def test_it_forgets_where_it_began(inverse):
-    y = displacement(voltage(6), 0.0)
-    low, high = inverse.predict(y, 0.0), inverse.predict(y, 130.0)
-    assert abs(low - high)[-1] < 1e-3
-
-
-def test_the_same_seed_gives_the_same_network():
-    v = voltage(1, 4.0)
-    y = displacement(v)
-    one, two = (fit_network(v, y, starts=1, seed=7, evaluations=20) for _ in range(2))
-    assert (one.theta == two.theta).all()
-
-
 @pytest.mark.parametrize(("samples", "neurons", "what"), [(99, 25, "equally long"), (100, 24, "odd number")])
 def test_what_cannot_be_trained(samples, neurons, what):
     with pytest.raises(ValueError, match=what):
         fit_network(np.zeros(100), np.zeros(samples), neurons=neurons)
-
-
-def test_smoothing_takes_the_noise_and_leaves_the_course():
-    v = voltage(8, 3.0)
-    clean, noisy = displacement(v, 0.0), displacement(v, 0.05)
-    assert np.std(smoothed(noisy) - clean) < 0.65 * np.std(noisy - clean)
-    assert np.std(smoothed(clean) - clean) < 0.01
-
-
-@pytest.mark.thorough  # among the other kinds, on 70 % of the record: test_hysteresis_fit.py
-@pytest.mark.skipif(not DATA.is_dir(), reason=f"no recordings in {DATA}")
-def test_a_real_recording_beside_the_tanh_model():
-    file = load_record(DATA / "model_1hz.csv", Wanted(("u_V", "y_um")))
-    network, tanh = (fit_record(file, None, Request(kind, burn_in_s=1.0)) for kind in ("network", "pi-tanh"))
-    assert network.rms_percent <= 1.1 * tanh.rms_percent

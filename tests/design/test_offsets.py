@@ -5,12 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
 from micromanip.cli.main import main
 from micromanip.design.hysteresis import fit, structure_of
-from micromanip.design.hysteresis.centring import about_zero, span
 from tests.further import further
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data"
@@ -83,22 +80,6 @@ def test_linear_figures(name, tmp_path, capsys):
         np.testing.assert_allclose(shifted, found[0], rtol=1e-6)
 
 
-@pytest.mark.long
-@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(du=st.floats(-1e3, 1e3), dy=st.floats(-5e3, 5e3))
-def test_any_offset(du, dy):
-    """A record of a known loop that begins in the middle of it, without a burn-in."""
-    t = 0.005 * np.arange(1200)
-    v = 50.0 + 10.0 * (1.0 + 0.5 * t) * np.sin(2 * np.pi * 0.9 * t + 1.0)
-    y = 0.8 * v + 5.0 * np.sin(2 * np.pi * 0.9 * t + 0.4) + 0.05 * np.random.default_rng(1).standard_normal(len(t))
-
-    def figures(v, y):
-        found = fit(structure_of("pi-affine", v, 0.005, 5), v, y, (-1e4, 1e4), 50, starts=2)
-        return found.rms_percent, found.max_percent, found.rms_std_um
-
-    assert figures(v + du, y + dy) == pytest.approx(figures(v, y), rel=1e-6)
-
-
 def test_the_model_is_the_same_but_for_its_offset():
     t = 0.005 * np.arange(1200)
     v = 50.0 + 30.0 * np.sin(2 * np.pi * 0.9 * t) * (1.0 + 0.2 * np.sin(2.0 * t))
@@ -107,12 +88,3 @@ def test_the_model_is_the_same_but_for_its_offset():
     other = fit(structure_of("pi-tanh", v, 0.005, 5), v, y + 400.0, (-1e4, 1e4), 50, starts=3)
     assert other.model.weights == pytest.approx(plain.model.weights, rel=1e-9)
     np.testing.assert_allclose(other.predict(v), plain.predict(v) + 400.0, rtol=0, atol=1e-6)
-
-
-def test_signals_about_zero_keep_their_shape():
-    x = np.random.default_rng(2).uniform(-3.0, 5.0, 1000)
-    for offset in (0.0, 1e5, -0.123):
-        middle, half = span(x + offset)
-        found = about_zero(x + offset, middle, half)
-        np.testing.assert_allclose(found, x - 0.5 * (x.min() + x.max()), rtol=0, atol=1e-6)
-        assert np.mean(found == about_zero(x, *span(x))) > 0.99

@@ -1,7 +1,5 @@
 """Drawn plants: what a perturbation does to the models is what the same change does to the physics."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from rt.builders import PERIOD_S
@@ -23,7 +21,7 @@ from micromanip.design.loops import (
     strain_loop,
     worst,
 )
-from micromanip.design.loops.perturbation import model_dynamics, perturbed, section_ratio, shift
+from micromanip.design.loops.perturbation import perturbed, section_ratio, shift
 from micromanip.settings.schema.axis import Inner
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
 
@@ -80,11 +78,6 @@ def test_moving_the_mode_is_changing_the_physics(plant, change):
     assert perturbed(plant(), p).response(np.zeros(1)) == pytest.approx(plant().response(np.zeros(1)), rel=1e-9)
 
 
-def test_a_plant_without_a_mode_stays_as_it_is():
-    lag = System(np.array([[0.9]]), np.array([0.1]), np.array([1.0]), 0.0, PERIOD_S)
-    assert perturbed(lag, Perturbation(stage_mass=0.8)) is lag
-
-
 @pytest.mark.parametrize("slope", [0.8, 1.0, 1.3])
 @pytest.mark.parametrize("late", [0.0, 0.4, 1.0])
 def test_closed_ratio_is_its_formula(slope, late):
@@ -96,12 +89,6 @@ def test_closed_ratio_is_its_formula(slope, late):
     found = closed_ratio(PID, P, moved, lag, slope)
     assert found.response(OMEGA) == pytest.approx(expected, rel=1e-8)
     assert found.response(np.array([1e-3])) == pytest.approx(1.0, abs=1e-4), "integral action: no change at rest"
-
-
-def test_no_change_is_no_ratio():
-    P = actuator()
-    same = closed_ratio(PID, P, shift(P, Perturbation()), delay(0.0, PERIOD_S), 1.0)
-    assert same.response(OMEGA) == pytest.approx(1.0, abs=1e-9)
 
 
 def test_closed_ratio_is_stable_exactly_when_the_strain_loop_is():
@@ -146,23 +133,6 @@ def sides(weights=(0.08, 0.07, 0.06)):
     )
 
 
-def test_slope_lies_between_those_of_small_and_large_loops():
-    strain, _ = sides()
-    slopes = [strain.slope(Perturbation(swing=swing)) for swing in (0.0, 0.3, 0.6, 1.0)]
-    assert slopes == sorted(slopes)
-    assert slopes[0] == pytest.approx(1.0)
-    assert 1.0 < slopes[-1] < 1.0 + sum((0.08, 0.07, 0.06))
-    assert strain.slope(Perturbation(piezo_gain=1.2)) == pytest.approx(1.2)
-
-
-def test_hysteresis_without_an_inverse_counts_as_unstable():
-    strain, stage_side = sides(weights=(-0.5, -0.4, 0.06))
-    assert np.isnan(strain.slope(Perturbation(hysteresis_gain=1.3)))
-    seed = next(s for s in range(100) if draw(s).hysteresis_gain > 1.2)
-    (found,) = monte_carlo(strain, stage_side, PERIOD_S, range(seed, seed + 1), 1)
-    assert not found.stable
-
-
 def test_a_seed_gives_the_same_plant_alone_or_among_others():
     strain, stage_side = sides()
     together = list(monte_carlo(strain, stage_side, PERIOD_S, range(3, 9), 1))
@@ -175,22 +145,9 @@ def test_a_seed_gives_the_same_plant_alone_or_among_others():
         worst(list(monte_carlo(strain, None, PERIOD_S, range(2), 1)), of_stage=True)
 
 
-def test_the_worst_is_an_unstable_one():
-    strain, _ = sides()
-    weak = replace(strain, actuator=actuator(damping=0.55))
-    found = list(monte_carlo(weak, None, PERIOD_S, range(20), 1))
-    lost = [s for s in found if not s.stable]
-    assert 0 < len(lost) < 20
-    assert not worst(found, of_stage=False).stable
-
-
-def test_without_the_strain_side_the_mode_of_the_model_itself_moves():
-    _, stage_side = sides()
-    (found,) = monte_carlo(None, stage_side, PERIOD_S, range(4, 5), 1)
-    dynamics = model_dynamics(stage_side.model, PERIOD_S)
-    assert found.strain is None
-    moved = shift(dynamics, found.drawn)
-    rate, nominal = (np.log(p) / PERIOD_S for p in (moved.new_pole, moved.pole))
-    ratio = np.sqrt(found.drawn.stiffness / found.drawn.stage_mass)
-    assert abs(rate) == pytest.approx(ratio * abs(nominal))
-    assert rate.real / abs(rate) == pytest.approx(found.drawn.damping * nominal.real / abs(nominal))
+def test_hysteresis_without_an_inverse_counts_as_unstable():
+    strain, stage_side = sides(weights=(-0.5, -0.4, 0.06))
+    assert np.isnan(strain.slope(Perturbation(hysteresis_gain=1.3)))
+    seed = next(s for s in range(100) if draw(s).hysteresis_gain > 1.2)
+    (found,) = monte_carlo(strain, stage_side, PERIOD_S, range(seed, seed + 1), 1)
+    assert not found.stable

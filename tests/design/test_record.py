@@ -171,15 +171,6 @@ def refused_by_the_command(tmp_path, file, capsys):
     return shown.err
 
 
-def test_a_good_record(tmp_path):
-    columns = good()
-    record = load(write(tmp_path / "good.csv", columns))
-    np.testing.assert_allclose(record.u, columns["voltage_V"], rtol=1e-8)
-    np.testing.assert_allclose(record.y, columns["strain_um"], rtol=1e-8)
-    assert record.step_s == pytest.approx(0.01)
-    assert record.burn_in(1.0) == 100
-
-
 @pytest.mark.parametrize("spoil", BAD, ids=lambda spoil: spoil.__name__)
 def test_bad_data_is_one_sentence(spoil, tmp_path, capsys):
     columns = good()
@@ -198,44 +189,6 @@ def test_no_table_is_one_sentence(text, tmp_path, capsys):
     with pytest.raises(CheckFailed, match=sentence(TEXTS[text], file)):
         load(file)
     assert re.match(sentence("micromanip: " + TEXTS[text] + "\n", file), refused_by_the_command(tmp_path, file, capsys))
-
-
-def test_missing_file(tmp_path, capsys):
-    file = tmp_path / "none.csv"
-    assert refused_by_the_command(tmp_path, file, capsys) == f"micromanip: {file}: no such file\n"
-
-
-def test_burn_in_must_leave_enough(tmp_path):
-    file = write(tmp_path / "good.csv", good())
-    pattern = "{file}: 1000 samples less 900 of burn-in are too few to fit to: record at least 200 more, "
-    pattern += "several periods of the slowest movement"
-    with pytest.raises(CheckFailed, match=sentence(pattern, file)):
-        load(file).burn_in(9.0)
-
-
-def test_sampling_interval_by_name_or_by_number(tmp_path):
-    columns = good()
-    columns["clock"] = columns.pop("t_s")
-    file = write(tmp_path / "named.csv", columns)
-    assert load(file, time="clock").step_s == pytest.approx(0.01)
-    assert load(file, step_s=0.5).step_s == 0.5
-
-
-def test_what_spreadsheets_add_is_read(tmp_path):
-    file = write(tmp_path / "plain.csv", good())
-    header, rest = file.read_text().split("\n", 1)
-    quoted = ",".join(f'"{name}"' for name in header.split(","))
-    (tmp_path / "sheet.csv").write_bytes(b"\xef\xbb\xbf" + f"{quoted}\n{rest}".replace("\n", "\r\n").encode())
-    np.testing.assert_array_equal(load(tmp_path / "sheet.csv").y, load(file).y)
-
-
-def test_dwells_at_the_turning_points_are_not_clipping(tmp_path):
-    """An output that rests while the input rests is no fault of the sensor."""
-    columns = good()
-    columns["strain_um"] = np.clip(columns["voltage_V"], 15.0, 85.0)
-    columns["voltage_V"] = columns["strain_um"].copy()
-    record = load(write(tmp_path / "dwell.csv", columns))
-    assert np.count_nonzero(record.y == record.y.max()) > 50
 
 
 def test_an_output_that_rests_behind_each_turn_is_not_clipped(tmp_path):

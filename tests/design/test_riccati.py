@@ -24,15 +24,6 @@ def test_it_is_scipys(seed, states, radius, price):
     assert np.abs(np.linalg.eigvals(A - B @ gain)).max() < 1.0
 
 
-def test_one_state_has_a_closed_form():
-    """p = a^2 p r / (r + p) + q for b = 1."""
-    a, q, r = 0.9, 2.0, 3.0
-    half = 0.5 * (q + (a * a - 1.0) * r)
-    expected = half + np.sqrt(half * half + q * r)
-    found = solve_riccati(*(np.array([[x]]) for x in (a, 1.0, q, r)))
-    assert found[0, 0] == pytest.approx(expected, rel=1e-14)
-
-
 @pytest.mark.parametrize(
     ("A", "B"),
     [(np.diag([0.5, 1.1]), [[1.0], [0.0]]), (np.full((2, 2), np.nan), [[1.0], [1.0]])],

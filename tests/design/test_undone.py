@@ -49,15 +49,6 @@ def test_a_resonance_is_that_of_the_masses_and_its_antiresonance_that_of_the_sta
     assert (found.antiresonance_Hz, found.antiresonance_damping) == pytest.approx(held, rel=1e-3)
 
 
-def test_a_second_mode_is_found_too():
-    plant = Plant(second_mode=SecondMode(ratio=3.0, stiffness_share=0.3, gain=0.1))
-    slow, fast = resonances(true_dynamics(plant))
-    a, _ = continuous(plant)
-    places = [0, 1, 2, 3, 5, 6]
-    expected = [frequency for frequency, _ in swings(a[np.ix_(places, places)])[:2]]
-    assert [slow.resonance_Hz, fast.resonance_Hz] == pytest.approx(expected, rel=1e-3)
-
-
 def test_each_thing_that_is_undone_is_worth_it_also_where_the_model_is_wrong():
     found = undone(Plant())
     assert found.taken == ("delay", "resonances", "lag")
@@ -65,24 +56,6 @@ def test_each_thing_that_is_undone_is_worth_it_also_where_the_model_is_wrong():
         assert found.tried[after][0] < found.tried[before][0]
         assert found.tried[after][1] <= found.tried[before][1]
     assert found.tried["lag"][0] < 0.2 * found.tried["nothing"][0]
-
-
-def test_its_times_add_up_to_what_the_phase_says():
-    """Half a held cycle, the cycle that it is late, amplifier, gauge, and a little of the fast mode."""
-    section = undone(Plant(damping=1e-4)).actuator
-    led_us = 1e6 * PERIOD_S / np.expm1(1e6 * PERIOD_S / section.lag_us)
-    fast = 2 * np.pi * swings(continuous(Plant())[0][:4, :4])[1][0]
-    expected = 150.0 + LAG_US + 1e6 * 2 * 1e-4 / fast
-    assert section.lag_us == pytest.approx(LAG_US, rel=0.01)
-    assert section.delay_us + led_us == pytest.approx(expected, abs=5.0)
-
-
-def test_an_actuator_without_a_resonance_has_nothing_of_the_kind_undone():
-    lag = np.exp(-PERIOD_S / 177e-6)
-    plain = System(np.array([[lag]]), np.array([1.0 - lag]), np.array([0.65]), 0.0, PERIOD_S)
-    found = undo(plain, 1, INNER, GAUGE_US, 0.055, 0.4, ASKED_HZ)
-    assert found.actuator.resonances == ()
-    assert "resonances" not in found.taken
 
 
 @pytest.mark.parametrize(("noise_um", "left_um", "percent"), [(1e-4, 1.0, 100.0), (0.1, 1e-4, 60.0)])

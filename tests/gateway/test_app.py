@@ -2,7 +2,6 @@
 
 import asyncio
 import json
-import re
 
 import numpy as np
 import pytest
@@ -67,18 +66,6 @@ def test_pages_load_nothing_from_elsewhere(app, path):
     assert b"style=" not in body or path.endswith(".js")
 
 
-@pytest.mark.parametrize(("name", "path"), PATHS.items())
-def test_each_page_is_one_of_those_that_stand_above_it(app, name, path):
-    _, headers, body = ask(app, path)
-    page = body.decode()
-    assert headers["content-type"] == "text/html; charset=utf-8"
-    assert page.startswith("<!doctype html>")
-    assert page.count("</html>") == page.count('id="state"') == page.count('id="where"') == 1
-    assert [found for found in PATHS.values() if f'<a href="{found}"' in page] == list(PATHS.values())
-    assert page.count("aria-current") == page.count(f'<a href="{path}" aria-current="page">{name.capitalize()}<') == 1
-    assert f'<script type="module" src="/static/{name}.js">' in page
-
-
 @pytest.mark.parametrize(
     ("path", "method", "body"),
     [("/api/status", "GET", None), ("/metrics", "GET", None), ("/api/order", "POST", {"order": "arm"})],
@@ -140,29 +127,6 @@ def test_a_proxy_s_address_is_written_as_browsers_write_it(address, public):
     assert Origins.behind(address).public == public
 
 
-@pytest.mark.parametrize(
-    "address", ["cell.example", "https://cell.example/cell", "ftp://cell", "https://", "https://a:b@c"]
-)
-def test_what_is_no_address_of_a_proxy(address):
-    with pytest.raises(ValueError, match=re.escape(address)):
-        Origins.behind(address)
-
-
-def test_a_proxy_that_passes_on_too_little_is_told_what(played):
-    """As nginx does by default: another Host, and no Upgrade, so the page's live connection was just not found."""
-    behind = Gateway(played.cell, Tokens([]), Origins.behind("https://cell.example"), lambda: None).guard
-    code, _, said = ask(behind, "/", host=HOST)
-    assert (code, said) == (
-        403, b"this gateway is opened as https://cell.example; a proxy has to pass on the Host that it was asked for\n"
-    )  # fmt: skip
-    code, headers, said = ask(behind, "/live", host="cell.example")
-    assert (code, headers["upgrade"]) == (426, "websocket")
-    assert b"a proxy has to pass on the headers Upgrade and Connection" in said
-    assert ask(behind, "/", host="cell.example", origin="https://evil.example")[2].startswith(
-        b"this gateway is not meant"
-    )
-
-
 def test_behind_a_proxy_and_with_tls_other_names_are_ours():
     assert Origins(public="https://cell.example").is_ours("cell.example", "https://cell.example")
     assert not Origins(public="https://cell.example").is_ours(HOST, f"http://{HOST}")
@@ -170,12 +134,6 @@ def test_behind_a_proxy_and_with_tls_other_names_are_ours():
     assert not Origins("https").is_ours("cell:8443", "http://cell:8443")
     assert Origins().is_ours("[::1]:8090", "http://[::1]:8090")
     assert not Origins().is_ours("localhost.evil.example:80", None)
-
-
-@pytest.mark.parametrize("content", ["text/plain", "application/x-www-form-urlencoded", "multipart/form-data"])
-def test_a_form_of_another_page_orders_nothing(app, content):
-    code, _, text = ask(app, "/api/order", method="POST", body={"order": "arm"}, token=DO, content=content)
-    assert (code, b"application/json" in text) == (400, True)
 
 
 def test_orders_go_to_the_control_socket_in_the_name_of_the_token(tmp_path, played, app):
@@ -268,38 +226,6 @@ def test_a_trigger_shows_its_cycle_and_what_was_before(app, played):
     asyncio.run(play())
 
 
-def test_spectrum_xy_and_saving_are_of_what_is_seen(app, played):
-    t = np.arange(20_000) / 1e4
-    sine = 3.0 * np.sin(2 * np.pi * 66.0 * t)
-    played.play(rows(np.arange(20_000), x_strain_um=sine, x_voltage_V=2.0 * sine))
-    played.read()
-
-    async def play():
-        window = {"first": 0, "last": 19_999}
-        browser = await greeted(app, played, {"type": "spectrum", "fields": ["x.strain_um"], **window})
-        of = lambda name: lambda m: isinstance(m, bytes) and parsed(m)[0]["type"] == name  # noqa: E731
-        header, arrays = parsed(await browser.heard(of("spectrum")))
-        frequency, amplitude = header["lines"]["x.strain_um"][0]
-        assert frequency == pytest.approx(66.0, rel=0.01)
-        assert amplitude == pytest.approx(3.0, rel=0.01)
-        assert len(arrays["x.strain_um"]) == len(arrays["frequency_Hz"])
-        browser.say({"type": "drawn"})
-        browser.say({"type": "xy", "fields": ["x.strain_um", "x.voltage_V"], **window})
-        _, arrays = parsed(await browser.heard(of("xy")))
-        np.testing.assert_allclose(arrays["y"], 2.0 * arrays["x"], rtol=1e-6)
-        await browser.leave()
-        saved = {"fields": ["x.strain_um", "y.voltage_V"], "first": 100, "last": 199}
-        code, headers, text = await request(app, "/api/csv", method="POST", body=saved, token=SEE)
-        lines = text.decode().splitlines()
-        assert (code, headers["content-type"].partition(";")[0]) == (200, "text/csv")
-        assert lines[0] == "cycle,time_s,x.strain_um,y.voltage_V"
-        table = np.array([line.split(",") for line in lines[1:]], float)
-        np.testing.assert_array_equal(table[:, 0], np.arange(100, 200))
-        np.testing.assert_array_equal(table[:, 2].astype(np.float32), sine[100:200].astype(np.float32))
-
-    asyncio.run(play())
-
-
 @pytest.mark.parametrize(
     "message",
     [
@@ -363,5 +289,43 @@ def test_a_fault_and_a_lost_controller_are_told(app, played):
         played.cell._notify(None)
         assert (await browser.heard(lambda m: kind("status")(m) and m["status"] is None))["problem"]
         await browser.leave()
+
+    asyncio.run(play())
+
+
+@pytest.mark.parametrize("content", ["text/plain", "application/x-www-form-urlencoded", "multipart/form-data"])
+def test_a_form_of_another_page_orders_nothing(app, content):
+    code, _, text = ask(app, "/api/order", method="POST", body={"order": "arm"}, token=DO, content=content)
+    assert (code, b"application/json" in text) == (400, True)
+
+
+def test_spectrum_xy_and_saving_are_of_what_is_seen(app, played):
+    t = np.arange(20_000) / 1e4
+    sine = 3.0 * np.sin(2 * np.pi * 66.0 * t)
+    played.play(rows(np.arange(20_000), x_strain_um=sine, x_voltage_V=2.0 * sine))
+    played.read()
+
+    async def play():
+        window = {"first": 0, "last": 19_999}
+        browser = await greeted(app, played, {"type": "spectrum", "fields": ["x.strain_um"], **window})
+        of = lambda name: lambda m: isinstance(m, bytes) and parsed(m)[0]["type"] == name  # noqa: E731
+        header, arrays = parsed(await browser.heard(of("spectrum")))
+        frequency, amplitude = header["lines"]["x.strain_um"][0]
+        assert frequency == pytest.approx(66.0, rel=0.01)
+        assert amplitude == pytest.approx(3.0, rel=0.01)
+        assert len(arrays["x.strain_um"]) == len(arrays["frequency_Hz"])
+        browser.say({"type": "drawn"})
+        browser.say({"type": "xy", "fields": ["x.strain_um", "x.voltage_V"], **window})
+        _, arrays = parsed(await browser.heard(of("xy")))
+        np.testing.assert_allclose(arrays["y"], 2.0 * arrays["x"], rtol=1e-6)
+        await browser.leave()
+        saved = {"fields": ["x.strain_um", "y.voltage_V"], "first": 100, "last": 199}
+        code, headers, text = await request(app, "/api/csv", method="POST", body=saved, token=SEE)
+        lines = text.decode().splitlines()
+        assert (code, headers["content-type"].partition(";")[0]) == (200, "text/csv")
+        assert lines[0] == "cycle,time_s,x.strain_um,y.voltage_V"
+        table = np.array([line.split(",") for line in lines[1:]], float)
+        np.testing.assert_array_equal(table[:, 0], np.arange(100, 200))
+        np.testing.assert_array_equal(table[:, 2].astype(np.float32), sine[100:200].astype(np.float32))
 
     asyncio.run(play())

@@ -1,10 +1,6 @@
 """Certificates that browsers and clients would not believe: told at the start, with what is wrong."""
 
 import asyncio
-import ipaddress
-import os
-import re
-import time
 
 import pytest
 
@@ -19,13 +15,10 @@ from cryptography.hazmat.primitives.serialization import (
     PrivateFormat,
     load_pem_private_key,
 )
-from prometheus_client.parser import text_string_to_metric_families
 
-from micromanip.errors import ConfigError, DeviceUnavailable, PermissionDenied
+from micromanip.errors import ConfigError, PermissionDenied
 from micromanip.gateway import certificates, serving
-from micromanip.gateway.cell import Cell
-from micromanip.gateway.certificates import InUse, checked, is_for
-from micromanip.gateway.metrics import Metrics
+from micromanip.gateway.certificates import InUse, checked
 from micromanip.gateway.opcua.users import prepared_folder
 
 from .certificates import LOCAL, certificate
@@ -85,17 +78,6 @@ def test_the_key_of_another_is_refused(tmp_path, lines):
     assert lines == []
 
 
-SM2 = """-----BEGIN CERTIFICATE-----
-MIIBbjCCAROgAwIBAgIUOz5djA9BZtkSn4r284G7zU/cZyUwCgYIKoEcz1UBg3Uw
-DDEKMAgGA1UEAwwBYTAeFw0yNjExMjUxNzU4MjNaFw0yNzAyMjMxNzU4MjNaMAwx
-CjAIBgNVBAMMAWEwWTATBgcqhkjOPQIBBggqgRzPVQGCLQNCAASpjWV3Le+W06Mn
-dTyOBKFMgV9LfaRLxYOAaq6cN/Lq3iZ7h+SiyHqJ7H0xp84QZn9QJAht/futTJ9j
-6N8nCM/so1MwUTAdBgNVHQ4EFgQUNrKTEhICFAAjrS5+zjnydF6TAzswHwYDVR0j
-BBgwFoAUNrKTEhICFAAjrS5+zjnydF6TAzswDwYDVR0TAQH/BAUwAwEB/zAKBggq
-gRzPVQGDdQNJADBGAiEA8+n6lfIPqigH6veoeWGnnJpP205SfQhQu8AaevabgQcC
-IQCJBfEeRkyFCYPgmv6ez5SfSi7A1w/e5snBHH+H/HgiVg==
------END CERTIFICATE-----
-"""
 """Of a curve that is not supported."""
 
 
@@ -107,12 +89,9 @@ def test_which_of_the_two_can_not_be_used_is_said(tmp_path):
     locked.write_bytes(key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, BestAvailableEncryption(b"secret")))
     der = tmp_path / "cell.der"
     der.write_bytes(x509.load_pem_x509_certificate(public.read_bytes()).public_bytes(Encoding.DER))
-    odd = tmp_path / "sm2.pem"
-    odd.write_text(SM2)
     for files, words in (
         ((private, public), r"cell-key\.pem: not a certificate in PEM"),
         ((der, private), r"cell\.der: not a certificate in PEM"),
-        ((odd, private), r"sm2\.pem: not a certificate in PEM, of a kind that is known here"),
         ((public, locked), r"locked\.pem: this key has a password; write it without one"),
     ):
         with pytest.raises(ConfigError, match=words):
@@ -120,14 +99,6 @@ def test_which_of_the_two_can_not_be_used_is_said(tmp_path):
     public.chmod(0o600)
     with pytest.raises(ConfigError, match=r"cell\.pem: not a private key in PEM"):
         checked(public, public)
-
-
-def test_a_pipe_is_not_waited_for(tmp_path):
-    public, private = made(tmp_path)
-    os.mkfifo(tmp_path / "pipe", 0o600)
-    for files in ((tmp_path / "pipe", private), (public, tmp_path / "pipe")):
-        with pytest.raises(DeviceUnavailable, match="pipe: it is not a regular file"):
-            checked(*files)
 
 
 @pytest.mark.parametrize(("mode", "may"), [(0o600, True), (0o640, True), (0o644, False), (0o660, False)])
@@ -163,45 +134,6 @@ def test_one_for_another_host_is_told_with_its_names(tmp_path, lines):
     public, private = made(tmp_path, names=())
     serving.serve(options(tmp_path, public, private), lines.append)
     assert "is for no host, not for 127.0.0.1" in lines[0]
-
-
-@pytest.mark.parametrize(
-    ("name", "host", "fits"),
-    [
-        ("cell.example", "CELL.example.", True),
-        ("cell.example", "other.example", False),
-        ("*.example", "cell.example", True),
-        ("*.example", "a.cell.example", False),
-        ("*.example", "example", False),
-        ("2001:db8::1", "2001:0db8::0:1", True),
-        ("10.0.0.1", "10.0.0.2", False),
-    ],
-)
-def test_a_name_is_matched_as_browsers_do(tmp_path, name, host, fits):
-    try:
-        alternative = x509.IPAddress(ipaddress.ip_address(name))
-    except ValueError:
-        alternative = x509.DNSName(name)
-    public, _ = made(tmp_path, names=(alternative,))
-    assert is_for(x509.load_pem_x509_certificate(public.read_bytes()), host) is fits
-
-
-def test_what_expires_while_it_is_served_is_told_again_and_in_the_metrics(tmp_path):
-    said, public = [], {name: made(tmp_path, name, days)[0] for name, days in (("old", (-9, -1)), ("soon", (-9, 20)))}
-    good = made(tmp_path, "good")[0]
-    used = InUse(said.append)
-    for file in (*public.values(), good):
-        used.add(file, x509.load_pem_x509_certificate(file.read_bytes()))
-    used.look()
-    assert [re.sub(r"\d{4}-\d\d-\d\d", "DAY", line).partition(";")[0] for line in said] == [
-        f"WARNING: {public['old']} expired on DAY",
-        f"WARNING: {public['soon']} expires on DAY, in 19 days",
-    ]
-    text = Metrics(Cell(tmp_path / "control.sock"), int, int, used.expiries).text().decode()
-    (family,) = [each for each in text_string_to_metric_families(text) if "certificate" in each.name]
-    found = {sample.labels["certificate"]: sample.value for sample in family.samples}
-    assert set(found) == {str(each) for each in (*public.values(), good)}
-    assert found[str(public["soon"])] == pytest.approx(time.time() + 20 * 86_400, abs=600)
 
 
 def test_it_is_looked_at_again_without_a_new_start(tmp_path, monkeypatch):

@@ -1,7 +1,6 @@
 """The past of the scope against numpy on all rows: no peak is lost, memory is fixed, gaps are told."""
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -65,15 +64,6 @@ def test_no_peak_of_a_window_is_lost_and_none_is_made_up(past, begin, end, point
             assert (low, high) == (np.nanmin(held), np.nanmax(held))
 
 
-def test_as_many_rows_at_once_as_are_kept_leave_no_block_out():
-    """Where a block was half full before."""
-    values = np.arange(1.0, 1074.0)
-    history = filled(values, np.arange(1, 1074), [261, 300])
-    found = history.window(history.index(STRAIN), 1, 1073, 34)
-    assert (np.diff(found.cycles) > 0).all()
-    assert (np.diff(found.low[0]) > 0).all()
-
-
 def test_a_window_of_few_cycles_is_whole_and_one_of_the_far_past_is_blocks():
     cycles = np.arange(3000)
     history = filled(np.sin(cycles), cycles, [100] * 25)
@@ -85,22 +75,6 @@ def test_a_window_of_few_cycles_is_whole_and_one_of_the_far_past_is_blocks():
     assert far.rows == 16, "only the coarsest level reaches back so far"
     assert far.cycles[0] <= 200 < far.cycles[1]
     assert history.oldest_full == 3000 - FULL
-
-
-def test_memory_is_fixed():
-    history = filled(np.zeros(FULL), np.arange(FULL), [])
-    before = history.nbytes
-    for k in range(1, 40):
-        history.add(rows(np.arange(k * FULL, (k + 1) * FULL)))
-    assert history.nbytes == before
-    assert history.newest - history.oldest < 16 * 256 + FULL
-
-
-def test_cycles_that_were_skipped_are_told_as_missing():
-    cycles = np.r_[np.arange(100), np.arange(150, 250)]
-    history = filled(np.zeros(200), cycles, [])
-    assert history.window(history.index(STRAIN), 0, 249, 50).missing == 50
-    assert history.window(history.index(STRAIN), 150, 249, 50).missing == 0
 
 
 def test_every_column_of_the_telemetry_is_a_field():
@@ -132,16 +106,6 @@ def test_a_ring_is_read_without_gaps_and_what_was_overwritten_is_counted(tmp_pat
     assert source.reader.lost == 80_000 - size + 1
     assert source.history.newest == end + 80_000
     assert source.history.count + source.reader.lost == end + 80_001 - (50_000 - before)
-
-
-@pytest.mark.parametrize("points", [10, 500])
-def test_points_stay_in_place_as_the_newest_moves_on(points):
-    history = History(FIELDS, FULL, BLOCKS)
-    history.add(rows(np.arange(400), x_strain_um=np.sin(np.arange(400.0))))
-    before = history.window(history.index(STRAIN), 100, 399, points)
-    history.add(rows(np.arange(400, 403), x_strain_um=0.0))
-    after = history.window(history.index(STRAIN), 103, 402, points)
-    assert len(set(before.cycles) & set(after.cycles)) >= len(before.cycles) - 3
 
 
 def test_the_next_controller_begins_anew_in_the_same_memory(tmp_path):

@@ -72,16 +72,6 @@ def test_the_memory_that_is_handed_out_can_only_be_read(cell):
             os.close(descriptor)
 
 
-def test_it_is_handed_out_again_and_again_without_a_leak(cell):
-    with Client(cell.socket) as client:
-        client.status()
-        before = cell.descriptors
-        for _ in range(50):
-            for descriptor in client.telemetry()[1]:
-                os.close(descriptor)
-        until(lambda: cell.descriptors <= before + 1, "descriptors of the host are left open")
-
-
 def test_an_order_goes_through_the_socket_and_is_noted_with_the_token(cell, gateway):
     until(lambda: gateway.state() == "READY", "the gateway sees the controller")
     with pytest.raises(urllib.error.HTTPError, match="403"):
@@ -143,3 +133,13 @@ def test_neither_misses_the_other(cell, gateway):
         again.process.wait(60)
         again.kill()
         again.release()
+
+
+def test_it_is_handed_out_again_and_again_without_a_leak(cell):
+    with Client(cell.socket) as client:
+        client.status()
+        before = cell.descriptors
+        for _ in range(50):
+            for descriptor in client.telemetry()[1]:
+                os.close(descriptor)
+        until(lambda: cell.descriptors <= before + 1, "descriptors of the host are left open")

@@ -2,8 +2,6 @@
 
 import json
 import re
-import shutil
-import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -74,23 +72,3 @@ def test_the_dashboard_asks_for_what_there_is(text):
     asked = re.findall(r"micromanip_\w+", json.dumps(json.loads(DASHBOARD.read_text())))
     assert len(asked) > 15
     assert set(asked) <= names
-
-
-@pytest.mark.skipif(shutil.which("promtool") is None, reason="promtool is not installed (Debian's package prometheus)")
-def test_promtool_has_nothing_to_say(text):
-    own = "\n".join(line for line in text.splitlines() if "micromanip_" in line) + "\n"
-    done = subprocess.run(["promtool", "check", "metrics"], input=own, text=True, capture_output=True, check=False)
-    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
-
-
-@pytest.mark.skipif(shutil.which("promtool") is None, reason="promtool is not installed (Debian's package prometheus)")
-def test_promtool_parses_each_question_of_the_dashboard(tmp_path):
-    asked = re.findall(r'"expr": ("(?:[^"\\]|\\.)*")', DASHBOARD.read_text())
-    asked = [re.sub(r"\$\w+", "1m", json.loads(each)) for each in asked]  # variables of Grafana's
-    assert len(asked) > 15
-    rules = [{"record": f"rule{k}", "expr": each} for k, each in enumerate(asked)]
-    (tmp_path / "rules.yaml").write_text(json.dumps({"groups": [{"name": "dashboard", "rules": rules}]}))
-    done = subprocess.run(
-        ["promtool", "check", "rules", tmp_path / "rules.yaml"], capture_output=True, text=True, check=False
-    )
-    assert (done.returncode, done.stderr) == (0, "")

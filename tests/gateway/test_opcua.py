@@ -3,7 +3,6 @@
 import asyncio
 import contextlib
 import math
-import socket
 
 import pytest
 
@@ -13,7 +12,6 @@ from asyncua import Client, ua
 from asyncua.crypto.security_policies import SecurityPolicyAes256Sha256RsaPss as Encrypted
 from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256 as Basic256Sha256
 
-from micromanip.cli.main import main
 from micromanip.errors import ConfigError, PermissionDenied
 from micromanip.gateway.cell import Cell
 from micromanip.gateway.opcua.nodes import readings
@@ -153,29 +151,6 @@ def test_every_reading_is_a_variable_that_a_browsing_client_finds(served):
     wanted = {reading.path for reading in readings(cell, "0")}
     assert shown == wanted
     assert len(wanted) > 100
-
-
-def test_the_server_says_what_it_is_and_a_list_that_it_is_one(served):
-    async def said():
-        served.say(status())
-        async with client(served) as made:
-            built = (await made.get_node(ua.NodeId(ua.ObjectIds.Server_ServerStatus)).read_value()).BuildInfo
-            assert (built.ProductName, built.ManufacturerName) == ("micromanip gateway", "micromanip")
-            await eventually(lambda: value(made, "Identification/SoftwareRevision"), built.SoftwareVersion)
-            for name in (
-                "ProductName",
-                "ManufacturerName",
-                "SoftwareVersion",
-                "BuildNumber",
-                "BuildDate",
-                "ProductUri",
-            ):
-                number = getattr(ua.ObjectIds, f"Server_ServerStatus_BuildInfo_{name}")
-                assert await made.get_node(ua.NodeId(number)).read_value() == getattr(built, name)
-            for path in ("Notification/Faults", "Notification/NextSteps"):
-                assert await (await node(made, path)).read_value_rank() == ua.ValueRank.OneDimension
-
-    asyncio.run(said())
 
 
 @pytest.mark.parametrize("order", ["Arm", "Hold", "Disarm", "Reset"])
@@ -331,41 +306,6 @@ def test_the_server_s_key_is_its_owner_s_alone(tmp_path):
     private.chmod(0o644)
     with pytest.raises(PermissionDenied, match=r"server\.key: others may read this key"):
         prepared_folder(tmp_path / "opcua")
-
-
-@pytest.mark.parametrize(
-    ("place", "content", "words"),
-    [
-        ("server.pem", b"nonsense", "not a certificate in PEM"),
-        ("operate/ana.pem", b"-----BEGIN CERTIFICATE-----\nAAAA\n", "ana.pem: expected a certificate"),
-        ("observe/notes.txt", b"", "notes.txt: expected a certificate, PEM or DER"),
-    ],
-)
-def test_a_folder_with_something_else_in_it_is_told(tmp_path, place, content, words):
-    prepared_folder(tmp_path)
-    (tmp_path / place).write_bytes(content)
-    with pytest.raises(ConfigError, match=words.replace(".", r"\.")):
-        prepared_folder(tmp_path)
-
-
-@pytest.mark.parametrize(
-    ("listen", "code", "words"), [("4840", 64, "expected HOST:PORT"), (None, 69, "choose another")]
-)
-def test_a_place_where_nobody_can_listen_is_told(tmp_path, capsys, monkeypatch, listen, code, words):
-    monkeypatch.setattr("os.umask", lambda _: 0)  # it would be that of the tests after this one, too
-    config = tmp_path / "cell.yaml"
-    config.write_text("schema_version: 2\n")
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        taken.listen()
-        place = listen or f"127.0.0.1:{taken.getsockname()[1]}"
-        arguments = ["gateway", str(config), "--listen", "127.0.0.1:0", "--tokens", str(tmp_path / "tokens")]
-        with pytest.raises(SystemExit) as ended:
-            main([*arguments, "--opcua", place, "--opcua-folder", str(tmp_path / "opcua")])
-    assert ended.value.code == code
-    said = capsys.readouterr().err
-    assert f"--opcua {place}: " in said
-    assert words in said
 
 
 def test_a_folder_that_others_may_fill_and_an_old_certificate_are_refused(tmp_path):

@@ -127,21 +127,6 @@ def test_a_subscription_is_its_session_s_own(served):
     asyncio.run(asked())
 
 
-def test_what_can_t_be_sent_again_is_told_to_be_gone(served):
-    """Where it was sent empty, and Good, node-opcua asked for it some hundred times a second, for good."""
-
-    async def asked():
-        async with client(served) as made:
-            number = (await made.create_subscription(100, Heard())).subscription_id
-            for of, name in ((number, "BadMessageNotAvailable"), (number + 1, "BadSubscriptionIdInvalid")):
-                request = ua.RepublishRequest()
-                request.Parameters = ua.RepublishParameters(of, 4000)
-                with pytest.raises(ua.UaStatusCodeError, match=name):
-                    await answered(made, request, ua.RepublishResponse)
-
-    asyncio.run(asked())
-
-
 def test_a_second_session_on_one_channel_is_refused_and_the_first_goes_on(served):
     async def asked():
         async with client(served) as made:
@@ -150,20 +135,6 @@ def test_a_second_session_on_one_channel_is_refused_and_the_first_goes_on(served
             assert await value(made, "Identification/Manufacturer") == "micromanip"
 
     asyncio.run(asked())
-
-
-def test_nobody_has_another_server_listed(served):
-    other = ua.RegisteredServer("urn:of:another", ServerNames=[ua.LocalizedText("another")], IsOnline=True)
-    other.DiscoveryUrls = ["opc.tcp://192.0.2.1:4840"]
-
-    async def asked():
-        async with client(served, "ana") as made:
-            request = ua.RegisterServerRequest(Server=other)
-            with pytest.raises(ua.UaStatusCodeError, match="BadServiceUnsupported"):
-                await answered(made, request, ua.RegisterServerResponse)
-            return [found.ApplicationUri for found in await made.find_servers()]
-
-    assert asyncio.run(asked()) == ["urn:micromanip:gateway"]
 
 
 @pytest.mark.parametrize(

@@ -326,17 +326,6 @@ class Measured:
         return answer | ({"found": found, "problem": None} if answer["done"] else {})
 
 
-def test_times_beside_each_other_differ_however_late(browser, address):
-    opened(browser, address, "/scope")
-    labels = "import('/static/page.js').then(page => page.timeTicks({}))"
-    assert browser.value(labels.format([1800.0001, 1800.0002])) == ["30:00.0001", "30:00.0002"]
-    assert browser.value(labels.format([3540, 3600, 3660])) == ["59:00", "1:00:00", "1:01:00"]
-    assert browser.value(labels.format([119.9998, 119.9999])) == ["119.9998 s", "119.9999 s"]
-    assert browser.value(labels.format([-0.0005, 0, 0.0005])) == ["−500 µs", "0 µs", "500 µs"]
-    moment = "import('/static/page.js').then(page => page.moment(1800.0123))"
-    assert browser.value(moment) == "30:00.01230"
-
-
 def test_margins_are_measured_after_a_question_and_end_with_the_page(browser, played, tmp_path):
     played.cell.status = status("HOLDING")
     gateway = Gateway(played.cell, Tokens([Token("ana", "operate", DO)]), Origins(), lambda: None)

@@ -8,7 +8,6 @@ import pytest
 
 from micromanip.gateway.app import Gateway
 from micromanip.gateway.guard import Origins
-from micromanip.gateway.history import History
 from micromanip.gateway.tokens import Token, Tokens
 from micromanip.recordings import open_telemetry
 
@@ -59,18 +58,6 @@ def test_a_saved_window_is_the_rings_bytes(played, tmp_path):
     assert telemetry.end
     assert [each["version"].tolist() for each in telemetry.parameters] == [[3]]
     assert telemetry.marks[0]["cycle"] == 15_000
-
-
-def test_what_is_known_as_blocks_only_is_no_recording(played):
-    source = played.cell.source
-    source.history = History(source.fields, 1024, ((16, 500),))
-    played.play(noise(np.arange(100, 1000)))
-    played.read()
-    assert saved(played, first=0, last=999)[0] == 200, "from before the first cycle on"
-    played.play(noise(np.arange(1000, 2000)))
-    played.read()
-    code, _, text = saved(played, first=0, last=1999)
-    assert (code, b"zoom in, or save as CSV" in text) == (400, True)
 
 
 @pytest.mark.parametrize("window", [{"first": 5, "last": 3}, {"first": 7, "last": 9}, {"first": "a", "last": 3}, {}])

@@ -1,6 +1,5 @@
 """A recording as the scope's past against all of its rows: no peak is lost, faults and remarks are found."""
 
-import os
 import re
 
 import numpy as np
@@ -8,9 +7,8 @@ import pytest
 from mcap.reader import make_reader
 from recordings.damaged import damage
 
-from micromanip.errors import CheckFailed, DeviceUnavailable, UsageError
-from micromanip.gateway.overview_filling import fill, halving
-from micromanip.gateway.viewing import RecordedSource, view
+from micromanip.gateway.overview_filling import fill
+from micromanip.gateway.viewing import RecordedSource
 from micromanip.host.recording.mcap_file import McapRecording
 from micromanip.recordings import open_telemetry
 from micromanip.rt import states
@@ -105,29 +103,6 @@ def test_what_was_cut_off_is_shown_up_to_there_and_said(tmp_path):
     assert "this is what was in the file" in found.recording["problem"]
 
 
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [(b"a,b\n1,2\n", "no recording of ours"), (b"\x89MCAP0\r\n" + bytes(90), "recording|telemetry")],
-)
-def test_a_foreign_file_is_told(tmp_path, content, message):
-    file = tmp_path / "run.mcap"
-    file.write_bytes(content)
-    with pytest.raises(CheckFailed, match=message):
-        view(file, "127.0.0.1:0", print)
-
-
-def test_neither_an_address_of_others_nor_a_port_in_use(tmp_path):
-    import socket
-
-    with pytest.raises(UsageError, match="for this computer only"):
-        view(tmp_path / "run.mcap", "0.0.0.0:8091", print)
-    with socket.socket() as other:
-        other.bind(("127.0.0.1", 0))
-        other.listen()
-        with pytest.raises(DeviceUnavailable, match="choose another address or port"):
-            view(written(tmp_path / "run.mcap"), f"127.0.0.1:{other.getsockname()[1]}", print)
-
-
 def test_an_overview_that_is_half_made_shows_what_is_there_and_the_rest_as_unknown(tmp_path):
     file = written(tmp_path / "run.mcap")
     source, every = opened(file), made()
@@ -167,37 +142,6 @@ def test_a_damaged_piece_is_left_blank_and_said(tmp_path, place):
     window = source.history.window(columns, 0, 20_000, 500)
     assert not [begin for begin in window.cycles if first < begin < first + lost - window.rows]
     assert np.isnan(window.low[:, window.cycles == first]).any(), "no line goes over it"
-
-
-def test_a_file_that_has_changed_gets_an_overview_of_its_own(tmp_path):
-    file = written(tmp_path / "run.mcap")
-    first = opened(file)
-    fill(open_telemetry(file).pieces(), first.fields, first.history.overview)
-    os.utime(file, ns=(1, 1))
-    assert opened(file).history.overview.share == 0.0
-
-
-def test_what_is_looked_at_is_read_first(tmp_path):
-    file = written(tmp_path / "run.mcap")
-    source = opened(file)
-    overview = source.history.overview
-    overview.wanted[:] = 6500, 6900
-    looks = []
-    fill(open_telemetry(file).pieces(), source.fields, overview, lambda: looks.append(0) is None and len(looks) <= 2)
-    begins = [int(part["cycle"][0]) for part in np.array_split(made(), 9)]
-    held = [k for k, begin in enumerate(begins) if begin <= 6900 and begin + 900 >= 6500]
-    assert overview.done[held].any()
-    assert set(np.flatnonzero(overview.done)) <= set(range(min(held) - 1, max(held) + 2))
-
-
-@pytest.mark.parametrize("count", [1, 2, 7, 64, 1200])
-def test_the_order_visits_every_piece_and_is_even_from_the_beginning(count):
-    order = halving(count)
-    assert sorted(order) == list(range(count))
-    for some in (8, 64, 500):
-        if some < count:
-            gaps = np.diff(np.sort(order[:some]), prepend=0, append=count)
-            assert gaps.max() <= 4 * count / some
 
 
 def test_a_recording_without_its_index_has_the_same_pieces(tmp_path):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from micromanip.gateway.response import errors, sine_figures, step_figures
+from micromanip.gateway.response import sine_figures, step_figures
 
 T_S = np.arange(20_000) * 1e-4
 DAMPING, OMEGA = 0.4, 60.0
@@ -38,7 +38,3 @@ def test_gain_and_lag_of_a_sine_are_those_of_the_lag_it_came_through(hertz):
     got = sine_figures(T_S, wanted, found, hertz)
     assert got["gain"] == pytest.approx(0.8, rel=1e-6)
     assert got["lag_deg"] == pytest.approx(35.0, abs=1e-4)
-
-
-def test_errors_are_rms_and_peak():
-    assert errors(np.zeros(4), np.array([1.0, -1.0, 1.0, 3.0])) == {"error_rms_um": np.sqrt(3.0), "error_peak_um": 3.0}

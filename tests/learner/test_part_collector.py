@@ -68,11 +68,6 @@ def test_rows_before_tracking_was_lost_are_not_of_the_next_part():
     assert part.rows["cycle"][0] == 280
 
 
-def test_who_begins_to_listen_in_the_middle_of_a_part_gives_none():
-    parts, said = collected(course(1000, (300, 800))[400:])
-    assert (parts, said) == ([], [])
-
-
 def test_missed_rows_are_not_in_a_part_and_do_not_shift_it():
     rows = course(1000, (300, 800))
     ((part,), _) = collected(np.delete(rows, slice(300 + CYCLES - 5, 300 + CYCLES + 20)))

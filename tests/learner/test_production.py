@@ -146,18 +146,6 @@ def made_for(seconds):
     return {"channel": "retracted", "kind": "value", "value": 17.0, "at_s": BEGIN_S, "for_s": seconds}
 
 
-@pytest.mark.thorough  # whole parts, and five of them, where two of three seconds show the same
-def test_by_the_fifth_part_hardly_anything_repeats(tmp_path):
-    made, faults = Production(tmp_path, with_line(8.0, "part", "retracted")), [made_for(8.5)]
-    before_um = made.repeats_um(faults)
-    for seed in range(1, 6):
-        made.part(seed, faults=faults)
-    after_um = made.repeats_um(faults)
-    assert max(after_um.values()) < 0.05
-    assert after_um["y"] < 0.25 * before_um["y"]
-    assert after_um["z"] < 0.25 * before_um["z"]
-
-
 def test_a_line_says_to_the_cycle_when_a_part_begins_and_when_it_is_broken_off(tmp_path):
     made, faults = Production(tmp_path, with_line(SECONDS, "part", "retracted")), made_for(SECONDS + 0.5)
     for seed in (1, 2, 3):

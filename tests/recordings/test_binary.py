@@ -195,67 +195,7 @@ def test_foreign_files_are_one_sentence(content, tmp_path):
     assert "\n" not in str(raised.value)
 
 
-def test_what_netcdf_marks_as_missing_is_no_number(tmp_path):
-    netcdf(tmp_path / "x.h5")
-    with h5py.File(tmp_path / "x.h5", "a") as contents:
-        contents["y"][7] = contents["y"].attrs["_FillValue"] = np.int32(-(2**31))
-    with pytest.raises(CheckFailed, match="row 7: y has no number here"):
-        take(tmp_path / "x.h5", Wanted(("u", "y")))
-
-
-def test_hdf5_whose_values_are_elsewhere_or_need_a_filter_is_told_as_that(tmp_path):
-    with h5py.File(tmp_path / "x.h5", "w") as contents:
-        contents["t"] = T
-        settings = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
-        settings.set_chunk((SAMPLES,))
-        settings.set_filter(32001, h5py.h5z.FLAG_OPTIONAL)  # blosc, as PyTables and pandas write
-        space = h5py.h5s.create_simple((SAMPLES,))
-        kept = h5py.h5d.create(contents.id, b"u", h5py.h5t.NATIVE_DOUBLE, space, settings)
-        kept.write_direct_chunk((0,), U.tobytes(), 0)
-        parts = h5py.VirtualLayout(shape=(SAMPLES,), dtype="f8")
-        parts[:] = h5py.VirtualSource("part1.h5", "y", shape=(SAMPLES,))
-        contents.create_virtual_dataset("y", parts)
-    found = read_table(tmp_path / "x.h5")
-    with pytest.raises(CheckFailed, match="u is compressed by HDF5 filter 32001, which is not installed here"):
-        found["u"]
-    with pytest.raises(CheckFailed, match=r"y is kept in part1\.h5, which is not there"):
-        found["y"]
-
-
-def test_columns_of_one_name_are_told_as_that(tmp_path):
-    pq.write_table(pa.table([pa.array(T), pa.array(U), pa.array(Y)], ["t", "u", "u"]), tmp_path / "x.parquet")
-    with pytest.raises(CheckFailed, match=r"several of its columns are called u; save it with a name for each"):
-        take(tmp_path / "x.parquet", Wanted(("u",)))
-
-
-def test_each_run_in_a_file_has_its_own_clock(tmp_path):
-    with h5py.File(tmp_path / "x.h5", "w") as contents:
-        for run, pace in (("run1", 1.0), ("run2", 2.0)):
-            contents[f"{run}/t"], contents[f"{run}/u"], contents[f"{run}/y"] = pace * T, U, Y
-            contents[f"{run}/lateness"] = pace * T
-            contents[f"{run}/lateness"].attrs["units"] = "us"
-    for run, pace in (("run1", 1.0), ("run2", 2.0)):
-        taken = take(tmp_path / "x.h5", Wanted((f"{run}.u", f"{run}.y")))
-        assert taken.step_s == pytest.approx(pace * STEP_S)
-
-
 def test_columns_of_other_lengths_are_no_recording(tmp_path):
     np.savez(tmp_path / "x.npz", t=T, u=U, y=Y[:-1])
     with pytest.raises(CheckFailed, match=r"y has 599 values, t 600: not one recording"):
         take(tmp_path / "x.npz", Wanted(("u", "y")))
-
-
-def test_what_a_file_holds_decides_not_what_it_is_called(tmp_path):
-    npz(tmp_path / "x.npz")
-    (tmp_path / "x.npz").rename(tmp_path / "x.csv")
-    assert set(read_table(tmp_path / "x.csv")) >= {"t", "u", "y"}
-
-
-def test_an_object_of_matlab_is_told_as_one(tmp_path):
-    with h5py.File(tmp_path / "x.mat", "w", userblock_size=512) as contents:
-        made = contents.create_dataset("log", data=np.zeros((1, 6), np.uint32))
-        made.attrs["MATLAB_class"], made.attrs["MATLAB_object_decode"] = np.bytes_("timeseries"), 3
-    with (tmp_path / "x.mat").open("r+b") as head:
-        head.write(b"MATLAB 7.3 MAT-file".ljust(124) + b"\0\2IM")
-    with pytest.raises(CheckFailed, match=r"log: an object of MATLAB, .* save\('record.mat'"):
-        read_table(tmp_path / "x.mat")

@@ -4,7 +4,6 @@ import json
 
 import numpy as np
 import pytest
-import zstandard
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
@@ -52,28 +51,6 @@ def test_blocks_follow_one_another():
         assert read_back(codec, block).tobytes() == part.tobytes()
 
 
-def test_what_is_smooth_takes_little_room():
-    rows = motion(1000)
-
-    def size(field):
-        only = np.zeros(len(rows), ROW)
-        only["axis"][field] = rows["axis"][field]
-        return len(zstandard.ZstdCompressor().compress(BlockCodec.of(ROW).encode(only)))
-
-    assert size("reference_um") < 0.4 * 8 * 3 * len(rows)  # smooth
-    assert size("innovation_um") > 0.7 * 8 * 3 * len(rows)  # noise
-
-
-def test_one_column_alone():
-    rows, codec = motion(300), BlockCodec.of(ROW)
-    block = codec.encode(rows)
-    found = codec.decode(block, ["axis.1.voltage_V", "fault", "axis.2.path_error_um"])
-    assert list(found) == ["axis.1.voltage_V", "fault", "axis.2.path_error_um"]
-    assert (found["axis.1.voltage_V"] == rows["axis"]["voltage_V"][:, 1]).all()
-    assert found["fault"].dtype == np.int32
-    assert (found["axis.2.path_error_um"] == rows["axis"]["path_error_um"][:, 2]).all()
-
-
 NESTED = np.dtype([("n", "<i4"), ("list", "<f8", (3,)), ("part", [("a", "<f8"), ("b", "<i4")], (2,))], align=True)
 
 
@@ -82,19 +59,8 @@ def test_columns_are_the_record_taken_apart(dtype):
     assert record_of(columns_of_rows(dtype), dtype.itemsize) == dtype
 
 
-def test_a_record_that_has_no_columns():
-    with pytest.raises(ValueError, match=r"name: .*U4 is no column"):
-        columns_of_rows(np.dtype([("name", "U4")]))
-
-
 @pytest.mark.parametrize("damage", [lambda b: b[:4], lambda b: b[:-1], lambda b: b + b"x", lambda b: b"\xff" * len(b)])
 def test_a_damaged_block_is_told(damage):
     codec = BlockCodec.of(ROW)
     with pytest.raises(ValueError, match="block"):
         codec.decode(damage(codec.encode(motion(50))))
-
-
-def test_another_layout_is_told():
-    document = BlockCodec.of(ROW).document()
-    with pytest.raises(ValueError, match=r"'micromanip\.block/2' is not known"):
-        BlockCodec.described(document | {"layout": "micromanip.block/2"})

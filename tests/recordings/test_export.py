@@ -1,6 +1,5 @@
 """A recording in other formats, read back by their own libraries: bit for bit what the ring held."""
 
-import dataclasses
 import json
 
 import h5py
@@ -11,7 +10,7 @@ from host.test_mcap_recording import begun, slots, some_rows
 from pyarrow import parquet
 from scipy.io import loadmat
 
-from micromanip.errors import CheckFailed, UsageError
+from micromanip.errors import UsageError
 from micromanip.recordings import open_telemetry, read_table
 from micromanip.recordings.export import export
 from micromanip.rt.telemetry import AXIS_ROW, ROW
@@ -100,18 +99,6 @@ def test_csv(recorded, tmp_path):
     assert bits(table["stage_um_y"]) == bits(rows["axis"]["stage_um"][:, 1])
 
 
-def test_csv_of_what_is_not_known_is_a_column_of_numbers_elsewhere(recorded, tmp_path):
-    """polars takes ``NaN``, ``inf`` and ``-inf`` for numbers, and a column with another spelling for text."""
-    telemetry = open_telemetry(recorded[0])
-
-    def parts(paths):
-        yield {path: np.array([0, 1, 2] if path == "cycle" else [np.nan, np.inf, -np.inf]) for path in paths}
-
-    export(dataclasses.replace(telemetry, parts=parts), tmp_path / "run.csv", signals=["stage_um_x"])
-    _, *lines = (tmp_path / "run.csv").read_text().splitlines()
-    assert [line.split(",")[1] for line in lines] == ["NaN", "inf", "-inf"]
-
-
 @pytest.mark.parametrize("kind", [".h5", ".hdf5", ".parquet", ".mat", ".MAT", ".CSV", ".npz"])
 def test_a_part(recorded, tmp_path, kind):
     """By the counter of cycles: the skipped ones count."""
@@ -140,12 +127,6 @@ def test_what_can_t_be_exported(recorded, tmp_path, to, signals, said):
         export(open_telemetry(recorded[0]), tmp_path / to, signals=signals)
     assert [path.name for path in tmp_path.iterdir()] == ["there.h5"]
     assert (tmp_path / "there.h5").read_text() == "precious"
-
-
-def test_what_is_no_recording_of_ours(tmp_path):
-    (tmp_path / "bench.csv").write_text("t,u\n0,1\n1,2\n")
-    with pytest.raises(CheckFailed, match=r"bench\.csv: no recording of ours"):
-        open_telemetry(tmp_path / "bench.csv")
 
 
 def test_the_command(recorded, tmp_path, capsys):

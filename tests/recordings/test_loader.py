@@ -1,7 +1,6 @@
 """Gaps, jitter, cuts, rates, spikes and doubtful units: handled, and told."""
 
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -42,27 +41,10 @@ def test_missing_samples_are_left_out_and_told(tmp_path):
     assert "x.csv:102: " in note
 
 
-@pytest.mark.parametrize("missing", [(250,), (250, 251, 400)])
-def test_a_hysteresis_record_does_not_count_what_is_missing(missing, tmp_path):
-    record = load_record(written(tmp_path / "x.csv", *without(*missing)), COLUMNS)
-    assert len(record.u) == SAMPLES
-    np.testing.assert_array_equal(np.flatnonzero(record.weights(0) == 0.0), missing)
-    assert record.after_gap == ()
-    assert np.abs(record.u - U).max() < 0.2
-
-
 def test_behind_a_longer_gap_the_burn_in_begins_again(tmp_path):
     record = load_record(written(tmp_path / "x.csv", *without(*range(300, 330))), COLUMNS)
     assert record.after_gap == (330,)
     np.testing.assert_array_equal(np.flatnonzero(record.weights(20) == 0.0), [*range(20), *range(300, 350)])
-
-
-def test_of_two_halves_far_apart_the_longer_is_used(tmp_path):
-    t, u, y = T.copy(), U, Y
-    t[100:] += 1000.0
-    record = load_record(written(tmp_path / "x.csv", t, u, y), COLUMNS)
-    np.testing.assert_allclose(record.y, Y[100:], rtol=1e-9)
-    assert any("only the longest piece is used, 500 samples" in note for note in record.notes)
 
 
 def test_a_linear_record_takes_pieces_as_experiments(tmp_path):
@@ -117,15 +99,6 @@ def test_jittered_times_are_resampled_and_told(tmp_path_factory, seed, share):
     assert any("jitters by" in note and "resampled evenly" in note for note in taken.notes)
 
 
-def test_a_clock_that_is_rounded_is_even(tmp_path):
-    """1 kHz, times in steps of 4 ms: four samples have one time."""
-    t = np.floor(np.arange(SAMPLES) / 4.0) * 0.004
-    taken = take(written(tmp_path / "x.csv", t), COLUMNS)
-    assert taken.step_s == pytest.approx(1e-3, rel=0.01)
-    assert (np.diff(taken.index) == 1).all()
-    assert any("rounded to 0.004 s" in note for note in taken.notes)
-
-
 def test_times_without_a_rate_are_refused_but_where_one_is_asked_for(tmp_path):
     t = np.sort(np.random.default_rng(3).uniform(0.0, 3.0, SAMPLES))
     file = written(tmp_path / "x.csv", t, np.interp(t, T, U), np.interp(t, T, Y))
@@ -144,14 +117,6 @@ def test_another_rate(rate_hz, tmp_path):
     at = taken.index / rate_hz
     inside = (at > 0.3) & (at < T[-1] - 0.3)
     assert np.abs(taken.values[:, 0] - np.interp(at, T, U))[inside].max() < 0.1
-
-
-def test_thinning_keeps_out_what_is_too_fast(tmp_path):
-    hum = 5.0 * np.sin(2 * np.pi * 90.0 * T)
-    taken = take(written(tmp_path / "x.csv", y=Y + hum), Wanted(("u", "y"), rate_hz=40.0))
-    at = taken.index / 40.0
-    inside = (at > 0.4) & (at < T[-1] - 0.4)
-    assert np.abs(taken.values[:, 1] - np.interp(at, T, Y))[inside].max() < 0.3
 
 
 def test_a_cut_is_in_seconds_from_the_first_sample(tmp_path):
@@ -184,22 +149,6 @@ def test_units_that_can_hardly_be_meant_are_told(name, tmp_path):
     assert any(re.search(sentence, note) for note in notes), notes
     good = take(written(tmp_path / "good.csv", header=header), Wanted(tuple(header.split(",")[1:])))
     assert not good.notes
-
-
-def test_what_is_meant_by_a_column_without_a_unit_is_told_and_doubted(tmp_path):
-    wanted = Wanted(("u", "y"), dimensions=("voltage", "length"))
-    notes = take(written(tmp_path / "x.csv", y=1e-3 * Y), wanted).notes
-    assert [note.partition(":")[0] for note in notes] == [
-        "u states no unit", "y states no unit", "y moves by 0.096 um only"
-    ]  # fmt: skip
-    assert not take(written(tmp_path / "x.csv", header="t_s,u_V,y_um"), wanted).notes
-    named = replace(wanted, columns=("u", "y (in)"))
-    (strange,) = take(written(tmp_path / "in.csv", header="t_s,u_V,y (in)"), named).notes
-    assert strange == "y (in): 'in' is no unit known here: taken as um; y (in):mm says another"
-    inches = take(written(tmp_path / "in.csv", y=Y / 25_400.0, header="t_s,u_V,y (inch)"), wanted)
-    np.testing.assert_allclose(inches.values[:, 1], Y, rtol=1e-6)
-    with pytest.raises(CheckFailed, match=r"y_um is in um, which is no unit of voltage; .* y_um:V"):
-        take(tmp_path / "x.csv", Wanted(("y", "u"), dimensions=("voltage", "length")))
 
 
 @settings(max_examples=40, deadline=None)

@@ -190,13 +190,6 @@ def test_times_that_are_none_in_seconds_are_refused_but_where_the_unit_is_given(
     same(file, time=f"{name}:{unit}")
 
 
-def test_a_speed_is_no_time(tmp_path):
-    """Of "feed mm/s" the s is no unit of its own: the times were taken from there."""
-    rows = "\n".join(f"{k},{row}" for k, row in enumerate(lines()))
-    same(written(tmp_path / "x.csv", "feed mm/s,Zeit,u,y\n" + rows))
-    assert read_table(tmp_path / "x.csv").unit("feed mm/s") is None
-
-
 def test_time_by_option_and_stamps(tmp_path):
     rows = [f"2024-03-01 23:59:59.{k * 5:03d},{u},{y}" for k, (u, y) in enumerate(zip(U, Y, strict=True)) if k < 200]
     file = written(tmp_path / "x.csv", "when,u,y\n" + "\n".join(rows))
@@ -210,37 +203,6 @@ def test_time_by_option_and_stamps(tmp_path):
         take(counter, Wanted(("u", "y"), "n:samples"))
     with pytest.raises(CheckFailed, match=r"n.csv: u is in V, which is no time"):
         take(counter, Wanted(("y",), "u:V"))
-
-
-@pytest.mark.parametrize(
-    "stamp",
-    [
-        "2026-11-24T23:59:58.{}",
-        "24.11.2026 23:59:58.{}",
-        "23:59:58.{}",
-        "2026/11/24 10:00:00.{}+01:00",
-        "2026-11-24 10:00:00.{}+01",
-        "2026-11-24 10:00:00.{} UTC",
-        "24.11.2026 15:15:02.{} +0100",
-    ],
-)
-def test_stamps_at_10_kHz_are_even(stamp, tmp_path):
-    rows = [f"{stamp.format(f'{k * 100:06d}')},{k % 7}" for k in range(600)]
-    taken = take(written(tmp_path / "x.csv", "when,y\n" + "\n".join(rows)), Wanted(("y",)))
-    assert (taken.step_s, taken.notes) == (pytest.approx(1e-4, rel=1e-4), [])
-
-
-def test_a_time_of_day_goes_past_midnight(tmp_path):
-    rows = [
-        f"{(23 + k // 300) % 24:02d}:{59 * (k < 300):02d}:{59 * (k < 300):02d}.{k % 300:03d},{k}" for k in range(600)
-    ]
-    found = read_table(written(tmp_path / "x.csv", "when,y\n" + "\n".join(rows)))
-    assert found["when"][[299, 300]] == pytest.approx([0.299, 1.0])
-
-
-def test_a_clock_that_was_never_set_is_no_time(tmp_path):
-    rows = [f"0000-00-00 00:00:0{k / 100:.2f},{row}" for k, row in enumerate(lines())]
-    assert list(read_table(written(tmp_path / "x.csv", "when,t,u,y\n" + "\n".join(rows)))) == ["t", "u", "y"]
 
 
 BAD = {

@@ -9,14 +9,13 @@ import pytest
 from cli.command import code_of
 from scipy.signal import lfilter
 
-from campaigns.counterfactual import CONFIG, Compared, compared
+from campaigns.counterfactual import CONFIG
 from micromanip.errors import CheckFailed, UsageError
 from micromanip.replay.comparable import recorded_configuration, require_comparable
 from micromanip.replay.comparison import first_mismatch
 from micromanip.replay.counterfactual import Rerun, predict
 from micromanip.replay.fitting import fit_models
 from micromanip.replay.window import take_window
-from micromanip.rt.states import TRACKING
 
 from .tuned import tuned
 
@@ -52,18 +51,6 @@ def test_the_recorded_tuning_is_what_was_recorded(recorded, cut):
         assert found.limits == found.recorded_limits
 
 
-@pytest.mark.thorough  # two of the twenty of the campaign
-def test_the_error_of_drawn_tunings_is_predicted():
-    refused, *found = compared(number=2, seed=7, draws=6)
-    assert refused >= 0
-    for each in found:
-        assert isinstance(each, Compared)
-        assert np.abs(each.wrong[0]).max() < 0.1
-        assert np.abs(each.truth[0] / each.prediction.recorded[0] - 1.0).max() > 0.1, "another tuning changes something"
-        expected = each.prediction.expected
-        assert (np.abs(each.truth - expected.um) <= 1.5 * (expected.high_um - expected.um) + 0.01)[0].all()
-
-
 def test_the_stage_moves_as_its_model_says(recorded, rerun):
     """With the strain loop as it was, what the stage does otherwise is the model's answer to the other set-point.
 
@@ -82,18 +69,6 @@ def test_the_stage_moves_as_its_model_says(recorded, rerun):
     assert found.std() > 0.2
     assert (found - expected).std() < 0.15 * found.std()
     assert np.allclose(found, was["path_error_um"] - rows["path_error_um"], atol=1e-9)
-
-
-def test_models_that_are_drawn_are_stable_others_and_the_same_again(rerun):
-    models = rerun.models
-    for seed in range(5):
-        drawn = models.drawn(seed)
-        assert (drawn == models.drawn(seed)).all()
-        for m, was in zip(drawn, models.nominal, strict=True):
-            n = int(m["states"])
-            assert np.abs(np.linalg.eigvals(m["A"][:n, :n])).max() < 1.0
-            gains = [float(a["C"][:n] @ np.linalg.solve(np.eye(n) - a["A"][:n, :n], a["B"][:n])) for a in (m, was)]
-            assert 0.0 < abs(gains[0] / gains[1] - 1.0) < 0.1
 
 
 def test_limits_that_another_tuning_meets(recorded, rerun):
@@ -122,16 +97,6 @@ def test_a_tuning_that_would_stop_the_cell(recorded, tmp_path, capsys):
     printed = capsys.readouterr().out
     assert "The cell would have stopped at 6." in printed
     assert re.search("x .* following error .* [0-9]", printed)
-
-
-def test_rows_end_where_the_cell_leaves_tracking(recorded, rerun):
-    parameters = recorded[0].parameters.copy()
-    parameters["axis"]["watch"]["following_um"], parameters["axis"]["watch"]["following_cycles"] = 1e-3, 20
-    rows = rerun.rows(parameters)
-    assert 20 <= len(rows) < len(rerun.window.rows)
-    assert list(np.unique(rows["state"][:-1])) == [TRACKING] != rows["state"][-1]
-    assert rerun.tracked(rows) == len(rows) - 1
-    assert len(rerun.rows(recorded[0].parameters)) == len(rerun.window.rows)
 
 
 def test_the_command(recorded, tmp_path, capsys):

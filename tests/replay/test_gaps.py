@@ -5,7 +5,6 @@ import pytest
 from cli.command import code_of
 
 from campaigns.counterfactual import record, recorded_cell, track
-from micromanip.errors import CheckFailed
 from micromanip.recordings import open_telemetry
 from micromanip.replay.counterfactual import SETTLE_S, Rerun, predict
 from micromanip.replay.fitting import fit_models
@@ -70,11 +69,3 @@ def test_the_command_tells_what_is_left_out(stalled, rerun, tmp_path, capsys):
     (tmp_path / "calm.yaml").write_text(cell.source.text.replace("control_weight: ", "control_weight: 1"))
     assert code_of("replay", telemetry.file, "--with", tmp_path / "calm.yaml", *cut) == 0
     assert "Left out of all figures: 0." in capsys.readouterr().out
-
-
-def test_where_next_to_nothing_counts_it_is_refused(stalled, rerun):
-    _, telemetry = stalled
-    begin_s = rerun.window.at_s(int(np.argmax(rerun.window.rows["periods"] > 300)))
-    window = take_window(telemetry, (begin_s - 0.25, begin_s + 0.35))
-    with pytest.raises(CheckFailed, match="so many cycles are missing"):
-        Rerun(window, rerun.models)

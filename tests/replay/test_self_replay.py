@@ -181,16 +181,6 @@ def test_behind_a_gap_it_begins_anew_from_the_next_state(short, tmp_path, capsys
     assert again.gaps == outcome.gaps
 
 
-def test_rows_from_before_the_state_are_left_out(short, tmp_path):
-    prepared, rows = short
-    cell = VirtualCell(prepared.parameters.copy(), prepared.wiring)
-    cell.run(0.01)
-    cell.run(0.2, command=ARM)
-    outcome = replay(recording(tmp_path / "run.mcap", prepared, rows, state=cell.state))
-    assert outcome.difference is None
-    assert (outcome.left_out, outcome.cycles) == (2100, 17_000 - 2100)
-
-
 @pytest.mark.parametrize("what", ["rows", "state", "parameters"])
 def test_records_of_another_version_are_refused(short, tmp_path, what):
     prepared, rows = short
@@ -208,15 +198,6 @@ def test_records_of_another_version_are_refused(short, tmp_path, what):
         replay(replace(telemetry, **{what: other[what]}))
 
 
-def test_a_difference_behind_other_sources_is_put_down_to_them(short, tmp_path):
-    prepared, rows = short
-    rows = rows[:3000].copy()
-    rows["axis"]["voltage_V"][2000, 1] += 1.0
-    outcome = replay(replace(recording(tmp_path / "run.mcap", prepared, rows), sources="0123456789abcdef"))
-    assert outcome.is_other_version
-    assert outcome.difference.cause.startswith("another version of the program recorded it")
-
-
 def test_what_cannot_be_replayed_says_why(short, tmp_path):
     prepared, rows = short
     telemetry = recording(tmp_path / "run.mcap", prepared, rows[:100])
@@ -231,20 +212,3 @@ def test_what_cannot_be_replayed_says_why(short, tmp_path):
     damaged["axis"]["strain"][0, 1] = 1_000_000
     with pytest.raises(CheckFailed, match=r"damaged: its parameters have axis\.strain = "):
         replay(replace(telemetry, parameters=[damaged]))
-
-
-def test_what_the_axes_followed_is_in_it(tmp_path):
-    source = text()
-    begin = source.index("  source: ")
-    (tmp_path / "wave.csv").write_text("x,y,z\n0,0,0\n20,-10,5\n0,0,0\n")
-    played = "  source: file\n  path: wave.csv\n  sample_rate_Hz: 20\n"
-    (tmp_path / "cell.yaml").write_text(source[:begin] + played + source[source.index("\naxes:") :])
-    prepared = prepare(tmp_path / "cell.yaml")
-    cell = VirtualCell(prepared.parameters, prepared.wiring, prepared.samples)
-    rows = np.concatenate([cell.run(0.01), cell.run(1.9, command=ARM)])
-    assert np.ptp(rows["axis"]["reference_um"][rows["state"] == TRACKING]) > 10.0
-    outcome = replay(recording(tmp_path / "run.mcap", prepared, rows, samples=prepared.samples))
-    assert outcome.difference is None
-    assert outcome.cycles == len(rows)
-    with pytest.raises(CheckFailed, match="an axis follows a file, and what that holds is not in the recording"):
-        replay(recording(tmp_path / "without.mcap", prepared, rows))

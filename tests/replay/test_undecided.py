@@ -6,10 +6,9 @@ import pytest
 from campaigns.counterfactual import track
 from micromanip.replay.counterfactual import Rerun, predict
 from micromanip.replay.fitting import fit_models
-from micromanip.replay.outcomes import Outcome, ranges, undecided
-from micromanip.replay.window import take_window, tooth_caveats
-from micromanip.rt.laws.tooth import NO_GAIN
-from micromanip.rt.states import OUTRUN, TOOTH_LOST
+from micromanip.replay.outcomes import Outcome
+from micromanip.replay.window import take_window
+from micromanip.rt.states import TOOTH_LOST
 
 from .tuned import tuned
 
@@ -95,50 +94,5 @@ def test_the_truth_is_within_the_range(recorded, rerun, values):
     assert (expected.low_um > 0.0).all()
 
 
-@pytest.mark.compiled_only
-@pytest.mark.long
-def test_what_a_cut_does_not_tell_of_the_observer(recorded):
-    cell, telemetry = recorded
-    follows = observing(cell, 0.05)
-    window = take_window(telemetry, (5.5, 6.5))
-    (told,) = tooth_caveats(window, follows)
-    assert told.startswith("x: whether the tooth's observer lasts")
-    assert tooth_caveats(take_window(telemetry), follows) == []
-    assert tooth_caveats(window, tuned(cell, {"axes.x.outer.oscillation_Hz": None})) == []
-    window.parameters[0]["axis"]["outer"][0] = follows[0]["axis"]["outer"][0]
-    window.state[0]["axis"]["estimator"]["given_up"][0] = NO_GAIN
-    (told,) = tooth_caveats(window, follows)
-    assert told.startswith("x: the tooth is not cancelled")
-
-
 def outcome(um, conditions=0, counted=0, stopped=False):
     return Outcome(np.full((3, 1), um), np.array([conditions]), np.array([counted]), stopped)
-
-
-def test_two_outcomes_are_not_averaged():
-    nominal, alike = outcome(1.0), [outcome(1.0 + 0.002 * k) for k in range(-6, 7)]
-    low, high = ranges(nominal, alike, [])
-    assert (low > 0.9).all()
-    assert (high < 1.1).all()
-    low, both = ranges(nominal, alike, [outcome(2.0, GIVEN_UP)])
-    assert (low > 0.9).all()
-    assert (both >= 2.0).all()
-    assert (both < 2.5).all()
-    (told,) = undecided(["x"], [nominal, *alike, outcome(2.0, GIVEN_UP)])
-    assert (told.code, told.models, told.of, told.expected) == ("W-216", 1, 15, False)
-    assert undecided(["x"], [nominal, *alike]) == []
-
-
-def test_a_model_that_stops_before_anything_counts_leaves_a_range():
-    low, high = ranges(outcome(1.0), [outcome(1.01), outcome(np.nan, stopped=True)], [])
-    assert np.isfinite([low, high]).all()
-    assert (low < 1.0).all()
-    assert (high > 1.0).all()
-
-
-def test_an_axis_that_is_outrun_has_no_upper_end():
-    low, high = ranges(outcome(1.0), [outcome(1.02), outcome(0.99, 1 << OUTRUN, 1 << OUTRUN)], [])
-    assert np.isinf(high).all()
-    assert (low < 1.0).all()
-    _, high = ranges(outcome(1.0), [outcome(1.0, 1 << OUTRUN, 1 << OUTRUN)], [])
-    assert np.isfinite(high).all(), "what changes nothing is known"

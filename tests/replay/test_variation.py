@@ -4,7 +4,6 @@ import json
 import os
 import signal
 
-import numpy as np
 import pytest
 from cli.command import code_of
 from hypothesis import given
@@ -12,7 +11,7 @@ from hypothesis import strategies as st
 
 from micromanip.design import parallel
 from micromanip.errors import UsageError
-from micromanip.replay.variation import Variation, drawn, for_axes
+from micromanip.replay.variation import Variation, drawn
 from micromanip.settings.check import prepare
 
 WEIGHT, GAIN = "axes.*.outer.control_weight", "axes.x.inner.K_V_per_um"
@@ -31,28 +30,12 @@ def test_values_lie_in_their_range_and_follow_from_seed_and_number(seed, count):
     assert found == drawn(variations, count + 1, seed)[:count]
 
 
-def test_a_logarithmic_range_is_covered_evenly_over_the_logarithm():
-    found = drawn([Variation.parse("k=1..100:log"), Variation.parse("m=0..8")], 400, 3)
-    assert np.mean([values["k"] < 10.0 for values in found]) == pytest.approx(0.5, abs=0.01)
-    assert np.mean([values["m"] for values in found]) == pytest.approx(4.0, abs=0.05)
-
-
-def test_lists_alone_are_combined():
-    found = drawn([Variation.parse("k=1,2"), Variation.parse("m=-3,.5,4")], 6, 1)
-    assert found == [{"k": k, "m": m} for k in (1.0, 2.0) for m in (-3.0, 0.5, 4.0)]
-
-
 @pytest.mark.parametrize(
     "text", ["k", "k=", "k=2..1", "k=1..x", "=1..2", "k=1..2:lin", "k=nan..2", "k=0..1:log", "k=1,y"]
 )
 def test_what_is_no_range_is_refused(text):
     with pytest.raises(UsageError, match=f"--vary '{text}'"):
         Variation.parse(text)
-
-
-def test_every_axis_alike():
-    found = for_axes({"axes.*.inner.Ti_ms": 1.0, "reference.noise_um": 2.0}, ["x", "y"])
-    assert found == {"axes.x.inner.Ti_ms": 1.0, "axes.y.inner.Ti_ms": 1.0, "reference.noise_um": 2.0}
 
 
 @pytest.fixture(scope="module")

@@ -111,27 +111,6 @@ def test_a_sample_out_of_time_has_the_gain_of_its_gap(every, gap):
     assert s["filtered"][: len(gains.A)] == pytest.approx(table[min(gap, GAPS) - 1])
 
 
-def grown(gains, table, gaps):
-    """Natural logarithm, a sample, of what an error of the estimate has become after samples that far apart."""
-    error, total = np.ones(len(gains.A)), 0.0
-    for gap in gaps:
-        error = np.linalg.matrix_power(gains.A, gap) @ error
-        error -= table[min(gap, GAPS) - 1] * (gains.C @ error)
-        total += np.log(np.linalg.norm(error))
-        error /= np.linalg.norm(error)
-    return total / len(gaps)
-
-
-@pytest.mark.parametrize("longest", [10, 30])
-def test_an_estimate_with_many_gaps_does_not_run_away(longest):
-    """As it does with the stationary gain for all of them; of one cycle in thirty, on average, this one does, too."""
-    _, gains, _ = designed(oscillation_Hz=200.0)
-    gaps = np.random.default_rng(longest).integers(1, longest + 1, 3000)
-    assert grown(gains, intermittent_gains(gains, GAPS), gaps) < 0.0
-    if longest > 10:
-        assert grown(gains, np.tile(gains.observer, (GAPS, 1)), gaps) > 0.05
-
-
 def rerun(u, samples, now, restart=0):
     """Plain filter from cycle `restart` to `now` with the samples, by cycle, where they belong."""
     x = np.zeros(N)

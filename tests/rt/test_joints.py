@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from micromanip.control.joints import joints_radius, removed
 from micromanip.control.predictor import output_row, reference_transition, tracker_gain
-from micromanip.rt.laws.joints import as_rates, follow_joints
+from micromanip.rt.laws.joints import follow_joints
 from micromanip.rt.laws.reference import (
     REFERENCE_PARAMETERS,
     REFERENCE_STATE,
@@ -161,20 +161,6 @@ def test_the_lead_is_what_a_correction_turns_it_by(amplitude_um, angle, innovati
     lead = (lead + math.pi) % (2 * math.pi) - math.pi
     expected = max(REACH[0], min(REACH[1], lead))
     assert s["detuning"][0] == pytest.approx(expected, rel=0.02, abs=1e-9)
-
-
-@given(st.floats(*REACH), st.floats(-30.0, 30.0), st.floats(-2e3, 2e3))
-def test_rate_and_acceleration_are_those_of_the_frequency_found(detuning, o_um, rate_um_per_s):
-    """The second derivative of the whole is ``a - omega^2 o`` for the gains, those of the configured omega."""
-    s, omega, h = record(REFERENCE_STATE, detuning=[detuning]), LONE["oscillator"][0], 1e-5
-    w = np.array([5.0, 40.0, 300.0, o_um, rate_um_per_s, *[0.0] * 4])
-    around = np.zeros((3, REFERENCE_STATES))
-    for k in range(3):
-        extrapolate(LONE, s["detuning"], w, (k - 1) * h, around[k])
-    before, here, after = (position(each) for each in around)
-    as_rates(LONE, s, w)
-    assert w[1] + w[4] == pytest.approx((after - before) / (2 * h), rel=1e-6, abs=1e-3)
-    assert w[2] - omega**2 * w[3] == pytest.approx((after - 2 * here + before) / h**2, rel=1e-3, abs=1.0)
 
 
 @pytest.mark.parametrize("lost", ["gap", "memory"])

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from filterpy.kalman import KalmanFilter
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from micromanip.control.predictor import output_row, sample_transition, tracker_gain
@@ -96,24 +96,6 @@ def test_where_nothing_moves_two_thirds_are_left(hertz):
 def test_where_something_moves_it_is_as_good_as_the_wide_one(swing, first_s, last_s):
     both, wide = errors(swing)
     assert rms(both, first_s, last_s) <= 1.005 * rms(wide, first_s, last_s)
-
-
-@pytest.mark.many_cycles
-@settings(deadline=None)
-@given(
-    st.lists(st.tuples(st.floats(0.0, 40.0), st.floats(6.0, 11.0)), min_size=1, max_size=8),
-    st.integers(0, 1000),
-)
-def test_whatever_a_joint_does_it_is_hardly_worse_than_the_wide_one(pieces, seed):
-    """Amplitude and frequency jump every half second. By chance it may be worse than a filter that is out of doubt."""
-    table = np.array([*pieces, pieces[-1]])
-
-    def swing(time_s):
-        um, hertz = table[np.minimum((2.0 * time_s).astype(int), len(pieces))].T
-        return um, hertz
-
-    both, wide = errors(swing, 0.5 * (len(pieces) + 1), seed)
-    assert rms(both, 0.02, 99) <= 1.03 * rms(wide, 0.02, 99)
 
 
 @pytest.mark.many_cycles

@@ -183,22 +183,6 @@ def test_swapping_the_same_parameters_changes_no_state():
     assert (cells[0].run(0.02)["axis"]["voltage_V"] == cells[1].run(0.02)["axis"]["voltage_V"]).all()
 
 
-def test_a_swap_of_gains_keeps_the_memory_of_creep():
-    """What the actuator has crept in the last minutes is not forgotten for a new PID gain."""
-    configuration = MODES["strain"]()
-    axes = {}
-    for name, axis in configuration.axes.items():
-        model = axis.hysteresis.model_copy(update={"creep_s": (0.1, 10.0), "creep_gains": (0.01, 0.01)})
-        axes[name] = axis.model_copy(update={"hysteresis": model})
-    configuration = configuration.model_copy(update={"axes": axes})
-    cell = VirtualCell(compile_cell(configuration, wiring()), wiring())
-    cell.arm()
-    before = cell.state[0]["axis"]["hysteresis"].copy()
-    swap_cell(cell.parameters[0], changed(configuration, SWAPS["PID gain"])[0], cell.state[0])
-    assert (before["creep_um"][:, :2] != 0.0).all()
-    assert cell.state[0]["axis"]["hysteresis"].tobytes() == before.tobytes()
-
-
 def other_plant(configuration):
     """Another flexure: another meaning of the states."""
     axes = {}

@@ -125,13 +125,6 @@ def test_the_host_goes_before_ordinary_work(service):
     assert "does not go before ordinary work" not in service.journal()
 
 
-def test_a_refused_nice_value_is_told(service):
-    service.drop_in("LimitNICE=0")
-    service.start()
-    assert os.getpriority(os.PRIO_PROCESS, service.host) == os.getpriority(os.PRIO_PROCESS, 0)  # that of ordinary work
-    assert "the host process does not go before ordinary work" in service.journal()
-
-
 IDLE = """
 import socket, sys, time
 held = []
@@ -282,12 +275,6 @@ def test_one_controller_a_device(service):
     ok(PROGRAM, "park", str(CONFIG), user="cell-operator")
     for asks in ("cell-operator", "root"):
         assert "as of the run of" in ok(PROGRAM, "park", str(CONFIG), user=asks), "by what the service has left"
-
-
-def test_memory_that_may_not_become_executable_stops_even_cached_code(service):
-    """Why the unit does without MemoryDenyWriteExecute=; if this fails one day, it can have it."""
-    service.drop_in("MemoryDenyWriteExecute=yes", "Restart=no")
-    assert done("systemctl", "start", UNIT).returncode != 0
 
 
 def test_installing_again_changes_nothing_and_a_change_is_shown(service, tmp_path):

@@ -74,16 +74,6 @@ def test_the_whole_way_and_again_without_the_checks(tmp_path):
     assert phases(again) == [PARKED, LIFTING, SWEEPING, LIFTING, CLOSED]
 
 
-def test_the_sweep_swings_wider_than_the_model_remembers(tmp_path):
-    rows = cell(tmp_path).arm()
-    swept = rows["axis"]["setpoint_um"][rows["phase"] == SWEEPING]
-    peaks = np.abs(swept - 66.0)
-    assert (peaks.max(axis=0) > 35.07).all()  # the widest play
-    halves = peaks.reshape(10, -1, 3).max(axis=1)
-    assert (np.diff(halves[1:], axis=0) < 0.0).all()
-    assert peaks[-1].max() < 0.5
-
-
 @pytest.mark.parametrize(
     ("change", "code", "axis"),
     [

@@ -6,13 +6,9 @@ import numpy as np
 import pytest
 import yaml
 
-from micromanip.design.commission.axis import commission_axis
-from micromanip.design.step import STEP_UM
 from micromanip.rt.states import NO_FAULT, TRACKING
 from micromanip.settings.check import prepare
-from micromanip.settings.wiring.timing import FeedbackPath
 from micromanip.virtual.cell import VirtualCell
-from micromanip.virtual.experiment import VirtualExperiment
 
 pytestmark = pytest.mark.compiled_only
 
@@ -49,32 +45,3 @@ def test_clocks_that_drift_past_each_other_do_no_harm(tmp_path, name):
     error, uncompensated, cell, _ = tracked(prepare(file))
     assert (cell.state[0]["state"], cell.state[0]["fault"]) == (TRACKING, NO_FAULT)
     assert (error < 0.05 * uncompensated).all()
-
-
-@pytest.mark.thorough  # without a bus: tests/cli/test_commission.py; what it tunes: the first test here
-def test_an_axis_behind_a_bus_is_commissioned(tmp_path):
-    """From a gentle start; the evidence is on the models, the margins, and a step of the stage."""
-    document = yaml.safe_load((CONFIG / "factory.yaml").read_text(encoding="utf-8"))
-    document["drivers"]["cell"]["bus"] = {
-        "input_rate_Hz": 1000.0,
-        "input_latency_us": 1000.0,
-        "output_rate_Hz": 1000.0,
-        "output_latency_us": 1000.0,
-    }
-    for signal in document["signals"].values():
-        signal["max_age_us"] = 4000.0
-    for axis in document["axes"].values():
-        axis["inner"].update(K_V_per_um=0.05, Td_ms=0.0)
-    file = tmp_path / "cell.yaml"
-    file.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
-    prepared = prepare(file)
-    experiment = VirtualExperiment(prepared)
-    assert experiment.path(prepared.configuration, "x") == FeedbackPath(10, 10, 10, 10, 15)
-    found = commission_axis(prepared.configuration, experiment, "x", lambda _: None)
-    # the bus is not taken for hysteresis: without one it is 0.4 % as well
-    assert min(found.held_out_percent.values()) < 0.6
-    assert found.stage.fit_percent > 90.0
-    assert all(m.stable and m.phase_deg > 35.0 and m.gain_dB > 6.0 for m in found.pid.margins)
-    assert found.outer.outer.sample_cycles == 10
-    assert found.outer.outer.model.delay_cycles == 17
-    assert found.validation.settled_um < 0.1 * STEP_UM

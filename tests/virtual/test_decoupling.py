@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 import yaml
 
-from micromanip.design.coupling.cost import costs, loop_of
 from micromanip.design.coupling.measured import measure_coupling
-from micromanip.design.coupling.together import judge_together
 from micromanip.settings.check import prepared
 from micromanip.settings.compile.cell import compile_cell
 from micromanip.settings.text.source import Source
@@ -58,20 +56,6 @@ def test_decoupling_takes_away_what_coupling_adds(errors):
 
 
 @pytest.mark.long
-def test_the_cost_of_ignoring_it_is_what_was_predicted_of_the_motion(errors, measured):
-    coupled = cell(SHARES)
-    experiment = VirtualExperiment(coupled)
-    rows = experiment(coupled.configuration, 6.0)["axis"]["stage_um"][20_000:, :3]
-    found = costs(coupled.configuration, measured, np.asarray(rows[::10], dtype=float), 1000.0)
-    true = np.sqrt(np.mean((errors[1] - errors[0]) ** 2, axis=0))
-    ignored = np.array([found[name].ignored for name in NAMES])
-    assert np.sqrt(np.mean(ignored**2)) == pytest.approx(np.sqrt(np.mean(true**2)), rel=0.15)
-    # the joints of two axes beat once in 4 s, and the spectrum weighs the middle of what was recorded
-    assert ignored == pytest.approx(true, rel=0.5)
-    assert (np.array([found[name].decoupled for name in NAMES]) < 0.7 * ignored).all()
-
-
-@pytest.mark.long
 def test_the_coupling_is_measured_within_its_uncertainty(measured):
     away = np.abs(measured.rest - SHARES)[~np.eye(3, dtype=bool)]
     allowed = (4.0 * measured.rest_deviation)[~np.eye(3, dtype=bool)]
@@ -79,20 +63,6 @@ def test_the_coupling_is_measured_within_its_uncertainty(measured):
     assert measured.rest_deviation.max() < 1e-3
     assert measured.sure.sum() == 6
     assert np.abs(measured.gauge - np.eye(3)).max() < 1e-3
-
-
-@pytest.mark.long
-def test_the_flexures_push_shows_the_mode_of_the_axis_that_is_pushed():
-    pushed = cell(NONE, flexure=0.05)
-    found = measure_coupling(pushed.configuration, VirtualExperiment(pushed), SEED)
-    size, hertz, sees, moves = found.largest
-    assert 0.03 < found.rest[0, 1] < 0.05, "a closed strain loop gives way less than a held voltage"
-    assert size > 8.0 * abs(found.rest[NAMES.index(sees), NAMES.index(moves)])
-    assert 60.0 < hertz < 72.0
-    loops = np.array([loop_of(pushed.configuration, name, found.frequency_Hz) for name in NAMES])
-    one = judge_together(found.frequency_Hz, found.share, found.deviation, loops)
-    assert one.interaction > 1.0
-    assert one.stable, "more than the bound allows, and yet no turn: it runs, above"
 
 
 def test_a_share_that_is_only_known_changes_nothing():

@@ -9,7 +9,7 @@ from micromanip.design import paper
 from micromanip.design.experiment import with_axes, with_axis, with_reference
 from micromanip.errors import CheckFailed
 from micromanip.rt.records import MAX_AXES
-from micromanip.rt.states import DISARM, READY, TRACKING
+from micromanip.rt.states import DISARM, READY
 from micromanip.settings.check import prepare
 from micromanip.settings.compile.cell import compile_cell
 from micromanip.settings.schema.reference import File
@@ -42,24 +42,6 @@ def test_the_process_is_left_out_unless_asked_for(prepared):
     assert (loud > 1.2 * quiet).all()
     # uncompensated includes what the force would do: some 40 um, here towards larger deviations
     assert np.abs(np.mean((cutting["uncompensated_um"] - idle["uncompensated_um"])[-2000:], axis=0)).min() > 20.0
-
-
-def test_rows_may_be_thinned_out(prepared):
-    experiment = VirtualExperiment(prepared)
-    all_rows, thin = experiment(prepared.configuration, 0.2), experiment(prepared.configuration, 0.2, every=50)
-    assert len(all_rows) == 2000
-    assert thin.tobytes() == all_rows[49::50].tobytes()
-    assert set(all_rows["state"]) == {TRACKING}
-
-
-def test_it_says_how_far_it_is_and_the_rows_stay_the_same(prepared):
-    said = []
-    experiment = VirtualExperiment(prepared, say=said.append)
-    told, at_once = experiment(prepared.configuration, 1.25, every=30), experiment.cell(prepared.configuration)
-    at_once.arm()
-    assert said == ["second 1 of 2", "second 2 of 2"]
-    assert len(told) == 416
-    assert told.tobytes() == at_once.run(1.25, 30).tobytes()
 
 
 def test_a_cell_that_cannot_arm_says_so(prepared):

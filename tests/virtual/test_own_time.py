@@ -43,11 +43,6 @@ def recorded(every, late):
     return rows
 
 
-def test_samples_of_their_own_cycle_are_left_alone():
-    rows = recorded(1, 0)
-    assert at_own_time(rows, *bench()) is rows
-
-
 @pytest.mark.parametrize(("every", "late"), [(5, 4), (10, 12)])
 def test_late_samples_stand_where_they_were_taken(every, late):
     rate = 10_000.0 / every
@@ -88,10 +83,3 @@ def test_sensors_go_on_while_cycles_are_missed_and_the_voltage_does_not():
     assert np.abs(moved["stage_um"] + expected).max() < 0.01
     assert np.abs(rows["axis"]["stage_um"][:, 0] + expected).max() > 0.1
     assert (moved["voltage_V"] == rows["axis"]["voltage_V"][:, 0]).all()
-
-
-def test_a_voltage_stands_where_it_is_in_force():
-    outputs = (Channel("voltage_x", 1000.0, 0.0007),)
-    moved = at_own_time(recorded(1, 0), *bench(outputs=outputs))["axis"]["voltage_V"][:, 0]
-    # 7 cycles of way, and half of the 10 for which it is held
-    assert (moved[12:] == np.arange(COUNT - 12)).all()

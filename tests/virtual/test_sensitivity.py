@@ -13,13 +13,11 @@ from micromanip.control.margins import margins
 from micromanip.control.outer_gains import outer_gains
 from micromanip.control.pid import pid_system
 from micromanip.design.describing import harmonics, inverse_operator
-from micromanip.design.experiment import with_axes
 from micromanip.design.loops import stage_loop
 from micromanip.design.running import judge_running, measure_virtually
 from micromanip.errors import CheckFailed
 from micromanip.rt.states import HOLDING, NO_COMMAND
 from micromanip.settings.check import prepare
-from micromanip.settings.injected import plan_excitation
 from micromanip.virtual.cell import VirtualCell
 from micromanip.virtual.experiment import VirtualExperiment
 
@@ -122,18 +120,3 @@ def test_its_confidence_holds_on_a_machine_that_misses_cycles(prepared, request,
 def test_a_loop_that_is_open_is_refused(prepared):
     with pytest.raises(CheckFailed, match="20 um rms would move axis x at"):
         measure_virtually(prepared, "x", "stage", 20.0)
-
-
-def test_most_is_played_where_the_outer_loop_takes_most_away(prepared, strain):
-    """What arrives is what was asked for; four times the plain lines are needed at the stage's mode."""
-    configuration, path = prepared.configuration, VirtualExperiment(prepared).path(prepared.configuration, "x")
-    wave = plan_excitation(configuration, path, "x", "strain", 0.3, 1)
-    plain = plan_excitation(with_axes(configuration, mode="strain"), path, "x", "strain", 0.3, 1)
-    assert (wave.frequency_Hz == plain.frequency_Hz).all()
-    assert np.sqrt(0.5 * np.sum(plain.amplitude**2)) == pytest.approx(0.3)
-    more = wave.amplitude / plain.amplitude
-    at_mode = np.abs(wave.frequency_Hz - 64.0) < 10.0
-    np.testing.assert_allclose(more[at_mode], 4.0)
-    assert (more[wave.frequency_Hz > 400.0] < 2.0).all()
-    near = np.abs(strain.loop.frequency_Hz - 64.0) < 10.0
-    assert (strain.loop.deviation[near] / np.abs(strain.loop.measured[near])).max() < 0.05

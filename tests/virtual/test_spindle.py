@@ -6,9 +6,6 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from micromanip.design.commission.axis import commission_axis
-from micromanip.design.commission.knobs import Knobs
-from micromanip.design.commission.watched import Watched
 from micromanip.design.experiment import with_axes, with_reference
 from micromanip.settings.check import prepare
 from micromanip.settings.schema.reference import File, Hold
@@ -101,35 +98,6 @@ def test_the_outer_loop_damps_the_resonance(tmp_path):
     # and the force is cancelled: what is left after 0.3 s is a small part of what an open loop gives way
     assert np.abs(held[3000:]).max() < 0.05 * np.abs(ringing[3000:].mean())
     assert np.abs(held).max() < np.abs(ringing).max()
-
-
-@pytest.mark.thorough  # the campaign `tune` has put the same into simulated.yaml, which the first two tests are about
-@pytest.mark.parametrize(("predict", "times"), [(False, 30.0), (True, 100.0)], ids=["held", "predicted"])
-def test_a_cell_that_was_commissioned_from_factory_values(commissioned, predict, times):
-    """The same figures with nothing but what `commission` has found about the untuned cell."""
-    tuned = prepare(CONFIG)
-    axes = {name: axis.model_copy(update=commissioned[name]) for name, axis in tuned.configuration.axes.items()}
-    reference = tuned.configuration.reference.model_copy(update={"predict": predict})
-    configuration = tuned.configuration.model_copy(update={"axes": axes, "reference": reference})
-    cell = VirtualExperiment(tuned, process=True).cell(configuration)
-    cell.arm()
-    cell.run(6.0, every=100)
-    state = cell.state[0]["axis"]
-    assert (np.sqrt(state["uncompensated_squares"] / state["error_squares"]) >= times).all()
-
-
-@pytest.fixture(scope="module")
-def commissioned():
-    """Models and controllers of all axes of factory.yaml, commissioned one after the other."""
-    factory = prepare(CONFIG.with_name("factory.yaml"))
-    configuration = factory.configuration
-    for name in configuration.axes:
-        experiment = Watched(VirtualExperiment(factory))
-        configuration = commission_axis(
-            configuration, experiment, name, lambda _: None, Knobs(tooth_Hz=200.0)
-        ).configuration
-    kept = ("hysteresis", "inner", "outer")
-    return {name: {key: getattr(axis, key) for key in kept} for name, axis in configuration.axes.items()}
 
 
 @pytest.mark.parametrize("kick_um", [20.0, 100.0, 200.0])

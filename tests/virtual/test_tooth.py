@@ -10,7 +10,6 @@ from micromanip.faults import BY_NAME
 from micromanip.rt.laws.tooth import FOLLOWS
 from micromanip.rt.states import NO_FAULT, TOOTH_LOST, TRACKING
 from micromanip.settings.check import prepare
-from micromanip.settings.commissioned import tuning_hash
 from micromanip.virtual.experiment import VirtualExperiment
 
 CONFIG = Path(__file__).parents[2] / "config" / "simulated.yaml"
@@ -67,10 +66,3 @@ def test_a_speed_out_of_reach_is_told_once_and_left_alone(tmp_path):
     seen = BY_NAME["TOOTH_LOST"].what.format(value=206.0, limit=200.0)
     assert "206.00 Hz" in seen
     assert "200.00 Hz" in seen
-
-
-def test_the_hash_of_a_tuning_is_that_of_before_unless_it_follows():
-    axis = prepare(CONFIG).configuration.axes["x"]
-    assert tuning_hash(axis) == axis.commissioned.hash
-    outer = axis.outer.model_copy(update={"oscillation_range_percent": 2.0})
-    assert tuning_hash(axis.model_copy(update={"outer": outer})) != axis.commissioned.hash

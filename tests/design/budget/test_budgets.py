@@ -6,17 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from campaigns.budget import compared
-from micromanip.cli.commission import _budgeted
 from micromanip.design.budget.causes import FORCE, PREDICTION, STAGE, TRACKER
 from micromanip.design.budget.configured import HYSTERESIS, SATURATION, budget_of, cell_of
-from micromanip.design.budget.recorded import ACTUATOR, DISTURBANCE, MISSED, UNEXPLAINED, recorded_budget
-from micromanip.errors import CheckFailed, UsageError
+from micromanip.design.budget.recorded import ACTUATOR, MISSED, UNEXPLAINED, recorded_budget
+from micromanip.errors import CheckFailed
 from micromanip.recordings import Telemetry
 from micromanip.rt.states import READY
 from micromanip.settings.check import prepare
 from micromanip.virtual.experiment import VirtualExperiment, with_options
-from micromanip.virtual.switched import NOISE, play_without
 
 CONFIG = Path(__file__).parents[3] / "config"
 SECONDS = 4.0
@@ -52,14 +49,6 @@ def by_name(budget):
     return {cause["name"]: cause["rms_um"] for cause in budget.document()["causes"]}
 
 
-@pytest.mark.thorough  # what is computed beside what is recorded: the next test
-def test_computed_causes_are_what_switching_them_off_takes_away(prepared):
-    """4 s of 1/f-like noise know a variance to some 15 %; the campaign `budget` plays 30 s of five cells."""
-    for axis, cause, computed, played in compared(prepared, SECONDS, seed=3):
-        if played > 0.1:
-            assert computed == pytest.approx(played, rel=0.15), (axis, cause)
-
-
 @pytest.mark.long
 def test_a_configuration_and_its_run_have_the_same_budget(prepared, rows):
     (computed,) = budget_of(prepared, ["y"], SECONDS, 1, 1.0, silent)
@@ -85,31 +74,6 @@ def test_the_whole_of_a_recording_is_its_mean_square(prepared, rows):
     (found,) = recorded_budget(recording(prepared, rows), ["x"], 1.0, silent)
     error = rows["axis"]["path_error_um"][20_001:-10_001, 0]
     assert found.variance_um2 == pytest.approx(np.mean(error**2), rel=0.01)
-
-
-@pytest.mark.long
-def test_a_trial_through_a_real_loop_is_budgeted_by_its_own_rows(prepared, rows):
-    copied = rows.copy()
-    copied[30_000:30_040] = copied[29_999]  # the loop skipped 40 cycles
-    found = _budgeted(prepared, 1, prepared.configuration, copied, virtual=False)
-    assert [budget.axis for budget in found] == list("xyz")
-    seen = rows["axis"]["path_error_um"][20_001:-10_001]
-    for i, budget in enumerate(found):
-        assert budget.variance_um2 == pytest.approx(np.mean(seen[:, i] ** 2), rel=0.05)
-        assert by_name(budget).keys() >= {FORCE, TRACKER, MISSED}
-
-
-@pytest.mark.long
-def test_without_what_only_a_simulation_knows_force_and_actuator_are_one(prepared, rows):
-    hidden = recording(prepared, rows, true_stage_um=np.nan, path_error_um=np.nan, uncompensated_um=np.nan)
-    (found,), (known,) = (recorded_budget(r, ["z"], 1.0, silent) for r in (hidden, recording(prepared, rows)))
-    shown, truth = by_name(found), by_name(known)
-    assert FORCE not in shown
-    assert shown[DISTURBANCE] == pytest.approx(np.hypot(truth[FORCE], truth[ACTUATOR]), rel=0.15)
-    assert shown[TRACKER] == pytest.approx(truth[TRACKER], rel=0.15)
-    assert shown[STAGE] < 0.05
-    assert found.rms_um == pytest.approx(known.rms_um, rel=0.03), "not less for the noise that the smoothed path has"
-    assert "smoothed" in found.notes[0]
 
 
 @pytest.mark.long
@@ -165,12 +129,3 @@ def test_configurations_without_a_tracker_of_the_axes_are_refused(prepared):
     configuration = prepared.configuration.model_copy(update={"reference": turned})
     with pytest.raises(CheckFailed, match=r"reference\.frame: .*trackers that read the axes themselves"):
         cell_of(replace(prepared, configuration=configuration), "x")
-
-
-def test_only_a_simulation_has_causes_to_switch_off(prepared):
-    with pytest.raises(ValueError, match="nothing to switch off is called rain"):
-        play_without(prepared, ("rain",), 1.0, 1)
-    assert set(NOISE) > {"force"}
-    other = prepare(CONFIG / "can.yaml")
-    with pytest.raises(UsageError, match="only the driver simulated"):
-        play_without(other, (), 1.0, 1)

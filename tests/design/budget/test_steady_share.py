@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from micromanip.design.budget.causes import PREDICTION, TRACKER, Grid, followed_line, tracker_noise
-from micromanip.design.budget.configured import bound_of, cell_of
+from micromanip.design.budget.causes import Grid, followed_line, tracker_noise
+from micromanip.design.budget.configured import cell_of
 from micromanip.design.deviation.fit import fit_deviation
 from micromanip.settings.check import prepare
 from micromanip.settings.schema.reference import AxisDeviation
@@ -47,19 +47,6 @@ def fitted(cell, noise_um):
         tracking=replace(cell.tracking, tracker=tracker),
         known=replace(cell.known, tracker_noise_um=noise_um),
     )
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("noise_um", [0.1, 0.5, 2.0])
-def test_the_tracker_s_share_is_near_its_causal_bound(cell, noise_um):
-    """Within 15 %, in the loop as it is; the wide predictor alone leaves 1.4 times the bound, or more."""
-    own = fitted(cell, noise_um)
-    bound_um = np.sqrt(bound_of(own, own.known, 1.0).path_um2)
-    tracker = replace(own.tracking.tracker, steady=None)
-    wide = replace(own, laws=replace(own.laws, tracker=tracker), tracking=replace(own.tracking, tracker=tracker))
-    left = [np.sqrt(powers[TRACKER].sum() + powers[PREDICTION].sum()) for _, powers in (own.powers(), wide.powers())]
-    assert left[0] <= 1.15 * bound_um
-    assert left[1] >= 1.4 * bound_um
 
 
 @pytest.mark.long

@@ -13,9 +13,7 @@ from scipy.linalg import solve_discrete_lyapunov
 from micromanip.control.predictor import output_row, reference_transition, tracker_gain
 from micromanip.design.budget.bound import prediction_variance
 from micromanip.design.budget.causes import Grid, followed_line, shared_out, tracker_noise
-from micromanip.design.budget.followed import smoothed
 from micromanip.design.budget.loop import AxisLaws
-from micromanip.design.budget.recorded import binned
 from micromanip.design.budget.tracking import Tracking
 from micromanip.errors import CheckFailed
 from micromanip.settings.load import load
@@ -120,28 +118,6 @@ def test_a_sine_is_followed_as_stepping_the_laws_says(laws, hertz, predict):
     assert np.mean(settled**2) == pytest.approx(0.5 * np.sum(np.abs(parts) ** 2), rel=0.02, abs=1e-9)
 
 
-@pytest.mark.parametrize("hertz", [7.0, 9.5])
-def test_what_it_is_given_follows_the_joints_as_the_loop_does(laws, hertz):
-    """As by the predictor that knew the frequency, once it is found; which is what a budget takes it for."""
-    followed = replace(laws.tracker, oscillations=(Oscillation(frequency_Hz=8.0, um_per_s=5.0, range_percent=40.0),))
-    fixed = replace(followed, oscillations=(Oscillation(frequency_Hz=8.0, um_per_s=5.0),))
-    now = np.arange(40_000) * 1e-4
-    taken = np.arange(4_000) * 1e-3 - 1e-3
-    samples, left = 30.0 * np.sin(2 * np.pi * hertz * taken), []
-    for tracker in (followed, followed.at_swings([0.83, hertz]), fixed, fixed.at_swings([hertz])):
-        given_um = Tracking(tracker, 10, 1e-3, 1e-4).given(taken, taken + 1e-3, samples, now, output_row(5))
-        left.append(np.std((30.0 * np.sin(2 * np.pi * hertz * now) - given_um)[30_000:]))
-    assert left[0] == pytest.approx(left[1], abs=0.02)
-    assert left[2] == left[3] > 10.0 * left[0]
-
-
-def test_images_hold_each_frequency_once(laws):
-    found = Tracking(laws.tracker, 10, 1e-3, 1e-4).images(7.76)
-    assert found[0] == 7.76
-    assert len(found) == len(np.unique(found)) == 10
-    assert np.abs(found).max() <= 5000.0
-
-
 def test_the_bound_is_the_conditional_variance_of_a_gaussian_process():
     def r(lags_s):
         cosines = 180.0 * np.cos(6.0 * np.pi * lags_s) + 20.0 * np.cos(22.0 * np.pi * lags_s)
@@ -154,18 +130,6 @@ def test_the_bound_is_the_conditional_variance_of_a_gaussian_process():
     assert found == pytest.approx(200.0 - k @ np.linalg.solve(K + 0.25 * np.eye(60), k), rel=1e-6)
 
 
-@given(noise=st.floats(1e-3, 4.0), more=st.floats(1.01, 3.0), ahead=st.floats(0.0, 0.02))
-def test_a_bound_grows_with_noise_and_with_the_time_ahead(noise, more, ahead):
-    hertz, power = np.array([0.3, 8.0]), np.array([1000.0, 400.0])
-
-    def bound(variance, seconds):
-        return prediction_variance(hertz, power, 0.3, variance, 5e-3, np.array([seconds]))
-
-    assert 0.0 <= bound(noise, ahead) <= bound(more * noise, ahead) * (1 + 1e-6)
-    assert bound(noise, ahead) <= bound(noise, ahead + 2e-3) * (1 + 1e-6)
-    assert bound(noise, ahead) < 1400.0
-
-
 @given(st.lists(st.lists(st.floats(0.0, 1e3), min_size=4, max_size=4), min_size=1, max_size=5), st.floats(0.0, 1e4))
 def test_shares_sum_to_the_whole_and_none_is_negative(alone, whole):
     powers = {f"cause {k}": np.array(each) for k, each in enumerate(alone)}
@@ -173,26 +137,6 @@ def test_shares_sum_to_the_whole_and_none_is_negative(alone, whole):
     assert shares.keys() == powers.keys()
     assert all((each >= 0.0).all() for each in shares.values())
     np.testing.assert_allclose(np.sum(list(shares.values()), axis=0), whole, rtol=1e-12, atol=1e-300)
-
-
-@given(st.integers(50, 3000), st.integers(0, 9))
-def test_bins_hold_the_mean_square(samples, seed):
-    x = np.random.default_rng(seed).normal(2.0, 1.0, samples)
-    assert binned(x, Grid(10_000.0)).sum() == pytest.approx(np.mean(x**2))
-
-
-def test_a_path_is_told_from_the_noise_of_its_samples():
-    rng, taken = np.random.default_rng(1), np.arange(6000) * 1e-3 - 1e-3
-    now = np.arange(60_000) * 1e-4
-
-    def path(t):
-        return 60.0 * np.sin(2 * np.pi * 0.3 * t) + 30.0 * np.sin(2 * np.pi * 8.0 * t)
-
-    found = smoothed(taken, path(taken) + rng.normal(0.0, 0.5, len(taken)), now)
-    inside = (now > 1.0) & (now < 5.0)
-    assert np.std((found.path - path(now))[inside]) < 0.25 * 0.5
-    assert found.noise_um == pytest.approx(0.5, rel=0.05)
-    assert found.share(np.array([8.0, 200.0])) == pytest.approx([1.0, 0.0], abs=1e-3)
 
 
 def test_an_axis_without_a_model_of_its_stage_or_behind_a_bus_is_refused():

@@ -9,7 +9,6 @@ from scipy.signal import lfilter
 from micromanip.design.commission.at_rest import (
     FLANK_SHARE,
     STANDS_OUT,
-    AtRest,
     look_at_rest,
     strongest_line,
     tooth_at_work,
@@ -30,13 +29,6 @@ def test_a_line_is_found_with_its_frequency_and_size(hertz):
     assert found == pytest.approx(hertz, abs=0.1)
     assert size_um == pytest.approx(0.5, rel=0.2), "between two bins of a Hann window 15 % are lost"
     assert ratio > 50.0
-
-
-def test_noise_and_a_resonance_do_not_stand_out():
-    pole = np.exp((-0.03 + 1j) * 2 * np.pi * 130.0 / RATE_HZ)
-    swinging = lfilter([1.0], np.poly([pole, pole.conj()]).real, NOISE)
-    for y in (NOISE, swinging):
-        assert strongest_line(y, RATE_HZ, BAND_HZ)[2] < 10.0
 
 
 def swinging_stage(hertz, damping, seed):
@@ -63,19 +55,6 @@ def test_a_mode_of_the_flexure_is_no_tooth_and_hides_none(damping):
         assert found == pytest.approx(hertz, rel=0.004)
 
 
-def test_the_mains_are_no_tooth():
-    hum = NOISE + np.sin(2 * np.pi * 100.0 * T_S) + 0.1 * np.sin(2 * np.pi * 333.0 * T_S)
-    assert strongest_line(hum, RATE_HZ, BAND_HZ)[0] == pytest.approx(333.0, abs=0.1)
-
-
-def test_what_was_not_seen_keeps_its_default():
-    seen = AtRest(500.0, 0.3, 6.5, None).reference()
-    assert (seen.sample_rate_Hz, seen.noise_um, seen.oscillation_Hz) == (500.0, 0.3, 6.5)
-    unseen = AtRest(None, 0.0, None, None).reference()
-    assert (unseen.sample_rate_Hz, unseen.oscillation_Hz) == (1000.0, 8.0)
-    assert unseen.noise_um > 0.0
-
-
 @pytest.mark.long
 def test_a_tooth_is_found_where_the_axis_works_when_its_parked_stage_is_out_of_the_sensors_range():
     """Parked, this stage rests 300 um from where it works: a sensor that reads +-150 um shows the tooth there only."""
@@ -93,3 +72,8 @@ def test_a_tooth_is_found_where_the_axis_works_when_its_parked_stage_is_out_of_t
     assert hertz == pytest.approx(237.0, abs=0.1)
     assert um > 0.5
     assert tooth_at_work(prepared.configuration, cell(0.0), "y") is None
+
+
+def test_the_mains_are_no_tooth():
+    hum = NOISE + np.sin(2 * np.pi * 100.0 * T_S) + 0.1 * np.sin(2 * np.pi * 333.0 * T_S)
+    assert strongest_line(hum, RATE_HZ, BAND_HZ)[0] == pytest.approx(333.0, abs=0.1)

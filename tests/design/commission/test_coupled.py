@@ -1,14 +1,12 @@
 """When decoupling goes on: beyond its uncertainty, where it pays, and where a second trial says so too."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from micromanip.design.commission.coupled import Coupled, decoupled, with_coupling
-from micromanip.design.commission.evidence import Evidence
+from micromanip.design.commission.coupled import Coupled, decoupled
 from micromanip.design.commission.production import PathErrorSeen, Production
 from micromanip.design.coupling.measured import Coupling
 from micromanip.design.coupling.together import Disk, Together
@@ -85,28 +83,6 @@ def test_it_is_taken_back_where_the_second_trial_is_worse_or_ends():
         assert production is before
         assert after.decoupled == ()
         assert says in after.decided[0]
-
-
-def test_without_a_trial_nothing_is_decoupled():
-    found = coupled()
-    production, after = decoupled(Production(found.noted(TUNED), problem="ended"), found, never)
-    assert production.problem == "ended"
-    assert "no trial" in after.decided[0]
-
-
-def test_the_report_and_the_json_say_it():
-    found = coupled()
-    _, found = decoupled(tracked(found.noted(TUNED), 2.0), found, never)
-    told = json.loads(json.dumps(found.document()))
-    assert told["rest"][0] == [1.0, 0.05, 0.0]
-    assert told["relative_gain"][0][0] == pytest.approx(1.0 / (1.0 + 0.05**3))
-    assert told["largest"] == {"share": pytest.approx(0.05), "at_Hz": HERTZ[0], "sees": "x", "moves": "y"}
-    assert set(told["cost_um"]["x"]) == {"ignored", "decoupled", "unsure", "moved"}
-    (section,) = with_coupling(Evidence("x", (), ()), found).sections
-    assert section.tables[0].rows[0][1] == "+5.000 +- 0.020 %"
-    assert section.tables[0].rows[1][1].endswith("not sure")
-    assert found.criterion("x").passed
-    assert not replace(found, together=replace(found.together, interaction=2.0, turns=1)).criterion("x").passed
 
 
 def test_a_coupling_that_is_not_found_again_leaves_the_file():

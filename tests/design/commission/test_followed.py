@@ -68,23 +68,9 @@ def test_an_axis_that_pays_at_the_right_speed_stays_as_it_is():
     assert ended.seen["y"].rms == 0.5, "what is told is of the cell as it is left"
 
 
-def test_without_a_gain_nothing_is_followed():
-    ranges, ended = decided(Trials(right=SAME, wrong=SAME, followed_right=SAME, followed_wrong=SAME))
-    assert ranges == dict.fromkeys(NAMES, 0.0)
-    assert ended.decided[-1].endswith("It is not followed.")
-
-
 def test_a_trial_that_ends_in_a_fault_leaves_it_out():
     ended = with_followed_tooth(
         Production(TUNED, seen=seen(**SAME)), lambda each: replace(each, problem="X-216 axis x: it swings")
     )
     assert ended.configuration == TUNED
     assert "left out: X-216 axis x" in ended.decided[-1]
-
-
-def test_where_no_tooth_is_cancelled_nothing_is_tried():
-    configuration = TUNED
-    for name in NAMES:
-        configuration = with_axis(configuration, name, outer=TUNED.axes[name].outer.without_tooth())
-    begun = Production(configuration, seen=seen(**SAME))
-    assert with_followed_tooth(begun, Trials()) is begun

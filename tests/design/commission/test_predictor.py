@@ -61,14 +61,6 @@ def test_an_axis_on_its_path_gets_one_that_is_better_on_another_day():
 
 
 @pytest.mark.long
-def test_a_robot_that_stood_still_shows_no_jerk():
-    rest = seen(x=still(3), z=np.concatenate([still(4)[:3000], moving(5)[3000:]]))
-    found, said = known_deviations(rest.reference(), rest)
-    assert found == {}
-    assert all("keeps what is said of all axes (samples held out are no likelier" in sentence for sentence in said)
-
-
-@pytest.mark.long
 def test_of_a_robot_that_hardly_moves_only_the_oscillation_is_sure():
     """The narrow predictor takes the path for as rough as it is said to be of all axes."""
     drift = 8.0 * np.sin(2 * np.pi * 0.31 * T_S) + 4.0 * np.sin(2 * np.pi * 0.83 * T_S)
@@ -87,8 +79,3 @@ def test_a_tracker_that_says_nothing_leaves_everything_as_it_was():
     found, (sentence,) = known_deviations(rest.reference(), rest)
     assert found == {}
     assert "is the tracker connected?" in sentence
-
-
-def test_the_configuration_s_own_tracker_is_not_touched():
-    rest = seen(x=moving(1), y=moving(2), z=moving(3))
-    assert in_production(TUNED, rest).configuration.reference == TUNED.reference

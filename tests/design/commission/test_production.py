@@ -8,7 +8,7 @@ import pytest
 
 from micromanip.design.budget.budget import AxisBudget, Bound, Cause, Variant
 from micromanip.design.commission.at_rest import AtRest
-from micromanip.design.commission.production import PathErrorSeen, Production, in_production, tried
+from micromanip.design.commission.production import in_production, tried
 from micromanip.design.experiment import with_axes, with_axis
 from micromanip.errors import CheckFailed
 from micromanip.settings.load import load
@@ -31,15 +31,6 @@ def test_a_tuned_cell_follows_its_tracker_with_every_stage():
     assert any("200 Hz" in sentence for sentence in production.decided)
 
 
-def test_what_an_axis_does_not_reach_is_believed_all_the_same_and_said():
-    setpoint = UNFOLLOWED.axes["y"].setpoint.model_copy(update={"range_um": (46.0, 76.0)})
-    production = in_production(with_axis(UNFOLLOWED, "y", setpoint=setpoint), REST)
-    assert production.configuration.reference.range_um == (-300.0, 300.0)
-    (said,) = (sentence for sentence in production.decided if "reaches" in sentence)
-    assert said.startswith("Axis y reaches -100 to 50 um"), "20 um of the actuator are 100 of the stage"
-    assert said.endswith("with centre_um at the middle of its set-points, 61 um, it would reach -75 to 75 um.")
-
-
 def test_a_tracker_that_the_user_described_stays():
     described = Tracker(source="signal", predict=False, noise_um=2.0)
     production = in_production(UNFOLLOWED.model_copy(update={"reference": described}), REST)
@@ -60,15 +51,6 @@ def test_a_tuning_that_misses_a_criterion_does_not_follow_a_robot():
     missed = in_production(UNFOLLOWED, REST, missed=2)
     assert missed.obstacle == "2 criteria are not met"
     assert missed.configuration == UNFOLLOWED
-
-
-def test_no_tooth_is_said():
-    axes = {name: axis.outer.model_copy(update={"oscillation_Hz": None}) for name, axis in UNFOLLOWED.axes.items()}
-    without = UNFOLLOWED
-    for name, outer in axes.items():
-        without = with_axis(without, name, outer=outer)
-    (said, _) = in_production(without, AtRest(1000.0, 0.5, None, None)).decided
-    assert said.startswith("No tooth frequency is cancelled: none was given")
 
 
 def test_the_file_says_how_it_runs_and_one_that_says_so_is_not_touched(tmp_path):
@@ -119,15 +101,6 @@ def test_the_trial_is_judged_by_what_is_left_of_the_path_error():
     assert strict.criterion("x", 0.5).passed
 
 
-def test_time_at_an_end_of_the_range_is_told_beside_the_figures():
-    made = rows(0.6, 100.0)
-    made["axis"]["setpoint_um"][12_000:13_000, 1] = 128.0
-    made["axis"]["voltage_V"][12_500:13_500, 1] = 150.0
-    seen = tried(in_production(UNFOLLOWED, REST), lambda each: each, lambda *_: made)
-    assert seen.criterion("y", 0.5).value.endswith("0.6 um at most, at an end of its range 15 % of the time")
-    assert seen.criterion("x", 0.5).value.endswith("0.6 um at most")
-
-
 def test_a_trial_that_ends_early_is_no_pass():
     def ended(*_):
         raise CheckFailed("ended by fault X-202")
@@ -139,53 +112,8 @@ def test_a_trial_that_ends_early_is_no_pass():
     assert not gap.criterion("x", 0.5).passed
 
 
-def test_the_report_has_it(tmp_path):
-    seen = PathErrorSeen(100.0, 0.6, 2.0, np.zeros(2), np.zeros(2))
-    section = Production(TUNED, decided=("So it is.",), seen=dict.fromkeys(NAMES, seen)).sections("x")[0]
-    assert "0.600 um rms, 2.00 um at most" in section.figures["path error"]
-    assert section.text.endswith("So it is.")
-
-
 def budget_of(axis):
     hertz = np.array([0.5, 50.0, 500.0])
     causes = (Cause("force", np.array([0.0, 0.16, 0.0])), Cause("noise", np.array([0.08, 0.0, 0.01])))
     tiny = Cause("creep", np.array([1e-6, 0.0, 0.0]))
     return AxisBudget(axis, hertz, (*causes, tiny), Bound(0.03, 0.0325, 1.0), (Variant("no force", 0.3),))
-
-
-def test_the_report_tells_what_the_error_of_the_trial_is_made_of():
-    production = in_production(UNFOLLOWED, REST)
-    given = []
-
-    def budgeted(configuration, played):
-        given.append((configuration, played))
-        return [budget_of(name) for name in NAMES]
-
-    made = rows(0.5, 100.0)
-    found = tried(production, lambda each: each, lambda *_: made, budgeted)
-    assert given[0][0] == production.configuration
-    assert given[0][1] is made
-    _, section = found.sections("y")
-    causes, others = section.tables
-    assert [row[:3] for row in causes.rows] == [
-        ("force", "0.400 um", "64.0 %"), ("noise", "0.300 um", "36.0 %"), ("creep", "0.001 um", "0.0 %"),
-        ("whole", "0.500 um", "100.0 %"),
-    ]  # fmt: skip
-    assert others.rows == (("no force", "0.300 um"),)
-    assert section.figures["this one leaves"] == "2.0 times that"
-    whole, force, noise, rest, bound = section.plots[0].curves
-    assert whole.y == pytest.approx([0.08, 0.24, 0.25], abs=1e-5), "below 0.5, 50 and 500 Hz"
-    assert [force.label, noise.label, rest.label] == ["force", "noise", "everything else"]
-    assert force.y + noise.y + rest.y == pytest.approx(whole.y)
-    assert bound.y == pytest.approx([0.0625, 0.0625])
-
-
-def test_where_no_budget_can_be_made_it_says_why_and_tracks_all_the_same():
-    def refused(*_):
-        raise CheckFailed("axis x is behind a bus")
-
-    found = tried(in_production(UNFOLLOWED, REST), lambda each: each, lambda *_: rows(0.6, 100.0), refused)
-    assert found.criterion("x", 0.5).passed
-    trial, section = found.sections("x")
-    assert trial.title == "In production"
-    assert section.text == "That is not told: axis x is behind a bus."

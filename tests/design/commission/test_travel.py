@@ -23,10 +23,6 @@ def record(lost_um=0.0):
     return {"voltage_V": strain, "strain_um": strain, "stage_um": stage}
 
 
-def test_the_slope_of_a_good_stage():
-    assert check_travel(CELL, "x", record(), {"y": 3.0}).slope == pytest.approx(5.0)
-
-
 def test_a_little_lost_motion_is_borne_and_more_is_named():
     """About the working point the stage travels some 190 um, of which 5 % may be lost."""
     assert check_travel(CELL, "x", record(4.0), {}).slope == pytest.approx(5.0, rel=0.01)
@@ -62,10 +58,6 @@ def answer(mode_Hz, tau_s, damping=0.02):
 @pytest.mark.parametrize("mode_Hz", [8.0, 19.0, 40.0, 67.0])
 def test_the_swing_after_a_step_is_told_by_its_frequency(mode_Hz):
     assert answer(mode_Hz, 1e-3).swing_Hz == pytest.approx(mode_Hz, abs=1.0)
-
-
-def test_a_stage_that_does_not_swing_has_no_frequency():
-    assert answer(67.0, 1e-3, damping=0.9).swing_Hz is None
 
 
 @pytest.mark.parametrize("tau_ms", [1.0, 5.0, 20.0])

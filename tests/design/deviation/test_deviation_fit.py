@@ -1,7 +1,6 @@
 """The model of a deviation: its likelihood beside a dense Gaussian, known processes found again, honest refusals."""
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -10,9 +9,7 @@ from scipy.stats import multivariate_normal
 from micromanip.control.joints import joints_radius
 from micromanip.control.predictor import output_row, reference_transition, sample_transition, tracker_gain
 from micromanip.design.deviation.fit import fit_deviation, followed
-from micromanip.design.deviation.innovations import Whitening, log_likelihood, noise_of, with_noise
-from micromanip.design.deviation.steady import steady_of
-from micromanip.design.deviation.whiteness import judge_innovations
+from micromanip.design.deviation.innovations import Whitening, log_likelihood
 from micromanip.errors import CheckFailed
 from micromanip.settings.schema.reference import AxisDeviation, AxisTracker, Oscillation
 
@@ -70,15 +67,6 @@ def test_the_innovations_are_the_stepped_filters():
     assert found[5000:] == pytest.approx(np.array(stepped[5000:]), abs=1e-6 * np.std(stepped))
 
 
-def test_all_in_proportion_to_the_noise_is_the_same_filter():
-    model = AxisTracker(500.0, (SWINGING,), 3000.0, 0.4)
-    louder = with_noise(model, 1.2)
-    assert (louder.jerk_um_per_s3, louder.oscillations[0].um_per_s) == pytest.approx((9000.0, 45.0))
-    assert Whitening.of(louder).poles == pytest.approx(Whitening.of(model).poles)
-    e = np.random.default_rng(1).normal(0.0, np.sqrt(Whitening.of(model).variance_um2), 100_000)
-    assert noise_of(louder, e) == pytest.approx(0.4, rel=0.02)
-
-
 def test_a_sine_is_found_to_what_its_samples_can_say(found):
     """Noise and, within some Cramer-Rao bounds, frequency; the innovations are white, of the stated variance."""
     fastest = max(found.model.oscillations, key=lambda each: each.frequency_Hz)
@@ -88,14 +76,6 @@ def test_a_sine_is_found_to_what_its_samples_can_say(found):
     assert found.amplitudes_um[found.model.oscillations.index(fastest)] == pytest.approx(30.0, rel=0.03)
     assert found.held_out.as_stated
     assert found.held_out.white
-
-
-def test_its_filter_beats_the_default(found):
-    """On another draw of the same path."""
-    samples, common = _path(7.76, seed=5), Oscillation(frequency_Hz=8.0, um_per_s=60.0)
-    default = AxisTracker(1000.0, (common,), 20_000.0, 0.5)
-    left = [np.var(Whitening.of(model).innovations(samples)) - 0.25 for model in (found.model, default)]
-    assert left[0] < 0.3 * left[1]
 
 
 def test_frequencies_that_may_move_make_a_filter_that_bears_it():
@@ -134,22 +114,6 @@ def test_beside_it_a_narrow_one_is_what_leaves_least_where_nothing_moves(found):
     assert "steady" not in fit_deviation(_path(7.76), 1000.0, moves_percent=0.0).settings()
 
 
-def test_without_a_joint_there_is_nothing_to_be_sure_of():
-    rng = np.random.default_rng(1)
-    samples = 130.0 * np.sin(2 * np.pi * 0.11 * T_S) + rng.normal(0.0, 0.5, len(T_S))
-    assert steady_of(AxisTracker(1000.0, (), 300.0, 0.5), samples) is None
-
-
-def test_a_slow_path_of_one_sine_returns_at_its_frequency():
-    """With the jerk gone: all that is left to be explained is that sine."""
-    rng = np.random.default_rng(2)
-    path = 60.0 * np.sin(2 * np.pi * 0.6 * T_S) + 30.0 * np.sin(2 * np.pi * 8.0 * T_S)
-    model = AxisTracker(1000.0, (Oscillation(frequency_Hz=8.0, um_per_s=3.0),), 1300.0, 0.5)
-    steady = steady_of(model, path + rng.normal(0.0, 0.5, len(T_S)))
-    assert steady.returns_Hz == pytest.approx(0.6, rel=0.02)
-    assert steady.jerk_um_per_s3 < 0.1 * 1300.0
-
-
 def test_innovations_of_a_path_that_returns_are_those_of_stepping_the_filter():
     model = AxisTracker(500.0, (SWINGING,), 300.0, 0.4, returns_Hz=0.7)
     samples = np.random.default_rng(3).normal(0.0, 5.0, 3000)
@@ -160,15 +124,6 @@ def test_innovations_of_a_path_that_returns_are_those_of_stepping_the_filter():
         stepped.append(sample - row @ state)
         state = state + gain * stepped[-1]
     assert Whitening.of(model).innovations(samples)[1500:] == pytest.approx(stepped[1500:], abs=0.05)
-
-
-@pytest.mark.parametrize("hertz", [(8.0, 11.0), (8.0, 9.6), (5.0, 8.0, 13.0)])
-def test_neighbours_never_find_the_same_frequency(hertz):
-    swinging = tuple(Oscillation(frequency_Hz=each, um_per_s=3.0) for each in hertz)
-    ranged = followed(AxisTracker(1000.0, swinging, 1300.0, 0.5)).oscillations
-    assert all(each.range_percent > 4.0 for each in ranged)
-    for lower, upper in pairwise(ranged):
-        assert lower.range_Hz[1] < np.sqrt(lower.frequency_Hz * upper.frequency_Hz) < upper.range_Hz[0]
 
 
 def test_what_a_filter_does_not_bear_is_not_followed_so_far():
@@ -205,12 +160,6 @@ def test_noise_alone_has_no_oscillation():
     assert found.model.noise_um == pytest.approx(0.7, rel=0.03)
 
 
-def test_an_oscillation_of_too_few_turns_is_not_claimed():
-    """.29 Hz turns twice in the part that is fitted to."""
-    samples = 30.0 * np.sin(2 * np.pi * 0.29 * T_S) + np.random.default_rng(1).normal(0.0, 0.5, len(T_S))
-    assert all(each.frequency_Hz > 0.5 for each in fit_deviation(samples, 1000.0).model.oscillations)
-
-
 @pytest.mark.parametrize(
     ("samples", "said"),
     [
@@ -223,14 +172,3 @@ def test_an_oscillation_of_too_few_turns_is_not_claimed():
 def test_what_can_not_be_fitted_is_refused(samples, said):
     with pytest.raises(CheckFailed, match=said):
         fit_deviation(samples, 1000.0)
-
-
-def test_coloured_innovations_and_a_wrong_variance_are_noticed():
-    white = np.random.default_rng(9).normal(0.0, 2.0, 5000)
-    good, wrong = judge_innovations(white, 4.0), judge_innovations(white, 5.0)
-    assert good.white
-    assert good.as_stated
-    assert not wrong.as_stated
-    coloured = judge_innovations(np.convolve(white, [1.0, 0.3], "same"), 4.36)
-    assert not coloured.white
-    assert coloured.lag == 1

@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from micromanip.design.drift import Cusum, average_run_length, change_point, limit_for
 
@@ -21,13 +19,6 @@ def test_run_lengths_are_those_of_the_tables(limit, known):
     """One-sided, allowance .5: Hawkins and Olwell (1998) by a Markov chain."""
     assert average_run_length(limit) == pytest.approx(known, rel=0.02)
     assert limit_for(known) == pytest.approx(limit, rel=0.01)
-
-
-@given(st.lists(st.integers(-100, 100), min_size=4, max_size=30), st.floats(0.01, 100.0), st.floats(-1e3, 1e3))
-def test_mean_and_deviation_of_the_values_do_not_matter(values, scale, offset):
-    values = np.array(values, dtype=float) + 0.01 * np.arange(len(values))
-    assert run(scale * values + offset)[1] == pytest.approx(run(values)[1], abs=1e-5)
-    assert run(-values)[1] == pytest.approx(run(values)[1][:, ::-1], abs=1e-9)
 
 
 def test_without_a_shift_it_alarms_as_rarely_as_said():
@@ -50,10 +41,3 @@ def test_a_shift_is_found_and_its_beginning_named(sign):
     cusum, _ = run(values, limit_for(2000.0))
     assert 25 <= cusum.crossed <= 28
     assert abs(change_point(values[: cusum.crossed + 1]) - 25) <= 1
-
-
-def test_values_that_are_all_the_same_are_no_drift_and_the_first_other_one_is():
-    cusum, _ = run([2.0] * 9)
-    assert cusum.crossed is None
-    cusum.add(2.1)
-    assert cusum.crossed == 9

@@ -1,7 +1,5 @@
 """Figures out of responses whose figures are known, and where there is none to be found."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy.linalg import block_diag
@@ -10,10 +8,7 @@ from scipy.signal import cont2discrete
 from micromanip.control.injection import injection
 from micromanip.control.system import System
 from micromanip.design.drift import PlantFigures, commissioned, plant_figures
-from micromanip.design.drift.checking import closed_loops, of_the_model
 from micromanip.design.response import Measured
-from micromanip.errors import CheckFailed
-from micromanip.settings.check import prepare
 
 HERTZ = injection(0.3, 3000.0, 10_000.0, seed=1).frequency_Hz
 NEAR = PlantFigures(5.0, 67.0, 0.02)
@@ -49,16 +44,6 @@ def test_noise_and_a_mode_above_move_it_little():
     assert np.mean([each.mode_damping for each in found]) == pytest.approx(0.02, rel=0.25)
 
 
-def test_where_there_is_no_mode_it_says_so():
-    with pytest.raises(CheckFailed, match=r"no mode near 67 Hz fits the stage's response: a line is \d+ % off"):
-        plant_figures(measured(np.exp(2j * np.pi * np.random.default_rng(1).random(len(HERTZ)))), None, NEAR)
-
-
-def test_the_models_figures_are_those_of_its_poles():
-    found = of_the_model(prepare(Path(__file__).parents[3] / "config" / "simulated.yaml").configuration.axes["x"], 1e-4)
-    assert (found.stage_gain, found.mode_Hz, found.mode_damping) == pytest.approx((5.0, 66.8, 0.022), rel=0.05)
-
-
 def test_the_models_figures_are_what_would_be_measured_of_it():
     """A second mode bends the response about the first: its gain there is 11 % less than at rest."""
     period_s, parts = 1e-4, []
@@ -75,10 +60,3 @@ def test_the_models_figures_are_what_would_be_measured_of_it():
         assert getattr(said, name) == pytest.approx(getattr(seen, name), rel=0.01), name
     at_rest = model.response(np.array([2 * np.pi]))[0].real
     assert said.stage_gain < 0.95 * at_rest, "else the case asks for nothing"
-
-
-def test_an_axis_without_a_closed_loop_is_refused():
-    axis = prepare(Path(__file__).parents[3] / "config" / "simulated.yaml").configuration.axes["x"]
-    assert closed_loops(axis, "x") == ("stage", "strain")
-    with pytest.raises(CheckFailed, match="axis x: no loop is closed"):
-        closed_loops(axis.model_copy(update={"mode": "voltage"}), "x")

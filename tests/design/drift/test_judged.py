@@ -50,15 +50,6 @@ def test_a_drift_of_a_few_scatters_a_check_is_named_with_its_beginning():
     assert by_name["stage_gain"].since is None
 
 
-def test_a_jump_beyond_the_drawn_plants_is_told_by_the_first_check():
-    one = series(1)[0]
-    found = judge([Check(one.time, "x", "abc", one.figures | {"mode_Hz": 54.0})], TUNED, Accept())
-    assert found.problems == (
-        "mode_Hz is 54, 67 in the model: robustness was judged within -16 to +20 % of it",
-    )  # fmt: skip
-    assert found.watched[1].learning
-
-
 def test_margins_below_and_on_their_way_there():
     edge = [Check(c.time, "x", "abc", c.figures | {"stage_phase_deg": 34.7}) for c in series(5)]
     assert judge(edge, TUNED, Accept()).problems == (), "a check knows a margin to some 2 %"
@@ -106,26 +97,6 @@ def test_the_history_is_read_as_it_was_written(tmp_path):
         expected = [c.figures[name] for c in checks]
         assert [c.figures[name] for c in found] == pytest.approx(expected, rel=1e-6, nan_ok=True)
     assert read_history(tmp_path / "none.csv") == []
-
-
-def test_half_a_row_is_none_and_the_next_check_takes_its_place(tmp_path):
-    file, checks = tmp_path / "drift.csv", series(3)
-    append(file, checks[0])
-    whole = file.read_bytes()
-    append(file, checks[1])
-    file.write_bytes(file.read_bytes()[:-7])
-    assert len(read_history(file)) == 1
-    append(file, checks[2])
-    assert file.read_bytes().startswith(whole)
-    assert [c.time for c in read_history(file)] == [checks[0].time, checks[2].time]
-
-
-def test_a_spreadsheets_byte_order_mark_and_line_ends_are_read(tmp_path):
-    file = tmp_path / "drift.csv"
-    append(file, series(1)[0])
-    file.write_bytes(b"\xef\xbb\xbf" + file.read_bytes().replace(b"\n", b"\r\n"))
-    append(file, series(2)[1])
-    assert len(read_history(file)) == 2
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
 
-from micromanip.design.learning.law import ALIKE, BETTER, FIRST, UNPLAYED, WORSE, compared, contraction, updated
+from micromanip.design.learning.law import ALIKE, BETTER, FIRST, WORSE, compared, contraction, updated
 from micromanip.design.learning.memory import Memory
 from micromanip.design.learning.part import Part
 from micromanip.design.learning.spectrum import ORDER, Bands, answered, filtered, low_pass
@@ -96,14 +96,6 @@ def test_a_correction_beyond_its_limit_is_not_applied():
         updated(once, part(3.0 * LINE + noise(2)), Scalar(), 2.0)
 
 
-def test_noise_alone_teaches_next_to_nothing():
-    memory = empty()
-    for k in range(5):
-        played = memory.correction_um
-        memory = updated(memory, part(noise(k, 0.5) - played, played), Scalar(), LIMIT_UM).memory
-    assert np.sqrt(np.mean(memory.correction_um**2)) < 0.02
-
-
 def test_a_part_that_is_worse_beyond_doubt_ends_what_was_learned():
     third = after(3)
     assert third.verdict == BETTER
@@ -114,22 +106,6 @@ def test_a_part_that_is_worse_beyond_doubt_ends_what_was_learned():
     assert (turned.memory.parts, turned.memory.generation) == (0, 4)
     anew = updated(turned.memory, made(turned.memory, 1.0, 10, repeats=-LINE), Scalar(), LIMIT_UM)
     assert (anew.verdict, anew.memory.parts) == (FIRST, 1)
-
-
-def test_a_part_without_its_correction_counts_and_is_compared_with_none():
-    memory = after(3).memory
-    for played in (np.zeros(VALUES), 0.5 * memory.correction_um):
-        found = updated(memory, part(LINE - played + noise(7), played), Scalar(), LIMIT_UM)
-        assert (found.verdict, found.memory.parts) == (UNPLAYED, 4)
-        assert np.array_equal(found.memory.blocks_um2, memory.blocks_um2)
-        assert found.memory.mean_um == pytest.approx(memory.mean_um, abs=0.1)
-
-
-def test_what_can_teach_nothing_is_refused():
-    with pytest.raises(CheckFailed, match="known to 1 Hz: too little"):
-        updated(empty(), part(noise(2)), Scalar(highest_Hz=1.0), LIMIT_UM)
-    with pytest.raises(CheckFailed, match="made up to another frequency"):
-        updated(after(1).memory, part(noise(4)), Scalar(highest_Hz=50.0), LIMIT_UM)
 
 
 @given(st.integers(0, 2**32 - 1))

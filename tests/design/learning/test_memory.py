@@ -4,7 +4,6 @@ import json
 import multiprocessing
 import os
 from dataclasses import fields, replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +12,6 @@ from hypothesis import strategies as st
 
 from micromanip.design.learning.memory import (
     Memory,
-    cell_name,
     memory_files,
     put_aside,
     read_memory,
@@ -21,9 +19,7 @@ from micromanip.design.learning.memory import (
     write_memory,
 )
 from micromanip.errors import CheckFailed, MicromanipError
-from micromanip.settings.check import prepare
 
-CONFIG = Path(__file__).parents[3] / "config"
 VALUES = 50
 RNG = np.random.default_rng(1)
 MEMORY = Memory(
@@ -102,26 +98,6 @@ def test_what_does_not_belong_together_or_is_of_another_version_is_refused(file,
         np.savez(opened, **{**arrays, name: values})
     with pytest.raises(CheckFailed, match="or a damaged one"):
         read_memory(file)
-
-
-def test_the_memory_of_something_else_is_refused_in_one_sentence(file, tmp_path):
-    (tmp_path / "cell.yaml").write_text((CONFIG / "simulated.yaml").read_text() + "\nlearning: {seconds: 2.0}\n")
-    configuration = prepare(tmp_path / "cell.yaml").configuration
-    own = Memory.begun(configuration, "x", 1000.0, np.zeros(2000), 0, None)
-    own.require(configuration, "x", file)
-    for change in ({"cell": "other"}, {"axis": "y"}, {"tuning": "other"}, {"path_um": np.zeros(2100)}):
-        with pytest.raises(CheckFailed, match=r"x\.npz: this memory is of .*: learn anew, after"):
-            replace(own, **change).require(configuration, "x", file)
-    driver = configuration.drivers["cell"]
-    other = configuration.model_copy(update={"drivers": {"cell": driver.model_copy(update={"seed": 7})}})
-    assert cell_name(other) == cell_name(configuration), "the seed of a simulation is not the cell"
-
-
-def test_the_files_of_an_axis_are_its_own_and_not_what_was_put_aside(tmp_path):
-    ours = {"y.npz", "y.tool3.npz"}
-    for name in (*ours, "z.npz", "yy.npz", "y.npz.before_fault", "y.old.npz", ".y.npz.0f.part"):
-        (tmp_path / name).touch()
-    assert {file.name for file in memory_files(tmp_path, "y")} == ours
 
 
 def test_what_is_no_memory_is_not_removed_and_what_cannot_be_put_aside_stays(file, tmp_path):

@@ -49,14 +49,3 @@ def test_a_line_whose_phase_does_not_repeat_is_not_believed():
     phases = np.random.default_rng(3).uniform(0, 2 * np.pi, 6)
     errors = [0.2 * np.sin(2 * np.pi * 12.5 * TIME_S + phase) for phase in phases] + 0.02 * drawn(8, 6)
     assert judged(errors)[12] < 0.5
-
-
-def test_gain_and_names_are_those_of_the_bands():
-    share = np.zeros(BANDS.count)
-    share[[3, 4, 10]] = 0.8
-    assert BANDS.named(share) == ((3.0, 5.0), (10.0, 11.0))
-    asked = np.array([2.5, 2.75, 3.0, 4.0, 4.99, 5.25, 5.5, 9.5, 10.99, 11.5, 300.0])
-    assert BANDS.gain(share, asked) == pytest.approx([0, 0.4, 0.8, 0.8, 0.8, 0.4, 0, 0, 0.8, 0, 0], abs=1e-9)
-    every = BANDS.gain(np.ones(BANDS.count), np.linspace(0.0, 75.6, 1000))
-    assert every == pytest.approx(np.where(np.linspace(0.0, 75.6, 1000) < 75.0, 1.0, every))
-    assert Bands(2000, RATE_HZ, 3.0).count == 0

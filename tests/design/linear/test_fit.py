@@ -66,27 +66,6 @@ def test_delays_are_found(delays):
     assert model.simulate(u, y) == pytest.approx(y, abs=1e-5 * y.std())
 
 
-@pytest.mark.parametrize("delay", [0, 1, 5])
-def test_delay_is_found_in_noise(delay):
-    model = fit_linear(experiments(1, 3000, (delay, 0), noise=0.1), 1e-3, 5)
-    assert model.delays == (delay, 0)
-
-
-def test_from_rest_the_first_input_was_there_before():
-    data = experiments(1, delays=(3, 0))
-    model = fit_linear(data, 1e-3)
-    u = np.ones((50, 2))
-    gain = model.frequency_response(np.array([0.0]))[0].real
-    settled = model.simulate(np.ones((2000, 2)))[-1] - model.offsets_y
-    assert settled == pytest.approx(gain @ (1.0 - model.offsets_u), rel=1e-6)
-    _, forced = control.forced_response(model.state_space(), U=(u - model.offsets_u).T)
-    assert (model.simulate(u) - model.offsets_y)[3:] != pytest.approx(forced.T[3:])  # the delay line began empty there
-    chain = np.concatenate([[u[0]] * 3, u]) - model.offsets_u
-    chain[:3, 1] = 0.0
-    _, forced = control.forced_response(model.state_space(), U=chain.T)
-    assert (model.simulate(u) - model.offsets_y) == pytest.approx(forced.T[3:], abs=1e-6)
-
-
 def test_direct_term_is_found():
     A, B, C, _ = system(outputs=2)
     D = np.array([[0.5, 0.0], [0.0, -2.0]])
@@ -109,22 +88,6 @@ def test_noise_costs_what_it_must():
     assert model.errors(u, y)[1] == pytest.approx(100 * 0.05 / np.sqrt(1 + 0.05**2), rel=0.05)
     moved = y + np.array([5.0, -7.0, 1.0])
     assert model.errors(u, moved)[1] == pytest.approx(model.errors(u, y)[1])
-
-
-def test_refinement_never_hurts_the_fit_and_pays():
-    """A subspace of few block rows is a poor one; the free run puts it right."""
-    data = experiments(1, 1500, noise=0.3)
-    plain, refined = (fit_linear(data, 1e-3, 5, block_rows=4, refinements=steps) for steps in (0, 8))
-    truth = transfer(*system(), circle())
-    errors = [np.abs(of_state_space(model.state_space(), circle()) - truth).max() for model in (plain, refined)]
-    assert errors[1] < 0.5 * errors[0]
-    assert (refined.errors(*data[0])[1] <= plain.errors(*data[0])[1] + 1e-6).all()
-
-
-def test_too_low_an_order_shows_on_held_out_data():
-    data = experiments(2)
-    low, right = (fit_linear(data[:1], 1e-3, order).errors(*data[1])[0].min() for order in (3, 5))
-    assert low < right - 1.0
 
 
 def test_kalman_gain_is_that_of_the_known_noise():
@@ -152,14 +115,6 @@ def test_kalman_gain_is_that_of_the_known_noise():
         x = A @ x + B @ (u[k] - model.offsets_u) + gain @ error[k]
     assert np.cov(error[200:].T) == pytest.approx(innovations, rel=0.05, abs=0.05 * R.max())
     assert (error.std(axis=0) < 0.8 * (y - model.simulate(u, y)).std(axis=0)).all()
-
-
-def test_kalman_gain_belongs_to_the_states_behind_a_delay():
-    model = fit_linear(experiments(1, 3000, (2, 1), noise=0.1), 1e-3, 5)
-    whole, gain = model.state_space(), model.kalman_gain
-    assert gain.shape == (8, 3)
-    assert (gain[5:] == 0.0).all()
-    assert np.abs(np.linalg.eigvals(whole.A - gain @ whole.C)).max() < 1.0
 
 
 @settings(max_examples=12)
@@ -190,33 +145,6 @@ def test_units_do_not_matter(seed, size_u, size_y):
 def test_what_can_not_be_fitted_is_said(spoil, sentence):
     with pytest.raises(ValueError, match=sentence):
         fit_linear([spoil(*experiments(1)[0])], 1e-3)
-
-
-def test_arguments_that_make_no_sense_are_refused():
-    u, y = experiments(1)[0]
-    for arguments, sentence in (
-        (([(u, y[:-1])], 1e-3), r"experiment 1 has arrays of \(700, 2\) and \(699, 3\)"),
-        (([(u, y), (u[:, 0], y)], 1e-3), "experiment 2 has arrays"),
-        (([], 1e-3), "there is no experiment"),
-        (([(u, y)], 0.0), "the sampling interval must be positive"),
-        (([(u, y)], 1e-3, 0), r"order 0 is not in 1 \.\."),
-    ):
-        with pytest.raises(ValueError, match=sentence):
-            fit_linear(*arguments)
-    for delays in ([1], [1, -1]):
-        with pytest.raises(ValueError, match="delays must be 2 numbers of samples from 0"):
-            fit_linear([(u, y)], 1e-3, 5, delays=delays)
-    with pytest.raises(ValueError, match=r"order 60 is not in 1 \.\. 27"):
-        fit_linear([(u, y)], 1e-3, 60, block_rows=10)
-
-
-def test_single_channels_may_be_vectors():
-    A, B, C, D = system(3, 1, 1)
-    u = np.random.default_rng(1).normal(size=500)
-    y = response(A, B, C, D, u[:, None])[:, 0]
-    model = fit_linear([(u, y)], 1e-3)
-    assert model.simulate(u, y)[:, 0] == pytest.approx(y, abs=1e-6 * y.std())
-    assert model.errors(u, y)[0] == pytest.approx([100.0], abs=1e-3)
 
 
 def test_an_input_without_effect_and_an_output_of_noise():

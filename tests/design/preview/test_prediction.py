@@ -6,11 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from micromanip.control.outer_gains import dc_gain
 from micromanip.design.budget.causes import followed_share
 from micromanip.design.preview.prediction import inverse_voltage, predict
 from micromanip.design.preview.preview import cell_of
-from micromanip.errors import CheckFailed
 from micromanip.rt.laws.feedforward import HYSTERESIS_PARAMETERS
 from micromanip.rt.laws.hysteresis import model_output
 from micromanip.settings.check import prepare
@@ -26,24 +24,11 @@ def cell():
     return cell_of(prepare(CONFIG / "simulated.yaml"), ["x"])
 
 
-def predicted(cell, deviation, **changed):
-    laws = cell.laws["x"]
-    laws = type(laws)("x", laws.axis.model_copy(update=changed), laws.tracker, laws.period_s)
-    return predict(laws, cell.tracking["x"], 0.0, deviation, RATE_HZ)
-
-
 def with_joint(cell, range_percent):
     """Tracking of x by a predictor that knows of one joint, and follows its frequency so far."""
     joints = (Oscillation(frequency_Hz=8.0, um_per_s=3.2, range_percent=range_percent),)
     tracker = replace(cell.tracking["x"].tracker, oscillations=joints, steady=None)
     return replace(cell.tracking["x"], tracker=tracker)
-
-
-def test_where_the_path_stands_the_actuator_is_its_share_of_the_gain_away(cell):
-    axis = cell.laws["x"].axis
-    found = predicted(cell, np.full(3000, 120.0))
-    np.testing.assert_allclose(found.setpoint_um, axis.centre_um + 120.0 / dc_gain(axis.outer), atol=0.01)
-    np.testing.assert_allclose(found.error_um, 0.0, atol=0.02)
 
 
 @pytest.mark.parametrize("hertz", [3.0, 25.0])
@@ -80,12 +65,6 @@ def test_a_joint_that_swings_at_another_frequency_is_followed_as_the_loop_follow
     assert found_of[0.0] > 5.0 * found_of[50.0]
 
 
-def test_half_of_the_authority_leaves_half_of_the_path(cell):
-    path = 50.0 * np.sin(2.0 * np.pi * 0.5 * np.arange(4000) / RATE_HZ)
-    whole, half = predicted(cell, path), predicted(cell, path, authority_percent=50.0)
-    np.testing.assert_allclose(half.error_um, 0.5 * (path + whole.error_um), atol=1e-9)
-
-
 def test_the_voltage_gives_the_set_point_back_through_the_model(cell):
     axis = cell.laws["x"].axis
     time_s = np.arange(2000) / RATE_HZ
@@ -103,8 +82,3 @@ def test_without_an_inverse_no_voltage_is_claimed(cell):
     axis = cell.laws["x"].axis
     pid = axis.model_copy(update={"inner": axis.inner.model_copy(update={"mode": "pid"})})
     assert inverse_voltage(pid, 0.0, np.zeros(3), RATE_HZ) is None
-
-
-def test_a_cell_without_a_tracker_has_no_preview():
-    with pytest.raises(CheckFailed, match=r"reference\.source is .*, it must be signal"):
-        cell_of(prepare(CONFIG / "factory.yaml"), ["x"])

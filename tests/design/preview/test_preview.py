@@ -7,10 +7,8 @@ import numpy as np
 import pytest
 
 from campaigns.path import compare
-from micromanip.design.preview.seen import on_grid, recorded_path
-from micromanip.errors import CheckFailed
-from micromanip.recordings.path_deviation import PathDeviation
-from micromanip.rt.states import ARMING, TRACKING
+from micromanip.design.preview.seen import recorded_path
+from micromanip.rt.states import TRACKING
 from micromanip.rt.telemetry import DEVIATION_FRESH
 from micromanip.settings.check import prepare
 
@@ -60,35 +58,3 @@ def test_what_the_tracker_saw_counts_when_it_was_taken():
     first_s = 3e-4 - 1e-3
     for column, hertz in zip(path.deviation_um.T, (2.0, 1.0), strict=True):
         np.testing.assert_allclose(column, 100.0 * np.sin(2.0 * np.pi * hertz * (path.time_s + first_s)), atol=1e-6)
-
-
-def test_rows_in_which_the_cell_tracked_nothing_are_told():
-    seen = recording()
-    assert recorded_path(seen, ["x"]).notes == ()
-    seen.values["state"][:1000] = ARMING
-    (note,) = recorded_path(seen, ["x"]).notes
-    assert "did not track in 25 % of its rows" in note
-    seen.values["state"][:] = ARMING
-    (note,) = recorded_path(seen, ["x"]).notes
-    assert "tracked in none of its rows" in note
-
-
-def test_a_recording_without_the_axis_or_its_samples_is_told():
-    with pytest.raises(CheckFailed, match=r"run\.mcap: axis q is not in it; its axes are x, y"):
-        recorded_path(recording(), ["q"])
-    silent = recording()
-    silent.values["axis.1.fresh"] = np.ones(4000, dtype=int)
-    with pytest.raises(CheckFailed, match="axis y: no samples of deviation_y in it"):
-        recorded_path(silent, ["x", "y"])
-
-
-def test_uneven_rows_become_an_even_grid_and_gaps_are_told():
-    time_s = np.concatenate([np.arange(0.0, 1.0, 0.01), np.arange(1.5, 2.5, 0.01)])
-    path = PathDeviation(Path("p.csv"), ("x",), time_s, (40.0 * time_s)[:, None])
-    even, notes = on_grid(path, 2000.0)
-    np.testing.assert_allclose(even[:, 0], 40.0 * np.arange(len(even)) / 2000.0, atol=1e-9)
-    assert notes == ["p.csv: 1 gaps, the first of 0.51 s at 0.99 s: bridged smoothly"]
-    sparse = PathDeviation(Path("p.csv"), ("x",), np.arange(5.0), np.zeros((5, 1)))
-    assert "what is faster than 0.5 Hz" in on_grid(sparse, 2000.0)[1][0]
-    with pytest.raises(CheckFailed, match="at most 3600 s are previewed: cut it"):
-        on_grid(PathDeviation(Path("p.csv"), ("x",), np.array([0.0, 4000.0]), np.zeros((2, 1))), 2000.0)

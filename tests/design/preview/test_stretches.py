@@ -21,12 +21,6 @@ def test_a_stretch_is_where_the_limit_is_crossed_and_by_how_much():
     assert (last.from_s, last.to_s) == pytest.approx((1.8, 2.0), abs=2e-3)
 
 
-def test_what_touches_the_limit_is_inside_and_neighbours_are_one():
-    assert stretches("x", Demand(RANGE, "um", np.full(10, 30.0), -30.0, 30.0), RATE_HZ) == []
-    fast = Demand(RANGE, "um", 31.0 * np.sin(2.0 * np.pi * 8.0 * TIME_S), -30.0, 30.0)
-    assert len(stretches("x", fast, RATE_HZ)) == 1
-
-
 def test_a_reserve_is_told_where_it_leads_to_no_more():
     def of(what, from_s, to_s):
         return Stretch("x", what, from_s, to_s, 1.0, 0.0, 1.0, "um")

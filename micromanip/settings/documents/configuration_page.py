@@ -26,18 +26,18 @@ unit of a value stands in its key: `Ti_ms` is in milliseconds. An unknown or rep
 "none" or "no limit", where the type allows it; infinity and NaN are refused. Anchors and merge keys (`&tuned`,
 `<<: *tuned`) save repetition between axes.
 
-`<name>` stands for a name of your choice, `[i]` for an entry of a list. A key without a default (`-`) is required. A
-key whose value is a section with defaults only has no row.
+`<name>` stands for a name of your choice, `[i]` for an entry of a list. Each key stands with its default; a key without
+one is required. A key whose value is a section with defaults only has no row.
 
 The words in brackets are the range and what a change takes while the controller runs ([Tune](tune.md)). *live*: the
 change is applied at a cycle boundary. *disarm*: the outputs must be at rest. *restart*: a new start is needed. A value
 that protects less than the present one needs disarm, too: "weaker if larger" says which one it is.
 """
-_HEADER = "| Key | Default | Meaning |\n|---|---|---|\n"
+_HEADER = "| Key | Meaning |\n|---|---|\n"
 _OBVIOUS = ("a number", "a whole number", "true or false", "text", "a section")
 """Types that the default or the meaning shows."""
-_UNBOUNDED = re.compile(r"(each )*-1000000000000\.\.1000000000000(, )?")
-"""Range of a number that only has to be finite."""
+_UNSAID = re.compile(r"(each )*-1000000000000\.\.1000000000000(, )?|(each )?at least 1 (character|entry)")
+"""Limits that a reader takes for granted: finite, and not empty."""
 _OFTEN = 3
 """Sections that have a key alike, from which it is described once."""
 
@@ -141,15 +141,17 @@ def _has_row(field: Shape) -> bool:
 
 
 def _row(key: str, field: Shape, joint: str, *, required: bool) -> str:
-    default = "-" if required else _default(field)
+    name = key if required else f"{key}: {_default(field)}"
     kind = field.words().removesuffix(" or null")
     change = _change(field)
     kind = kind.replace("a list of ", "list of ")
-    limits = _UNBOUNDED.sub("", re.sub(r"from (\S+) to (\S+)", r"\1..\2", field.range()))
+    limits = re.sub(r"from (\S+) to (\S+)", r"\1..\2", field.range())
+    limits = re.sub(r"at most (\S+), greater than (\S+)", r">\2..\1", limits)
+    limits = _UNSAID.sub("", limits).strip(", ")
     facts = [kind if kind not in _OBVIOUS else "", limits, change if change != joint else ""]
     brackets = f" ({'; '.join(filter(None, facts))})" if any(facts) else ""
     meaning = _prose(field.description)
-    return f"| `{key}` | {default} | {meaning.removesuffix('.')}{brackets}{'.' if meaning else ''} |\n"
+    return f"| `{name}` | {meaning.removesuffix('.')}{brackets}{'.' if meaning else ''} |\n"
 
 
 def _change(field: Shape) -> str:
@@ -164,9 +166,9 @@ def _change(field: Shape) -> str:
 
 def _default(field: Shape) -> str:
     value = field.schema.get("default")
-    if isinstance(value, dict):
-        return f"`{field.discriminator}: {value[field.discriminator]}`" if field.discriminator else "`{}`"
-    return f"`{json.dumps(value, ensure_ascii=False)}`"
+    if isinstance(value, dict) and field.discriminator:
+        value = {field.discriminator: value[field.discriminator]}
+    return json.dumps(value, ensure_ascii=False)
 
 
 def _prose(text: str) -> str:

@@ -29,7 +29,7 @@ class Received(Section):
     rate_hz: SampleRate = Field(description="Rate at which the device sends it.")
     counter: str | None = Field(
         default=None,
-        description="Signal that the device increments with each frame: gaps are counted, a repeated frame is not fresh.",
+        description="Signal that the device increments with each frame: gaps count, repeated frames are not fresh.",
     )
     latency_us: Latency | None = Field(
         default=None,

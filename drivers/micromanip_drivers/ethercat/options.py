@@ -186,7 +186,7 @@ class Terminal(Section):
     serial: Number32 | None = Field(default=None, description="Serial number; null: any.")
     sync0_shift_us: Annotated[float, Field(strict=True, ge=0, le=100_000)] | None = Field(
         default=None,
-        description="Time of SYNC0 after each deadline of the loop, less than a cycle; requires `lock`. null: no SYNC0.",
+        description="Time of SYNC0 after each deadline of the loop, less than a cycle; requires `lock`. null: none.",
     )
     drive: Drive | None = Field(default=None, description="A drive with the profile CiA 402; null: none.")
     settings: dict[Name, Setting] = Field(default={}, description="Objects written by SDO in PREOP, in this order.")

@@ -109,7 +109,7 @@ class Force(_Options):
 
     start_s: SecondsOrZero = Field(
         default=3.0,
-        description="Time of the tool's engagement after the loop's start; with lines after the amplifier's first start.",
+        description="Tool engagement after the loop's start; with lines after the amplifier's first start.",
     )
     static_N: Real = Field(default=80.0, description="Steady part.")
     rise_ms: Milliseconds = Field(default=20.0, description="Time constant of the steady part.")
@@ -159,7 +159,7 @@ class TrackerOptions(_Options):
     noise_um: DistanceOrZero = Field(default=0.5, description="Noise, rms.")
     coordinates: tuple[tuple[Real, ...], ...] | None = Field(
         default=None,
-        description="Rows of factors on all axes' deviations for the channels deviation_<axis>; null: each its own axis.",
+        description="Rows of factors on all axes' deviations for channels deviation_<axis>; null: its own axis.",
     )
 
 

@@ -22,7 +22,7 @@ class Accept(Settings):
     )
     stroke_um: Distance | None = Field(
         default=None,
-        description="Stroke of the sines, peak to peak, about the middle of setpoint.range_um; null: half of that range.",
+        description="Stroke of the sines, peak to peak, about the middle of setpoint.range_um; null: half that range.",
     )
     sigma_um: Distance | None = Field(
         default=None,

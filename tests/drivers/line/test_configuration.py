@@ -104,7 +104,7 @@ REFUSED = [
     (BOARD, "binary.send.voltages.fields.voltage_x.safe", 200.0, "safe 200 is outside of the range -20 to 150"),
     (BOARD, "binary.send.voltages.fields.voltage_x.range", [200.0, 300.0], "safe 0 is outside of the range"),
     (BOARD, "binary.no_such_key", 1, "no_such_key"),
-    (PIEZO, "ascii.write.voltages.cyclic_safe", None, "ascii.write.voltages.cyclic_safe: 100 writes per second wear out"),
+    (PIEZO, "ascii.write.voltages.cyclic_safe", None, "cyclic_safe: 100 writes per second wear out"),
     (PIEZO, "ascii.preset", "gsc", "ascii.preset"),
     (PIEZO, "ascii.preset", None, "terminator must be given where there is no preset"),
     (PIEZO, "ascii.preset", "command,value", "identity: give request and pattern; only the preset gcs knows a request"),

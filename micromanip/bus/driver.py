@@ -34,19 +34,19 @@ class BusOptions(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    driver: str = Field(default="", description="Name of the driver's entry point.")
+    driver: str = Field(default="", description="Entry point of the driver.")
     simulated: bool = Field(
         default=False,
         strict=True,
-        description="What answers is `micromanip device simulate`: nothing real moves. Refused for a real serial port, "
-        "a CAN interface that is not virtual, another machine.",
+        description="The device is `micromanip device simulate`: nothing real moves. Refused for a real serial port, "
+        "a CAN interface that is not virtual, or another machine.",
     )
     cpu: int | None = Field(
         default=None,
         strict=True,
         ge=0,
         le=65_535,
-        description="CPU its worker process is pinned to; null: any but the loop's.",
+        description="CPU of its worker process; null: any but the loop's.",
     )
 
 

@@ -13,40 +13,39 @@ Milliseconds = Annotated[float, Field(strict=True, gt=0, le=6_500)]
 
 
 class LoopOutput(Commanded):
-    """A value that the device is given in every cycle."""
+    """A value sent to the device in every cycle."""
 
     switch: bool = Field(
         default=False,
         strict=True,
-        description="A line that is on or off: need not be at rest before the outputs follow the loop again.",
+        description="Digital output: need not be at rest before the outputs follow the loop again.",
     )
 
 
 class Watchdog(Section):
-    """What the device does by itself when nothing comes: it is what brings the outputs to rest, whoever has died."""
+    """The device's own reaction to missing frames: it brings the outputs to rest, whichever process has died."""
 
-    ms: Milliseconds = Field(description="After so long without outputs it begins.")
+    ms: Milliseconds = Field(description="Time without outputs until it begins.")
     rest_ms: Annotated[float, Field(strict=True, ge=0, le=10_000)] = Field(
-        description="So long it takes then until all outputs are at their `safe` values."
+        description="Time from there until all outputs are at their `safe` values."
     )
-    does: str = Field(min_length=1, description="What it does, in a few words.")
+    does: str = Field(min_length=1, description="Its action, in a few words.")
 
 
 class LoopWireOptions(Section):
-    """What every such driver is told."""
+    """Keys of every driver in the loop."""
 
     simulated: bool = Field(
         default=False,
         strict=True,
-        description="What answers is `micromanip device simulate`: nothing real moves. Refused for another machine, or "
-        "a real network interface.",
+        description="The device is `micromanip device simulate`: nothing real moves. Refused for another machine or a "
+        "real network interface.",
     )
     silence_ms: Milliseconds = Field(
-        default=5.0, description="Nothing complete came back for so long: the link is lost."
+        default=5.0, description="Longest time without a complete answer; then the link is lost."
     )
-    watchdog: Watchdog | None = Field(default=None, description="Must be given where there are outputs.")
+    watchdog: Watchdog | None = Field(default=None, description="Required where there are outputs.")
     wait_us: Annotated[float, Field(strict=True, ge=0, le=1000)] = Field(
         default=0.0,
-        description="Spin for the answer of this very cycle until so long after the deadline; 0: take that of the "
-        "cycle before.",
+        description="Spin for this cycle's answer until this long after the deadline; 0: use the previous cycle's.",
     )

@@ -63,19 +63,19 @@ class Scaled(Section):
     """A number that stands for a value."""
 
     scale: Scale = Field(default=1.0, description="Physical unit per count: value = scale x number + offset.")
-    offset: Real = Field(default=0.0, description="Value at a number of 0.")
+    offset: Real = Field(default=0.0, description="Value of the number 0.")
 
 
 class Commanded(Scaled):
-    """A value that the device is given; `safe` is one that can be sent."""
+    """A value sent to the device; `safe` must be within its range."""
 
     range: Range | None = Field(
-        default=None, description="Lowest and highest value that may be sent; null: what the type holds."
+        default=None, description="Lowest and highest value that may be sent; null: the type's."
     )
     safe: Real = Field(
         default=0.0,
-        description="What it is kept at where the configuration uses no such output, and by a driver in the loop "
-        "while the outputs do not follow it.",
+        description="Value while the configuration does not use the output, and, in a driver in the loop, while the "
+        "outputs do not follow the loop.",
     )
 
     @property

@@ -53,7 +53,7 @@ _BUDGET_S, _COHERENCE_S = 4.0, 1.0
 )  # fmt: skip
 @click.option(
     "--tooth-frequency", "tooth_Hz", type=Quantity("Hertz", least=1.0), metavar="HZ",
-    help="Teeth that pass in a second, which the outer loop cancels  [default: as the axis has it, or as it is seen]",
+    help="Tooth-passing frequency in Hz that the outer loop cancels  [default: as the axis has it, or as it is seen]",
 )  # fmt: skip
 @click.option("--seed", type=Quantity("Seed"), default=1, show_default=True, help="Of the excitations.")
 @click.option("--operator", help="Who stands behind it, for the report  [default: the one logged in]")

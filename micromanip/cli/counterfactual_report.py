@@ -107,7 +107,7 @@ def _show(document: dict[str, Any]) -> None:
         console.print(
             Text(
                 f"{each['axis']}: {each['what']} ({each['code']}) comes with {each['models']} of {each['of']} models "
-                "that may be true: the recording does not tell whether it does, and the ranges hold both."
+                "that may be true: the recording does not show whether it does, and the ranges hold both."
             )
         )
     if document["outrun"]:
@@ -121,7 +121,7 @@ def _show(document: dict[str, Any]) -> None:
         console.print(
             Text(
                 f"Left out of all figures: {document['left_out_s']:.2f} s around missed cycles; what the other tuning "
-                "would have done there, or whether the cell had stopped, the recording does not tell."
+                "would have done there, or whether the cell had stopped, the recording does not show."
             )
         )
     for note in document["notes"]:

@@ -93,7 +93,7 @@ def _shares(telemetry: Telemetry, axis: str, found: Deviation) -> dict[str, Any]
 def _require_tracker(source: Source) -> None:
     reference = source.data.get("reference")
     if not isinstance(reference, dict) or reference.get("source") != "signal":
-        raise ConfigError(f"{source.path}: reference.source must be signal: there is no tracker to be told about")
+        raise ConfigError(f"{source.path}: reference.source must be signal: there is no tracker to describe")
 
 
 def _put(source: Source, found: dict[str, Deviation]) -> None:
@@ -141,6 +141,6 @@ def _print(axes: dict[str, dict[str, Any]]) -> None:
                 f"path, {share['before_um']:.3f} um as it ran"
             )
         else:
-            echo(f"axis {axis}: what it would be is not told: {share['reason']}")
+            echo(f"axis {axis}: no prediction of the path error: {share['reason']}")
         for note in each["notes"]:
             echo(f"axis {axis}: {note}")

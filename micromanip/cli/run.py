@@ -107,7 +107,7 @@ def _judge(report: Status) -> None:
             fault["code"] + (f" on axis {fault['axis']}" if fault["axis"] else "") for fault in report["fault_reports"]
         ]
         raise CheckFailed(
-            f"ended by {' after '.join(reversed(names))}, as said above; `micromanip trip show` tells more"
+            f"ended by {' after '.join(reversed(names))}, as said above; `micromanip trip show` shows more"
         )
     if report["recording"] is not None and report["recording"]["message"] is not None:
         raise CheckFailed(report["recording"]["message"])

@@ -130,7 +130,7 @@ def told(timed: dict[str, Any]) -> list[str]:
     lines = []
     if gaps := timed["clock_gaps"]:
         lines.append(
-            f"A process that only watches the clock on that CPU missed it {gaps['per_s']:g} times a second, "
+            f"A process that only watches the clock on that CPU missed it {gaps['per_s']:g} times per second, "
             f"{gaps['share']:.2%} of the time, {gaps['max_ns'] / 1e3:.0f} us at most."
         )
     counted = [f"{name}: {value}" for name, value in timed["counters_under_load"].items()]
@@ -139,7 +139,7 @@ def told(timed: dict[str, Any]) -> list[str]:
     lines.append(f"Counted under load: {'; '.join(counted)}.")
     for late in timed["late_cycles"]:
         causes = ", ".join(f"{us} us {cause}" for cause, us in late["causes"][:_CAUSES])
-        lines.append(f"{late['lateness_us']:.0f} us late: {causes or 'less than the trace can tell'}.")
+        lines.append(f"{late['lateness_us']:.0f} us late: {causes or 'less than the trace can resolve'}.")
     lines += [f"Not measured: {reason}" for reason in timed["not_measured"]]
     return lines
 

@@ -52,7 +52,7 @@ _WORKERS, _SWITCH_S = 2, 0.001
 """Threads that check values and write files, and how soon they let the heartbeat have its turn."""
 _LOOK_S = 0.2
 _STOP_S = 30.0
-_DISOBEYED = f"the loop process did not end within {_STOP_S:g} s of being told to, and was killed by the host"
+_DISOBEYED = f"the loop process did not end within {_STOP_S:g} s of the stop command, and was killed by the host"
 
 Say = Callable[[str | FaultReport], None]
 Report = Status

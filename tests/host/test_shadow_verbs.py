@@ -149,7 +149,7 @@ def test_taken_back_by_the_loop(promoted):
     takes_back(promoted)
     promoted.follow()
     (told,) = promoted.said
-    assert told.startswith("W-501 axis x: the promoted tuning was taken back: error 7.50 um rms (limit 3.00 um). ")
+    assert told.startswith("W-501 axis x: the promoted tuning was reverted: error 7.50 um rms (limit 3.00 um). ")
     verb, accepted, changes, _ = promoted.entries[-1]
     assert (verb, accepted) == ("take back", True)
     assert changes == {K: (0.5, 0.6), TI: (0.6, 0.571), "candidate": ("on trial", f"taken back: {told}")}
@@ -173,7 +173,7 @@ def test_noticed_before_anything_else(promoted, verb):
 def test_taken_back_with_the_tracking(promoted):
     promoted.controller.state = "RAMPING"
     takes_back(promoted, axis=-1, value=float("nan"), limit=float("nan"))
-    told = "W-501 the promoted tuning was taken back: the cell does not track any more, its state is RAMPING"
+    told = "W-501 the promoted tuning was reverted: the cell no longer tracks, its state is RAMPING"
     assert promoted("shadow")["reason"] == told
     assert promoted.said == [told]
 

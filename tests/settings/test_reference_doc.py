@@ -21,7 +21,7 @@ def test_drivers_options_are_up_to_date():
 
 def test_reference_names_unit_range_default_and_variants():
     text = render()
-    assert "| `Ti_ms` | - | Integral time (0.001..3600000). |" in text
-    assert "| `rate_hz` | `10000` | Cycles a second (100..20000). |" in text
+    assert "| `Ti_ms` | Integral time (0.001..3600000). |" in text
+    assert "| `rate_hz: 10000` | Cycles per second (100..20000). |" in text
     assert "### `axes.<name>.hysteresis with model: network`" in text
     assert "\n### `reference.sines[i]`\n" in text

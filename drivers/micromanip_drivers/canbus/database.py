@@ -83,7 +83,7 @@ class Database:
         for other in self._database.messages:
             if other is not message and identity(other) == identity(message):
                 both = f"{message.name} and {other.name} both have the identifier {message.frame_id:#x} in {self.name}"
-                raise ConfigError(f"{key}: {both}: frames can't be told apart")
+                raise ConfigError(f"{key}: {both}: frames cannot be distinguished")
 
     def _refused(self, why: str) -> ConfigError:
         """What is said against the file, behind the line that is named in it, or that of the message that is."""

@@ -20,16 +20,16 @@ class LinkOptions(BusOptions):
 
     interface: str = Field(description="Interface of python-can: socketcan, pcan, kvaser, vector, slcan, gs_usb, ...")
     channel: Annotated[str, Field(strict=True)] | Annotated[int, Field(strict=True)] = Field(
-        description="Channel of that interface: can0 for socketcan, PCAN_USBBUS1 for pcan, 0 for kvaser."
+        description="Channel of that interface, e.g. can0 (socketcan), PCAN_USBBUS1 (pcan), 0 (kvaser)."
     )
     bitrate: Bitrate = Field(
-        description="Bits a second. SocketCAN takes it from `ip link`: there it serves for the budget only."
+        description="Bits per second. With SocketCAN, which takes it from `ip link`, for the budget only."
     )
     data_bitrate: Bitrate | None = Field(
-        default=None, description="Bits a second of the data phase; a bus that has it is a CAN FD bus."
+        default=None, description="Bits per second of the data phase; makes the bus CAN FD."
     )
     interface_options: dict[str, bool | int | float | str] = Field(
-        default={}, description="What else python-can's interface takes, by its own names (pcan: f_clock_mhz, ...)."
+        default={}, description="Further options of python-can's interface (pcan: f_clock_mhz, ...)."
     )
 
     @field_validator("interface")

@@ -15,53 +15,53 @@ Milliseconds = Annotated[int, Field(strict=True, ge=10, le=60_000)]
 
 
 class Status(Section):
-    """A signal by which the device says whether its message is to be trusted."""
+    """A signal that marks the device's message as valid."""
 
     signal: str = Field(description="Name of the signal, unsigned.")
     good: tuple[Annotated[int, Field(strict=True, ge=0)], ...] = Field(
-        default=(0,), description="Its values that mean good."
+        default=(0,), description="Values that mean good."
     )
 
 
 class Received(Section):
-    """A message that a device sends."""
+    """A message from a device."""
 
-    rate_hz: SampleRate = Field(description="How often the device sends it.")
+    rate_hz: SampleRate = Field(description="Rate at which the device sends it.")
     counter: str | None = Field(
         default=None,
-        description="Signal that the device increments with each frame: gaps are counted, a repeated one is not fresh.",
+        description="Signal that the device increments with each frame: gaps count, repeated frames are not fresh.",
     )
     latency_us: Latency | None = Field(
         default=None,
-        description="From being measured to the end of the frame; the frame's own longest time if not known.",
+        description="From measurement to the end of the frame; null: the frame's longest time.",
     )
     status: Status | None = None
 
 
 class Sent(Section):
-    """A message that is sent to a device, at a fixed rate and with the latest values."""
+    """A message to a device, at a fixed rate, with the latest values."""
 
-    rate_hz: SampleRate = Field(description="How often it is sent.")
-    counter: str | None = Field(default=None, description="Signal that is incremented with each frame.")
+    rate_hz: SampleRate = Field(description="Rate at which it is sent.")
+    counter: str | None = Field(default=None, description="Signal that the driver increments with each frame.")
     latency_us: Latency | None = Field(
-        default=None, description="From being sent to being in force; the frame's own longest time if not known."
+        default=None, description="From sending until the value acts; null: the frame's longest time."
     )
 
 
 class CanBusOptions(LinkOptions):
-    """Frames that a DBC file describes."""
+    """Frames described by a DBC file."""
 
-    database: str = Field(description="DBC file, seen from the folder of the configuration.")
-    receive: dict[str, Received] = Field(default={}, description="Messages that devices send, by name in the DBC.")
-    send: dict[str, Sent] = Field(default={}, description="Messages that are sent, by name in the DBC.")
+    database: str = Field(description="DBC file, relative to the configuration.")
+    receive: dict[str, Received] = Field(default={}, description="Messages from devices, by name in the DBC.")
+    send: dict[str, Sent] = Field(default={}, description="Messages to devices, by name in the DBC.")
     silence_ms: Milliseconds | None = Field(
         default=500,
-        description="Nothing of `receive` for so long, and the link is lost; it is there with the first frame. null: "
-        "silence is no error, for devices that speak only when they are spoken to, or seldom.",
+        description="Longest silence of `receive`; then the link is lost until the next frame. null: no limit, for "
+        "devices that send rarely or on request only.",
     )
     watchdog: str | None = Field(
         default=None,
-        description="What the device does by itself when no frames come, and after how long, in a few words.",
+        description="The device's own reaction to missing frames, and its time, in a few words.",
     )
 
     @model_validator(mode="after")

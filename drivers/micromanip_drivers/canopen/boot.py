@@ -201,6 +201,6 @@ def _started(link: CanLink, nodes: Sequence[NodePlan], watches: Mapping[str, Wat
         if not waiting:
             break
         if time.monotonic_ns() >= deadline_ns:
-            raise LinkError(f"node {waiting[0]} was told to start and is still {watches[waiting[0]].state}")
+            raise LinkError(f"node {waiting[0]} got the start command and is still {watches[waiting[0]].state}")
     for watch in watches.values():
         watch.run()

@@ -55,61 +55,59 @@ Transmission = Literal["sync", "event"] | Annotated[int, Field(strict=True, ge=1
 
 
 class InputSignal(Scaled):
-    """An object that a TPDO carries."""
+    """An object of a TPDO."""
 
     object: str | None = Field(
         default=None,
-        description='Object that carries it: its name in the EDS or its number as there, "8130sub1"; the signal\'s own '
-        "name if left out.",
+        description='Its name in the EDS, or its number there, "8130sub1"; null: the signal\'s own name.',
     )
-    scale: Scale = Field(description="Physical unit per count: value = scale x raw + offset.")
+    scale: Scale = Field(description="Physical unit per count: value = scale x number + offset.")
 
 
 class OutputSignal(InputSignal):
-    """An object that an RPDO carries."""
+    """An object of an RPDO."""
 
-    safe: Real = Field(default=0.0, description="What it is kept at where the configuration uses no such output.")
+    safe: Real = Field(default=0.0, description="Value while the configuration does not use the output.")
 
 
 class _Pdo(Section):
-    rate_hz: SampleRate = Field(description="How often it is sent, for the bus's budget and the loop's.")
+    rate_hz: SampleRate = Field(description="Rate, for the budgets of bus and loop.")
     transmission: Transmission | None = Field(
         default=None,
-        description="sync: at each SYNC; a number n: at each n-th SYNC; event: by the sender's own clock. Written to "
-        "the node when it is opened; left out: as the EDS says.",
+        description="sync: at each SYNC; a number n: at each n-th SYNC; event: by the sender's clock. Written to the "
+        "node at the start; null: as in the EDS.",
     )
     map: tuple[str, ...] | None = Field(
         default=None,
         min_length=1,
         max_length=64,
-        description="Objects that it carries, in this order, written to the node when it is opened; left out: as the "
-        "EDS says.",
+        description="Objects in their order, written to the node at the start; null: as in the EDS.",
     )
 
 
 class Tpdo(_Pdo):
-    """A PDO that the node transmits."""
+    """A PDO from the node."""
 
     latency_us: Latency = Field(
-        default=0.0, description="Age of a value inside the device when it is sampled for the bus: filters, conversion."
+        default=0.0, description="Age of a value in the device when it is sampled for the bus: filters, conversion."
     )
-    signals: dict[Name, InputSignal] = Field(min_length=1, description="Signals by name; objects left out are ignored.")
+    signals: dict[Name, InputSignal] = Field(min_length=1, description="Signals by name; other objects are ignored.")
 
 
 class Rpdo(_Pdo):
-    """A PDO that the node receives."""
+    """A PDO to the node."""
 
-    latency_us: Latency = Field(default=0.0, description="From its reception until the output is in force.")
+    latency_us: Latency = Field(default=0.0, description="From reception until the output acts.")
     signals: dict[Name, OutputSignal] = Field(
-        min_length=1, description="Signals by name; each object that the PDO carries must be among them."
+        min_length=1, description="Signals by name; every object of the PDO must be among them."
     )
 
 
 class Identity(Section):
-    """What the node must say of itself in object 0x1018; anything else is the wrong device."""
+    """Expected content of object 0x1018; any other is the wrong device."""
 
-    vendor_id: Word | None = Field(default=None, description="Vendor's number, 0x1018sub1.")
-    product_code: Word | None = Field(default=None, description="Product's number, 0x1018sub2.")
+    vendor_id: Word | None = Field(default=None, description="Vendor, 0x1018sub1.")
+    product_code: Word | None = Field(default=None, description="Product, 0x1018sub2.")
     revision: Word | None = Field(default=None, description="Revision, 0x1018sub3.")
     serial: Word | None = Field(default=None, description="Serial number, 0x1018sub4.")
 
@@ -117,26 +115,26 @@ class Identity(Section):
 class NodeOptions(Section):
     """A device on the bus."""
 
-    node_id: NodeId = Field(description="Its number on the bus.")
-    eds: str = Field(min_length=1, description="Its EDS file, seen from the folder of the configuration.")
+    node_id: NodeId = Field(description="Number of the node on the bus.")
+    eds: str = Field(min_length=1, description="EDS file, relative to the configuration.")
     heartbeat_ms: Annotated[int, Field(strict=True, ge=10, le=1500)] = Field(
-        description="Silent for so long, it is lost. The node is told to send its heartbeat three times as often.",
+        description="Longest silence of the node; then it is lost. The driver sets its heartbeat three times as fast.",
     )
-    identity: Identity = Field(default=Identity(), description="Checked when it is opened; what is left out is not.")
-    tpdo: dict[Number, Tpdo] = Field(default={}, description="What it transmits, by number of the PDO.")
-    rpdo: dict[Number, Rpdo] = Field(default={}, description="What it receives, by number of the PDO.")
+    identity: Identity = Field(default=Identity(), description="Checked at the start; null keys are not.")
+    tpdo: dict[Number, Tpdo] = Field(default={}, description="PDOs from the node, by number.")
+    rpdo: dict[Number, Rpdo] = Field(default={}, description="PDOs to the node, by number.")
     watchdog_ms: Milliseconds | None = Field(
         default=None,
-        description="Without us for so long, the node makes its outputs safe by itself; written when it is opened. "
-        "null: it has no such watch, or one that is set up by other means.",
+        description="Longest silence of the controller; then the node makes its outputs safe. Written at the start. "
+        "null: no such watchdog, or one set up by other means.",
     )
     watchdog: str | None = Field(
-        default=None, description="A watch that is set up by other means, in a few words; excludes watchdog_ms."
+        default=None, description="A watchdog set up by other means, in a few words; excludes watchdog_ms."
     )
     watchdog_by: Literal["rpdo", "heartbeat"] = Field(
         default="rpdo",
-        description="What the node waits for: outputs (event timer of the RPDO, object 0x1400sub5), or our heartbeat "
-        "(consumer heartbeat time, object 0x1016sub1).",
+        description="Watched by the node: outputs (event timer of the RPDO, 0x1400sub5) or the controller's heartbeat "
+        "(consumer heartbeat time, 0x1016sub1).",
     )
 
     @model_validator(mode="after")
@@ -151,15 +149,16 @@ class NodeOptions(Section):
 
 
 class CanOpenOptions(LinkOptions):
-    """The bus and its nodes."""
+    """A bus and its nodes."""
 
-    sync_hz: SampleRate | None = Field(default=None, description="How often we send SYNC; null: we do not.")
-    own_node_id: NodeId = Field(default=127, description="Our own number on the bus: our heartbeat carries it.")
+    sync_hz: SampleRate | None = Field(default=None, description="Rate of the controller's SYNC; null: none.")
+    own_node_id: NodeId = Field(default=127, description="Number of the controller on the bus, in its heartbeat.")
     own_heartbeat_ms: Milliseconds | None = Field(
         default=None,
-        description="Period of our heartbeat; null: a third of the shortest watchdog_ms that waits for it, or none.",
+        description="Period of the controller's heartbeat; null: a third of the shortest watchdog_ms that watches it, "
+        "or none.",
     )
-    nodes: dict[Name, NodeOptions] = Field(min_length=1, description="The devices by name.")
+    nodes: dict[Name, NodeOptions] = Field(min_length=1, description="Devices by name.")
 
     @model_validator(mode="after")
     def _is_classic(self) -> CanOpenOptions:

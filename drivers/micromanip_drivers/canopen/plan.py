@@ -196,7 +196,7 @@ def _sync_agrees(plan: NodePlan, sync_hz: float | None) -> None:
         comes_hz = sync_hz / max(1, pdo.mapping.transmission)
         if pdo.mapping.transmission and abs(pdo.options.rate_hz - comes_hz) > 1e-6 * comes_hz:
             raise ConfigError(
-                f"{pdo.key}.rate_hz: {pdo.title} comes {comes_hz:g} times a second (sync_hz {sync_hz:g}, transmission "
+                f"{pdo.key}.rate_hz: {pdo.title} comes at {comes_hz:g} Hz (sync_hz {sync_hz:g}, transmission "
                 f"{pdo.mapping.transmission}), not rate_hz {pdo.options.rate_hz:g}"
             )
 

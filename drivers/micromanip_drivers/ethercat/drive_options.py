@@ -62,12 +62,12 @@ class DriveCodes(Section):
     """Option codes: what the drive does by itself. Written in PREOP and read back; null: the drive keeps its own."""
 
     connection_lost: Annotated[int, Field(strict=True, ge=1, le=3)] | None = Field(
-        default=None, description="0x6007, no frames come: 1 fault, 2 disable voltage, 3 quick stop."
+        default=None, description="0x6007, no frames: 1 fault, 2 disable voltage, 3 quick stop."
     )
     quick_stop: Annotated[int, Field(strict=True, ge=0, le=4)] | None = Field(
         default=None,
-        description="0x605A: 0 disable at once, 1 slow-down ramp, 2 quick-stop ramp, 3 current limit, 4 voltage limit. "
-        "Those that stay in Quick stop active (5 to 8) leave power on a drive that nobody leads.",
+        description="0x605A: 0 disable at once, 1 slow-down ramp, 2 quick-stop ramp, 3 current limit, 4 voltage "
+        "limit. Not 5 to 8: they stay in Quick stop active, which leaves power on an uncontrolled drive.",
     )
     shutdown: Annotated[int, Field(strict=True, ge=0, le=1)] | None = Field(
         default=None, description="0x605B: 0 disable at once, 1 slow-down ramp."
@@ -100,35 +100,33 @@ class Drive(Section):
     """The terminal is a drive: what it is given goes through its power state machine."""
 
     mode: Literal["csp", "csv", "cst"] = Field(
-        description="Cyclic synchronous position, velocity or torque; the target is an output as any other."
+        description="Cyclic synchronous position, velocity or torque; the target is an ordinary output."
     )
     enable: Name = Field(
-        description="Channel of the switch that permits it to be enabled, `amplifier_enable` as a rule; drives "
-        "may share one."
+        description="Channel of the enabling switch, usually `amplifier_enable`; drives may share one."
     )
     ok: Name = Field(
-        description="Channel of an input: 1 while the drive is as it is asked to be, `amplifier_ok_x` as a rule."
+        description="Channel of an input: 1 while the drive is in its demanded state; usually `amplifier_ok_x`."
     )
     reset: Name | None = Field(
         default=None,
-        description="Channel of the switch that resets its faults, `amplifier_reset` as a rule; null: nobody "
-        "does here.",
+        description="Channel of the switch that resets its faults, usually `amplifier_reset`; null: none.",
     )
     enable_ms: Time = Field(
         default=500.0,
-        description="From permission to Operation enabled, target taken up; longer: no more until permitted anew. "
-        "`check` sees that it is less than `start.enable_s`.",
+        description="Longest time from permission to Operation enabled with the target taken up; afterwards a new "
+        "permission is needed. `check` requires less than `start.enable_s`.",
     )
     stop: Literal["disable_voltage", "quick_stop"] = Field(
-        default="disable_voltage", description="What is sent when the permission goes while it operates."
+        default="disable_voltage", description="Command when the permission ends during operation."
     )
     stop_ms: Time = Field(
-        default=500.0, description="So long a quick stop may take; then the voltage is disabled, and it is not ok."
+        default=500.0, description="Longest quick stop; then the voltage is disabled and the drive is not ok."
     )
     take_up_V_per_s: Speed | None = Field(
         default=None,
-        description="How fast the target goes from where the drive was found when it was enabled to what the loop asks "
-        "for; must be given with csp, and only there.",
+        description="Speed at which the target moves from the drive's position at enabling to the loop's demand; "
+        "required with csp, and only there.",
     )
     codes: DriveCodes = Field(default=DriveCodes(), description="Option codes of the profile.")
 

@@ -124,7 +124,7 @@ def in_words(d: Any, at: Any) -> str:
         limit_ms = 1e-6 * float(d["enable_ns"])
         return f"was not enabled within {limit_ms:g} ms: {_what_is_amiss(d, at) or 'it refuses'}; it is in {now}"
     if why == STAYS:
-        return f"does not stop: {1e-6 * float(d['stop_ns']):g} ms after it was told to, it is in {now}"
+        return f"does not stop: {1e-6 * float(d['stop_ns']):g} ms after the command, it is in {now}"
     assert why in (NOTHING, LOST)
     return ""
 

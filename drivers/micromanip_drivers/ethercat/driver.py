@@ -48,7 +48,7 @@ class Ethercat(LoopWire):
         _require_own_names(options)
         if options.outputs and not options.cyclic_safe:
             raise ConfigError(
-                f"cyclic_safe: {1e9 / period_ns:g} writes a second wear out a terminal that keeps them in flash "
+                f"cyclic_safe: {1e9 / period_ns:g} writes per second wear out a terminal that keeps them in flash "
                 "memory; say cyclic_safe: true if the manuals allow them for ever"
             )
         for name, terminal in options.terminals.items():

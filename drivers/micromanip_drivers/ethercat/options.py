@@ -58,14 +58,14 @@ Subindex = Annotated[int, Field(strict=True, ge=0, le=0xFF)]
 class Object(Section):
     """An entry of a terminal's object dictionary; EtherCAT's byte order is little."""
 
-    index: Index = Field(description="Of the object; 0 in a PDO for a gap, bits that mean nothing: no channel.")
-    subindex: Subindex = Field(default=0, description="Of the entry.")
+    index: Index = Field(description="Index of the object; in a PDO 0 is a gap of unused bits without a channel.")
+    subindex: Subindex = Field(default=0, description="Subindex of the entry.")
 
 
 class Setting(Object, Typed):
-    """An object that is written before the terminal operates."""
+    """An object written before the terminal operates."""
 
-    value: Whole = Field(description="What is written; whole numbers only.")
+    value: Whole = Field(description="Value; whole numbers only.")
 
     @model_validator(mode="after")
     def _fits(self) -> Setting:
@@ -90,7 +90,7 @@ class Entry(Scaled, Object):
     spare: bool = Field(
         default=False,
         strict=True,
-        description="Nobody needs it: it is no channel, as an output it stays at `safe`.",
+        description="Unused: no channel; an output stays at `safe`.",
     )
 
     @field_validator("type")
@@ -117,11 +117,11 @@ class Entry(Scaled, Object):
 
 
 class Input(Entry):
-    """A value that a terminal measures."""
+    """A value from a terminal."""
 
 
 class Output(LoopOutput, Entry):
-    """A value that a terminal is given."""
+    """A value to a terminal."""
 
     @property
     def numbers(self) -> tuple[float, float]:
@@ -139,22 +139,23 @@ SWITCH = Output(index=0, type="uint8", switch=True)
 
 
 class OutputPdo(Section):
-    """A PDO that the terminal receives."""
+    """A PDO to the terminal."""
 
-    pdo: Index = Field(description="Its index, 0x1600 and up.")
-    fields: dict[Name, Output] = Field(min_length=1, description="What it maps, in its order.")
+    pdo: Index = Field(description="Index, from 0x1600.")
+    fields: dict[Name, Output] = Field(min_length=1, description="Mapped objects, in their order.")
 
 
 class InputPdo(Section):
-    """A PDO that the terminal sends."""
+    """A PDO from the terminal."""
 
-    pdo: Index = Field(description="Its index, 0x1a00 and up.")
+    pdo: Index = Field(description="Index, from 0x1a00.")
     counter: Name | None = Field(
-        default=None, description="The field that is incremented with each sample; null: each cycle brings a new one."
+        default=None,
+        description="Field that the terminal increments with each sample; null: a new sample in each cycle.",
     )
-    rate_hz: SampleRate | None = Field(default=None, description="How often that is; must be given with `counter`.")
-    latency_us: Latency = Field(default=0.0, description="From being sampled to lying in the terminal.")
-    fields: dict[Name, Input] = Field(min_length=1, description="What it maps, in its order.")
+    rate_hz: SampleRate | None = Field(default=None, description="Sample rate; required with `counter`.")
+    latency_us: Latency = Field(default=0.0, description="From sampling until the value is in the terminal's memory.")
+    fields: dict[Name, Input] = Field(min_length=1, description="Mapped objects, in their order.")
 
     @model_validator(mode="after")
     def _counter_is_a_field(self) -> InputPdo:
@@ -173,25 +174,24 @@ class InputPdo(Section):
 
 
 class Terminal(Section):
-    """A slave at its place in the line."""
+    """A terminal at its place in the line."""
 
-    vendor: Number32 = Field(description="Vendor identity, of its EEPROM.")
+    vendor: Number32 = Field(description="Vendor in its EEPROM.")
     product: Number32 = Field(description="Product code.")
     revision: Number32 | None = Field(default=None, description="Revision number; null: any.")
     esi: Annotated[str, Field(min_length=1)] | None = Field(
         default=None,
-        description="Its ESI file, seen from the folder of the configuration: what it says must agree with these keys.",
+        description="ESI file, relative to the configuration; it must agree with these keys.",
     )
     serial: Number32 | None = Field(default=None, description="Serial number; null: any.")
     sync0_shift_us: Annotated[float, Field(strict=True, ge=0, le=100_000)] | None = Field(
         default=None,
-        description="SYNC0 is made so long after each deadline of the loop, less than a cycle, which needs `lock`; "
-        "null: none is made.",
+        description="Time of SYNC0 after each deadline of the loop, less than a cycle; requires `lock`. null: none.",
     )
-    drive: Drive | None = Field(default=None, description="It is a drive with the profile CiA 402; null: it is none.")
-    settings: dict[Name, Setting] = Field(default={}, description="What is written by SDO in PREOP, in this order.")
-    outputs: dict[Name, OutputPdo] = Field(default={}, description="PDOs that it receives, in the order of 0x1c12.")
-    inputs: dict[Name, InputPdo] = Field(default={}, description="PDOs that it sends, in the order of 0x1c13.")
+    drive: Drive | None = Field(default=None, description="A drive with the profile CiA 402; null: none.")
+    settings: dict[Name, Setting] = Field(default={}, description="Objects written by SDO in PREOP, in this order.")
+    outputs: dict[Name, OutputPdo] = Field(default={}, description="PDOs to the terminal, in the order of 0x1c12.")
+    inputs: dict[Name, InputPdo] = Field(default={}, description="PDOs from the terminal, in the order of 0x1c13.")
 
     @model_validator(mode="after")
     def _maps_what_a_drive_needs(self) -> Terminal:
@@ -213,48 +213,47 @@ class Terminal(Section):
 
 
 class Lock(Section):
-    """The loop's deadlines on the first terminal's clock."""
+    """Locks the loop's deadlines to the first terminal's clock."""
 
     time_constant_ms: Annotated[float, Field(strict=True, ge=1, le=10_000)] = Field(
-        default=100.0, description="Of the law that moves the deadlines, both poles."
+        default=100.0, description="Both poles of the control law of the deadlines."
     )
     within_us: Annotated[float, Field(strict=True, gt=0, le=1000)] = Field(
         default=10.0,
-        description="So near for a time constant is locked: before, the outputs stay at rest; further for "
-        "`silence_ms`: the link is lost.",
+        description="Largest deviation over a time constant for lock; the outputs rest until then. A larger one for "
+        "`silence_ms` is a lost link.",
     )
     drift_ppm: Annotated[float, Field(strict=True, gt=0, le=1000)] = Field(
-        default=200.0, description="At most by so much may the clock drift from this machine's; more is not followed."
+        default=200.0, description="Largest drift against this machine's clock; a larger one is not followed."
     )
 
 
 class EthercatOptions(LoopWireOptions):
     """A line of terminals."""
 
-    interface: Interface = Field(description="Network interface; nothing but the line is connected to it.")
+    interface: Interface = Field(description="Network interface, for this line only.")
     return_interface: Interface | None = Field(
         default=None,
-        description="Another one, to which the last terminal leads back: a cable that breaks is survived. null: the "
-        "line ends at its last terminal.",
+        description="Second interface, at the last terminal: a broken cable is survived. null: none.",
     )
     clocks: bool = Field(
         default=True,
         strict=True,
-        description="Distributed clocks: the terminals' clocks follow the first one's, which times the samples. The "
-        "first terminal must have one, in a ring each.",
+        description="Distributed clocks: all terminals follow the first one's clock, which times the samples. The "
+        "first terminal must have one; in a ring every terminal must.",
     )
     lock: Lock | None = Field(
         default=None,
-        description="The loop's deadlines follow the first terminal's clock, which needs `clocks`; null: this "
-        "machine's.",
+        description="Locks the loop's deadlines to the first terminal's clock, requires `clocks`; null: this "
+        "machine's clock.",
     )
     cyclic_safe: bool = Field(
         default=False,
         strict=True,
-        description="The manuals say that the outputs may be written for ever: no flash memory is written.",
+        description="The manuals allow endless writing of the outputs: it does not wear flash memory.",
     )
     terminals: dict[Name, Terminal] = Field(
-        min_length=1, max_length=MOST_TERMINALS, description="In their order from the master."
+        min_length=1, max_length=MOST_TERMINALS, description="Terminals in their order from the master."
     )
 
     @model_validator(mode="after")

@@ -82,7 +82,7 @@ class Tender:
         if behind == WHOLE:
             self._tell(f"ethercat {near}: the ring is whole again")
         else:
-            alone = f"; the clocks behind the cut follow that of {ends[behind + 1]}, which nobody tells the time"
+            alone = f"; the clocks behind the cut follow that of {ends[behind + 1]}, which has no reference"
             self._tell(
                 f"ethercat {near}: the ring is cut between {ends[behind]} and {ends[behind + 1]}: all terminals are "
                 f"reached from its two ends; mend it, a second cut would stop the cell{alone if led else ''}"

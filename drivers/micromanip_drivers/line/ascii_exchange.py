@@ -33,7 +33,7 @@ class Exchange:
         key = f"ascii.{'write' if self.writes else 'read'}.{name}"
         if isinstance(exchange, Write) and not exchange.cyclic_safe:
             raise ConfigError(
-                f"{key}.cyclic_safe: {exchange.rate_hz:g} writes a second wear out a device that keeps them in flash "
+                f"{key}.cyclic_safe: {exchange.rate_hz:g} writes per second wear out a device that keeps them in flash "
                 "memory; say cyclic_safe: true if its manual allows them for ever"
             )
         self.indices = {label: index for index, label in enumerate(exchange.fields, first)}

@@ -86,50 +86,50 @@ _PLACE = re.compile(r"\{(\w*)\}")
 
 
 class AsciiIdentity(Section):
-    """Which device must answer, asked when it is opened."""
+    """The device that must answer, asked at the start."""
 
-    request: Text | None = Field(default=None, description="Line that asks; null: the preset's, *IDN? of gcs.")
-    pattern: Pattern = Field(description="Regular expression that is found in the line that answers.")
+    request: Text | None = Field(default=None, description="Request; null: the preset's, *IDN? of gcs.")
+    pattern: Pattern = Field(description="Regular expression that must match in the answer.")
 
 
 class Errors(Section):
-    """How the device says that something was wrong."""
+    """The device's error report."""
 
     request: Text | None = Field(
-        default=None, description="Asked after each write, and after a missing reply; null: it says so by itself."
+        default=None, description="Request after each write and each missing reply; null: the device reports by itself."
     )
-    reply: Text = Field(default="{code}", description="Line that tells, with the number as {code}.")
-    good: tuple[Annotated[int, Field(strict=True)], ...] = Field(default=(0,), description="Numbers that mean: none.")
+    reply: Text = Field(default="{code}", description="Template of the report, with the number as {code}.")
+    good: tuple[Annotated[int, Field(strict=True)], ...] = Field(
+        default=(0,), description="Numbers that mean no error."
+    )
 
 
 class AsciiInput(Scaled):
-    """A value that the device tells."""
+    """A value from the device."""
 
     item: str = Field(
         default="",
         pattern=r"^[\w.+-]*$",
-        description="Axis or channel as the device calls it; for a preset's templates.",
+        description="The device's name of the axis or channel, for a preset's templates.",
     )
 
 
 class AsciiOutput(Commanded, AsciiInput):
-    """A value that the device is given."""
+    """A value to the device."""
 
-    decimals: Annotated[int, Field(strict=True, ge=0, le=12)] = Field(default=4, description="Digits behind the point.")
-    range: Range = Field(
-        default=(-1e6, 1e6), description="Lowest and highest value that may be sent: text holds any number."
-    )
+    decimals: Annotated[int, Field(strict=True, ge=0, le=12)] = Field(default=4, description="Digits after the point.")
+    range: Range = Field(default=(-1e6, 1e6), description="Lowest and highest value that may be sent.")
 
 
 class _Exchange(Section):
-    rate_hz: SampleRate = Field(description="How often it is done.")
-    command: Text | None = Field(default=None, description="Command of the preset's templates: POS?, SVA, set.")
-    request: Text | None = Field(default=None, description="Template of the line that is sent, in place of a command.")
-    reply: tuple[Text, ...] = Field(default=(), description="Templates of the lines that answer a request.")
+    rate_hz: SampleRate = Field(description="Rate of the exchange.")
+    command: Text | None = Field(default=None, description="Command of the preset: POS?, SVA, set.")
+    request: Text | None = Field(default=None, description="Template of the line to send, in place of a command.")
+    reply: tuple[Text, ...] = Field(default=(), description="Templates of the lines of the answer.")
     latency_us: Latency | None = Field(
         default=None,
-        description="Read: from being measured to the reply's end. Write: from being sent to being in force. null: as "
-        "long as the exchange is on the wire.",
+        description="Read: from measurement to the reply's end. Write: from sending until the value acts. null: the "
+        "exchange's time on the wire.",
     )
 
     @model_validator(mode="after")
@@ -142,7 +142,7 @@ class _Exchange(Section):
 
 
 class Read(_Exchange):
-    """Values that are asked for at a fixed rate."""
+    """Values requested at a fixed rate."""
 
     fields: dict[Name, AsciiInput] = Field(min_length=1, description="The inputs by name.")
 
@@ -155,13 +155,13 @@ class Read(_Exchange):
 
 
 class Write(_Exchange):
-    """Values that are sent at a fixed rate."""
+    """Values sent at a fixed rate."""
 
     fields: dict[Name, AsciiOutput] = Field(min_length=1, description="The outputs by name.")
     cyclic_safe: bool = Field(
         default=False,
         strict=True,
-        description="Its manual says that it may be written for ever: no flash memory is written, nothing wears out.",
+        description="The manual allows endless writing: it does not wear flash memory.",
     )
 
     @model_validator(mode="after")
@@ -176,38 +176,37 @@ class Ascii(Section):
     """Lines of text."""
 
     preset: Literal["gcs", "command,value"] | None = Field(
-        default=None, description="Templates that are known: GCS 2.0, or lines such as set,0,12.3; null: none."
+        default=None, description="Known templates: GCS 2.0, or lines such as set,0,12.3; null: none."
     )
     terminator: Literal["LF", "CR", "CRLF"] | None = Field(
         default=None,
-        description="End of the lines that are sent; those received may end in any of them. null: the preset's, "
-        "LF of gcs, CR of command,value.",
+        description="End of the lines sent; received lines may end in any of them. null: the preset's, LF of gcs, CR "
+        "of command,value.",
     )
     identity: AsciiIdentity | None = Field(
         default=None,
-        description="Who must answer: request and pattern, or the pattern alone. null: whoever answers is taken.",
+        description="The device that must answer: request and pattern, or the pattern alone. null: any.",
     )
-    errors: Errors | None = Field(default=None, description="null: the preset's, ERR? of gcs, err,1 of command,value.")
+    errors: Errors | None = Field(
+        default=None, description="Error reports; null: the preset's, ERR? of gcs, err,1 of command,value."
+    )
     reply_ms: Annotated[float, Field(strict=True, gt=0, le=250)] = Field(
-        default=50.0, description="A reply that takes longer is missing."
+        default=50.0, description="Longest time of a reply; then it is missing."
     )
     drain_ms: Annotated[float, Field(strict=True, gt=0, le=5_000)] = Field(
         default=100.0,
-        description="After a missing reply, so long is waited for it to come late before anything else is asked; more "
-        "than the longest that the device takes.",
+        description="Silence after a missing reply, for a late one; longer than the device's longest reply time.",
     )
-    turnaround_us: Latency = Field(
-        default=0.0, description="How long the device takes to begin its reply, for the budget."
-    )
+    turnaround_us: Latency = Field(default=0.0, description="The device's time until its reply begins, for the budget.")
     digits: Annotated[int, Field(strict=True, ge=1, le=40)] = Field(
-        default=14, description="Longest number in a reply, in characters, for the budget."
+        default=14, description="Characters of the longest number in a reply, for the budget."
     )
     start: tuple[Text, ...] = Field(
         default=(),
-        description="Lines that are sent when it is opened; they must move nothing, and nothing answers them.",
+        description="Lines sent at the start; they must move nothing and have no answer.",
     )
-    read: dict[Name, Read] = Field(default={}, description="What is asked for, by any name.")
-    write: dict[Name, Write] = Field(default={}, description="What is written, by any name.")
+    read: dict[Name, Read] = Field(default={}, description="Requests, by any name.")
+    write: dict[Name, Write] = Field(default={}, description="Writes, by any name.")
 
     @field_validator("identity", mode="before")
     @classmethod

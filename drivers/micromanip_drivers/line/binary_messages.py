@@ -133,7 +133,7 @@ class SentFrame:
         self.seconds = line_time.seconds(self.length)
         if options.fields and not options.cyclic_safe:
             raise ConfigError(
-                f"{key}.cyclic_safe: {options.rate_hz:g} writes a second wear out a device that keeps them in flash "
+                f"{key}.cyclic_safe: {options.rate_hz:g} writes per second wear out a device that keeps them in flash "
                 "memory; say cyclic_safe: true if its manual allows them for ever"
             )
         latency_s = self.seconds if options.latency_us is None else options.latency_us * 1e-6
@@ -200,7 +200,7 @@ class FrameKinds:
         for message in received:
             if message.kind in self._by_kind:
                 other = self._by_kind[message.kind].name
-                why = "have the same kind" if options.kind else "can't be told apart without binary.kind"
+                why = "have the same kind" if options.kind else "cannot be distinguished without binary.kind"
                 raise ConfigError(f"binary.receive.{message.name}: {other} and {message.name} {why}")
             self._by_kind[message.kind] = message
         self._lengths = {kind: message.length for kind, message in self._by_kind.items()}

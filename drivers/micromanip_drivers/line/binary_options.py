@@ -57,49 +57,49 @@ Kind = Annotated[int, Field(strict=True, ge=0)]
 
 
 class _Message(Section):
-    kind: Kind | None = Field(default=None, description="By which it is told from others; goes with binary.kind.")
-    rate_hz: SampleRate = Field(description="How often it comes, or is sent.")
+    kind: Kind | None = Field(default=None, description="Value of binary.kind for this frame.")
+    rate_hz: SampleRate = Field(description="Rate of the frame.")
     bytes: Count | None = Field(
-        default=None, description="Length of the whole frame, with its CRC; null: to the end of its last part and CRC."
+        default=None, description="Length of the frame with its CRC; null: to the end of its last part and CRC."
     )
-    counter: Counter | None = Field(default=None, description="Incremented with each frame of this kind.")
+    counter: Counter | None = Field(default=None, description="The sender increments it with each frame of this kind.")
     latency_us: Latency | None = Field(
         default=None,
-        description="Received: from being measured to the frame's end. Sent: from being sent to being in force. null: "
-        "as long as the frame is on the wire.",
+        description="Received: from measurement to the frame's end. Sent: from sending until the value acts. null: "
+        "the frame's time on the wire.",
     )
 
 
 class Received(_Message):
-    """A frame that the device sends, by itself or as an answer."""
+    """A frame from the device, unrequested or as an answer."""
 
-    status: Status | None = Field(default=None, description="How the device says that its values are bad.")
-    fields: dict[Name, InputField] = Field(min_length=1, description="The inputs by name.")
+    status: Status | None = Field(default=None, description="Marks the device's values as valid.")
+    fields: dict[Name, InputField] = Field(min_length=1, description="Inputs by name.")
 
 
 class Sent(_Message):
-    """A frame that is sent to the device, with the latest values; without fields it only asks."""
+    """A frame to the device with the latest values; without fields a mere request."""
 
-    fields: dict[Name, OutputField] = Field(default={}, description="The outputs by name.")
+    fields: dict[Name, OutputField] = Field(default={}, description="Outputs by name.")
     cyclic_safe: bool = Field(
         default=False,
         strict=True,
-        description="Its manual says that it may be written for ever: no flash memory is written, nothing wears out.",
+        description="The manual allows endless writing: it does not wear flash memory.",
     )
     reply: Name | None = Field(
-        default=None, description="Message of `receive` that answers it, with the same rate; null: nothing answers."
+        default=None, description="Message of `receive` that answers it at the same rate; null: no answer."
     )
 
 
 class BinaryIdentity(Section):
-    """Which device must answer, asked when it is opened."""
+    """The device that must answer, asked at the start."""
 
     request: HexBytes | None = Field(
-        default=None, description="Frame that asks, whole but for its CRC, hexadecimal; null: it says so by itself."
+        default=None, description="Request without its CRC, hexadecimal; null: the device sends it by itself."
     )
-    kind: Kind | None = Field(default=None, description="Kind of the frame that answers.")
-    bytes: Count | None = Field(default=None, description="Its length, as for a message.")
-    numbers: dict[Name, Known] = Field(min_length=1, description="What it must hold.")
+    kind: Kind | None = Field(default=None, description="Kind of the answer.")
+    bytes: Count | None = Field(default=None, description="Length of the answer, as for a message.")
+    numbers: dict[Name, Known] = Field(min_length=1, description="Expected numbers.")
 
 
 class Binary(Section):
@@ -107,26 +107,25 @@ class Binary(Section):
 
     sync: HexBytes = Field(min_length=2, description="First bytes of every frame, hexadecimal.")
     length: Length | None = Field(
-        default=None, description="Where a frame says how long it is; null: its kind, or that there is one, tells."
+        default=None, description="Place of the frame's length; null: its kind decides, or there is only one."
     )
-    kind: WholeNumber | None = Field(default=None, description="Where a frame says which one it is; null: one kind.")
+    kind: WholeNumber | None = Field(default=None, description="Place of the frame's kind; null: one kind.")
     crc: Crc | None = Field(
-        description="The checksum at the end; null, said outright, for a device that has none: noise becomes values."
+        description="Checksum at the end; an explicit null for a device without one: noise becomes values."
     )
-    identity: BinaryIdentity | None = Field(default=None, description="null: whatever answers is taken.")
+    identity: BinaryIdentity | None = Field(default=None, description="The device that must answer; null: any.")
     reply_ms: Annotated[float, Field(strict=True, gt=0, le=250)] = Field(
-        default=10.0, description="An answer that takes longer is missing."
+        default=10.0, description="Longest time of an answer; then it is missing."
     )
     drain_ms: Annotated[float, Field(strict=True, gt=0, le=5_000)] = Field(
         default=20.0,
-        description="After a missing answer, so long is waited for it to come late before anything else is asked; more "
-        "than the longest that the device takes.",
+        description="Silence after a missing answer, for a late one; longer than the device's longest answer time.",
     )
     turnaround_us: Latency = Field(
-        default=0.0, description="How long the device takes to begin its answer, for the budget."
+        default=0.0, description="The device's time until its answer begins, for the budget."
     )
-    receive: dict[Name, Received] = Field(default={}, description="What the device sends, by any name.")
-    send: dict[Name, Sent] = Field(default={}, description="What is sent to it, by any name.")
+    receive: dict[Name, Received] = Field(default={}, description="Frames from the device, by any name.")
+    send: dict[Name, Sent] = Field(default={}, description="Frames to the device, by any name.")
 
     @model_validator(mode="after")
     def _does_something(self) -> Binary:

@@ -29,10 +29,10 @@ CRC_NAMES = [f"{width}.{name}" for width in _WIDTHS for name in sorted(getattr(f
 class Number(Typed):
     """A number in a frame."""
 
-    at: Place = Field(description="Its first byte, counted from that of the frame, or of the block; 0 is the first.")
+    at: Place = Field(description="First byte, from 0, in the frame or block.")
     byte_order: ByteOrder | None = Field(
         default=None,
-        description="little: its lowest byte comes first; big: its highest. null for a single byte.",
+        description="little: lowest byte first; big: highest. null: a single byte.",
     )
 
     @model_validator(mode="after")
@@ -48,7 +48,7 @@ class Number(Typed):
 
 
 class WholeNumber(Number):
-    """A number that counts, or tells a state: unsigned."""
+    """A counter or a state: unsigned."""
 
     @model_validator(mode="after")
     def _is_whole(self) -> WholeNumber:
@@ -58,20 +58,20 @@ class WholeNumber(Number):
 
 
 class Status(WholeNumber):
-    """A number by which the device says whether its values are to be trusted."""
+    """A number that marks the device's values as valid."""
 
     mask: Annotated[int, Field(strict=True, ge=1)] | None = Field(
-        default=None, description="Bits of it that matter; null for all."
+        default=None, description="Bits that count; null: all."
     )
     good: tuple[Annotated[int, Field(strict=True, ge=0)], ...] = Field(
-        default=(0,), min_length=1, description="What is left of it under the mask when all is well."
+        default=(0,), min_length=1, description="Good values under the mask."
     )
 
 
 class Known(Number):
-    """A number that says which device it is: a type, a serial number."""
+    """A number that identifies the device: a type, a serial number."""
 
-    value: Whole = Field(description="What it must be; any other is the wrong device.")
+    value: Whole = Field(description="Expected value; any other is the wrong device.")
 
     @model_validator(mode="after")
     def _is_an_integer(self) -> Known:
@@ -81,11 +81,11 @@ class Known(Number):
 
 
 class InputField(Scaled, Number):
-    """A value that the device measures."""
+    """A value from the device."""
 
 
 class OutputField(Commanded, InputField):
-    """A value that the device is given."""
+    """A value to the device."""
 
     @property
     def numbers(self) -> tuple[float, float]:
@@ -103,11 +103,11 @@ def overlap(parts: Iterable[tuple[str, int, int]]) -> str | None:
 
 
 class Crc(Section):
-    """A checksum; it is the last of the frame."""
+    """A checksum at the end of the frame."""
 
-    name: str = Field(description="As fastcrc calls it: crc16.modbus, crc16.ibm_3740, crc32.iso_hdlc, crc8.smbus, ...")
-    byte_order: ByteOrder = Field(default="little", description="Which of its bytes comes first.")
-    first: Place = Field(default=0, description="First byte that it covers; it covers all from there on.")
+    name: str = Field(description="Name in fastcrc: crc16.modbus, crc16.ibm_3740, crc32.iso_hdlc, crc8.smbus, ...")
+    byte_order: ByteOrder = Field(default="little", description="Order of its bytes.")
+    first: Place = Field(default=0, description="First byte covered; all following are, too.")
 
     @field_validator("name")
     @classmethod
@@ -132,10 +132,10 @@ class Crc(Section):
 
 
 class Length(WholeNumber):
-    """A number in the frame that says how long it is."""
+    """A number in the frame: its length."""
 
     plus: Annotated[Whole, Field(ge=-65_535, le=65_535)] = Field(
-        default=0, description="Bytes of the frame that it does not count: the frame has so many more than it says."
+        default=0, description="Bytes that the number does not count."
     )
 
 

@@ -23,19 +23,20 @@ _PORTS, _FRAMINGS = ("serial", "tcp", "udp"), ("binary", "ascii", "stream")
 class LineOptions(BusOptions):
     """A device on a line of its own."""
 
-    serial: SerialPort | None = Field(default=None, description="It is on a serial line.")
-    tcp: TcpPort | None = Field(default=None, description="It takes a TCP connection.")
-    udp: UdpPort | None = Field(default=None, description="It speaks by UDP.")
-    binary: Binary | None = Field(default=None, description="It speaks in frames with sync bytes and checksum.")
-    ascii: Ascii | None = Field(default=None, description="It speaks in lines of text.")
-    stream: Stream | None = Field(default=None, description="It sends packets of samples by itself.")
+    serial: SerialPort | None = Field(default=None, description="A serial line.")
+    tcp: TcpPort | None = Field(default=None, description="A TCP connection.")
+    udp: UdpPort | None = Field(default=None, description="UDP.")
+    binary: Binary | None = Field(default=None, description="Frames with sync bytes and checksum.")
+    ascii: Ascii | None = Field(default=None, description="Lines of text.")
+    stream: Stream | None = Field(default=None, description="Packets of samples, sent by the device unrequested.")
     silence_ms: Annotated[float, Field(strict=True, ge=10, le=2_000)] = Field(
-        default=500.0, description="Nothing understood of a device that should speak for so long: the link is lost."
+        default=500.0,
+        description="Longest time without a valid message of a device that should send; then the link is lost.",
     )
     watchdog: str | None = Field(
         default=None,
         min_length=1,
-        description="What the device does by itself when nothing comes, and after how long, in a few words.",
+        description="The device's own reaction to silence, and its time, in a few words.",
     )
 
     @model_validator(mode="after")

@@ -19,17 +19,17 @@ Microseconds = Annotated[float, Field(strict=True, ge=0, le=100_000)]
 
 
 class Rs485(Section):
-    """Two wires for both directions: only one may speak at a time."""
+    """Two wires for both directions: one sender at a time."""
 
     turnaround_us: Microseconds = Field(
-        default=0.0, description="Silence that we keep between the end of what was received and what we send next."
+        default=0.0, description="Silence between a reception and the next transmission."
     )
     echo: bool = Field(
-        default=False, strict=True, description="What we send comes back to us, and is taken out of what is received."
+        default=False, strict=True, description="The port receives its own transmission; the driver removes it."
     )
     rts: Literal["adapter", "kernel"] = Field(
         default="adapter",
-        description="What switches the transmitter on and off: the adapter by itself, or the kernel by RTS.",
+        description="Switches the transmitter: the adapter itself, or the kernel by RTS.",
     )
     delay_before_us: Microseconds = Field(default=0.0, description="RTS before the first bit; with rts: kernel only.")
     delay_after_us: Microseconds = Field(default=0.0, description="RTS after the last bit; with rts: kernel only.")
@@ -44,18 +44,18 @@ class Rs485(Section):
 class SerialPort(Section):
     """A serial line, over a UART, a USB adapter or a pseudo terminal."""
 
-    device: str = Field(min_length=1, description="Device file; /dev/serial/by-id/... stays the same when replugged.")
-    baud: Annotated[int, Field(strict=True, ge=50, le=50_000_000)] = Field(description="Bits a second.")
-    bytesize: Literal[5, 6, 7, 8] = Field(default=8, description="Data bits of a character.")
-    parity: Literal["none", "even", "odd"] = Field(default="none", description="Parity bit of a character.")
-    stopbits: Literal[1, 2] = Field(default=1, description="Stop bits of a character.")
+    device: str = Field(min_length=1, description="Device file; /dev/serial/by-id/... is stable.")
+    baud: Annotated[int, Field(strict=True, ge=50, le=50_000_000)] = Field(description="Bits per second.")
+    bytesize: Literal[5, 6, 7, 8] = Field(default=8, description="Data bits per character.")
+    parity: Literal["none", "even", "odd"] = Field(default="none", description="Parity bit.")
+    stopbits: Literal[1, 2] = Field(default=1, description="Stop bits per character.")
     low_latency: bool = Field(
         default=True,
         strict=True,
-        description="Ask the kernel to hand over bytes at once; a USB adapter otherwise gathers them for up to 16 ms. "
-        "Ignored where the port can't.",
+        description="Ask the kernel for every byte at once; a USB adapter otherwise collects them for up to 16 ms. "
+        "Ignored by ports that cannot.",
     )
-    rs485: Rs485 | None = Field(default=None, description="For RS-485; null for RS-232, RS-422 and USB.")
+    rs485: Rs485 | None = Field(default=None, description="RS-485; null: RS-232, RS-422 or USB.")
 
     @property
     def bits_per_byte(self) -> int:
@@ -64,24 +64,24 @@ class SerialPort(Section):
 
 
 class TcpPort(Section):
-    """A TCP connection, that we make."""
+    """A TCP connection to the device."""
 
     host: str = Field(min_length=1, description="Address of the device.")
-    port: PortNumber = Field(description="Its TCP port.")
+    port: PortNumber = Field(description="TCP port of the device.")
     link_Mbit_per_s: float = Field(
-        default=100.0, strict=True, gt=0, le=100_000, description="Slowest part of the network on the way."
+        default=100.0, strict=True, gt=0, le=100_000, description="Slowest part of the network."
     )
 
 
 class UdpPort(Section):
-    """UDP datagrams, to and from one device; those of others are counted and thrown away."""
+    """UDP datagrams to and from one device; those of others are counted and dropped."""
 
     host: str = Field(min_length=1, description="Address of the device.")
-    port: PortNumber = Field(description="Its UDP port: it sends from there, and receives there.")
+    port: PortNumber = Field(description="UDP port of the device, for both directions.")
     listen: PortNumber | None = Field(
         default=None,
-        description="Our UDP port, to which it sends; null: any, it answers to where it was asked.",
+        description="UDP port of the controller; null: any, and the device answers to it.",
     )
     link_Mbit_per_s: float = Field(
-        default=100.0, strict=True, gt=0, le=100_000, description="Slowest part of the network on the way."
+        default=100.0, strict=True, gt=0, le=100_000, description="Slowest part of the network."
     )

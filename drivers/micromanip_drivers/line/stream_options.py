@@ -56,49 +56,49 @@ from .section import Count, HexBytes, Name
 
 
 class Blocks(WholeNumber):
-    """A number in the header that says how many blocks follow."""
+    """A number in the header: the blocks that follow."""
 
-    most: Count = Field(description="As many as there can be; a header that says more is garbage.")
+    most: Count = Field(description="Largest number; a header with more is invalid.")
 
 
 class StreamCounter(Counter):
-    """A number in the header that rises."""
+    """A rising number in the header."""
 
     counts: Literal["packets", "samples"] = Field(
-        description="packets: by 1 with each packet. samples: it is the number of the packet's first sample."
+        description="packets: it rises by 1 per packet. samples: it is the number of the packet's first sample."
     )
 
 
 class DeviceTime(Number):
-    """The device's own time of the first sample of a packet."""
+    """The device's time of a packet's first sample."""
 
-    unit_s: Annotated[float, Field(strict=True, gt=0, le=1)] = Field(description="Seconds a count.")
+    unit_s: Annotated[float, Field(strict=True, gt=0, le=1)] = Field(description="Seconds per count.")
 
 
 class Stream(Section):
     """Packets of samples."""
 
     magic: HexBytes = Field(min_length=2, description="First bytes of every packet, hexadecimal.")
-    header_bytes: Count = Field(description="Length of the header, magic included; the first block follows.")
-    block_bytes: Count = Field(description="Length of a block, which holds one sample of every field.")
-    blocks: Count | Blocks = Field(
-        default=1, description="Blocks in a packet: a number, or where the header says how many."
+    header_bytes: Count = Field(description="Length of the header with the magic; the first block follows.")
+    block_bytes: Count = Field(description="Length of a block: one sample of every field.")
+    blocks: Count | Blocks = Field(default=1, description="Blocks in a packet: a number, or its place in the header.")
+    fields: dict[Name, InputField] = Field(min_length=1, description="Inputs by name; their places are in the block.")
+    rate_hz: SampleRate = Field(description="Samples per second of each field.")
+    counter: StreamCounter | None = Field(
+        default=None, description="Counter of packets or samples; null: losses are not detected."
     )
-    fields: dict[Name, InputField] = Field(min_length=1, description="The inputs by name; places are in the block.")
-    rate_hz: SampleRate = Field(description="Samples a second, of each field.")
-    counter: StreamCounter | None = Field(default=None, description="null: what is lost can't be seen.")
-    status: Status | None = Field(default=None, description="How the device says that its values are bad.")
+    status: Status | None = Field(default=None, description="Marks the device's values as valid.")
     time: DeviceTime | None = Field(
-        default=None, description="Its own clock; null: samples are as old as they can be when they are received."
+        default=None, description="The device's clock; null: samples count as old as possible at reception."
     )
-    crc: Crc | None = Field(default=None, description="Behind the last block.")
-    identity: dict[Name, Known] = Field(default={}, description="Numbers of the header that say which device it is.")
+    crc: Crc | None = Field(default=None, description="Checksum after the last block.")
+    identity: dict[Name, Known] = Field(default={}, description="Numbers of the header that identify the device.")
     start: HexBytes = Field(
-        default="", description="Sent when it is opened, so that the device begins; it must move nothing. Hexadecimal."
+        default="", description="Sent at the start to begin the stream, hexadecimal; it must move nothing."
     )
     latency_us: Latency | None = Field(
         default=None,
-        description="From the last sample being measured to its packet's end; null: while that is on the wire.",
+        description="From the last sample's measurement to its packet's end; null: the packet's time on the wire.",
     )
 
     @property

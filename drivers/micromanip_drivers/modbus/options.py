@@ -45,50 +45,49 @@ Milliseconds = Annotated[float, Field(strict=True, gt=0, le=LARGEST_TIMEOUT_MS)]
 
 
 class Expected(Section):
-    """A register that says which device it is: a type, a serial number."""
+    """A register that identifies the device: a type, a serial number."""
 
-    function: Literal[3, 4] = Field(description="Function code that reads it.")
-    address: Annotated[int, Field(strict=True, ge=0, le=0x20000)] = Field(description="Its number in the manual.")
-    type: Literal["uint16", "int16", "uint32", "int32"] = Field(description="How it is to be read.")
-    value: Annotated[int, Field(strict=True)] = Field(description="What it must be; any other is the wrong device.")
+    function: Literal[3, 4] = Field(description="Function code of the read.")
+    address: Annotated[int, Field(strict=True, ge=0, le=0x20000)] = Field(description="Number in the manual.")
+    type: Literal["uint16", "int16", "uint32", "int32"] = Field(description="Type of the number.")
+    value: Annotated[int, Field(strict=True)] = Field(description="Expected value; any other is the wrong device.")
 
 
 class Unit(Section):
-    """A device on the line, or behind the gateway."""
+    """A device on the line or behind the gateway."""
 
-    unit_id: Annotated[int, Field(strict=True, ge=0, le=255)] = Field(description="Its number on the line.")
+    unit_id: Annotated[int, Field(strict=True, ge=0, le=255)] = Field(description="Number of the device on the line.")
     address_base: Annotated[int, Field(strict=True, ge=0, le=0x10000)] = Field(
-        description="Number in its manual of the register that goes as 0 over the wire: 0, 1, 30001, 40001, ..."
+        description="Number in the manual of the register with address 0 on the wire: 0, 1, 30001, 40001, ..."
     )
-    byte_order: Order = Field(description="In a register: big, as the standard has it, or little, bytes swapped.")
-    word_order: Order = Field(description="Of the registers of one number: big has the highest word first.")
+    byte_order: Order = Field(description="Byte order in a register: big is the standard.")
+    word_order: Order = Field(description="Order of the registers of one number: big has the highest word first.")
     identity: dict[Name, Expected] = Field(
-        default={}, description="Registers that are compared when the line is opened: another device is refused."
+        default={}, description="Registers compared at the start; another device is refused."
     )
-    tasks: dict[Name, Task] = Field(min_length=1, description="What is read and written, at which rates.")
+    tasks: dict[Name, Task] = Field(min_length=1, description="Reads and writes, each at its rate.")
 
 
 class ModbusOptions(BusOptions):
-    """The line, and the devices on it."""
+    """A line and its devices."""
 
-    tcp: TcpPort | None = Field(default=None, description="Modbus TCP: a device or a gateway.")
+    tcp: TcpPort | None = Field(default=None, description="Modbus TCP to a device or gateway.")
     serial: SerialPort | None = Field(default=None, description="Modbus RTU on a serial line.")
     timeout_ms: Milliseconds = Field(
-        description="So long after a request its answer must be complete. There are no retries: the task's next turn "
-        "is one, with newer values."
+        description="Longest time from a request to its complete answer. There are no retries; the task's next turn "
+        "sends newer values."
     )
     response_ms: Annotated[float, Field(strict=True, ge=0, le=LARGEST_TIMEOUT_MS)] = Field(
-        description="Longest time from the end of a request to the beginning of its answer: for the budget, and for "
-        "the age of what was read."
+        description="Longest time from a request's end to its answer's beginning, for the budget and the age of values."
     )
     drain_ms: Annotated[float, Field(strict=True, gt=0, le=700)] | None = Field(
         default=None,
-        description="After a time-out a serial line is kept silent until nothing came for so long: longer than the "
-        "latest answer of any device, which would be taken for that to the next request. null: three times timeout_ms.",
+        description="Silence required on a serial line after a time-out; longer than any device's latest answer, "
+        "which would pass for the next request's. null: three times timeout_ms.",
     )
     watchdog: str | None = Field(
         default=None,
-        description="What the device does by itself when nothing is written, and after how long, in a few words.",
+        description="The device's own reaction to missing writes, and its time, in a few words.",
     )
     units: dict[Name, Unit] = Field(min_length=1, description="Devices by name.")
 

@@ -33,14 +33,14 @@ class Register(Section):
     """A number in the device: one register or several, some bits of one, or a coil."""
 
     address: Annotated[int, Field(strict=True, ge=0, le=0x20000)] = Field(
-        description="Its number in the manual, of the first register; see address_base."
+        description="Number in the manual of the first register, see address_base."
     )
-    type: Type = Field(description="How it is to be read; bits: some bits of a register; coil: one bit of its own.")
+    type: Type = Field(description="Type of the number; bits: some bits of a register; coil: a single bit.")
     first_bit: Annotated[int, Field(strict=True, ge=0, le=15)] | None = Field(
-        default=None, description="With type bits: its lowest bit, 0 is the register's lowest."
+        default=None, description="Type bits: lowest bit, from 0."
     )
     bit_count: Annotated[int, Field(strict=True, ge=1, le=16)] = Field(
-        default=1, description="With type bits: how many."
+        default=1, description="Type bits: number of bits."
     )
 
     @model_validator(mode="after")
@@ -72,22 +72,22 @@ def code_range(register: Register) -> tuple[float, float]:
 
 
 class Input(Scaled, Register):
-    """A value that is read."""
+    """A value from the device."""
 
     latency_us: Latency = Field(
         default=0.0,
-        description="Age of a reading in the device when it is asked for; of an output, until it is in force.",
+        description="Age of a reading in the device when it is requested; of an output, time until it acts.",
     )
 
 
 class Output(Commanded, Input):
-    """A value that is written, again and again."""
+    """A value to the device, written repeatedly."""
 
     cyclic_safe: bool = Field(
         default=False,
         strict=True,
-        description="The manual says that this register may be written for ever. Many are kept in flash memory, which "
-        "is worn out after some 10,000 writes: seconds.",
+        description="The manual allows endless writing of this register. Flash memory, where many registers are, "
+        "wears out after some 10,000 writes: seconds.",
     )
 
     @property
@@ -106,7 +106,7 @@ class Output(Commanded, Input):
 
 
 class Counter(Register):
-    """A number that the device changes with each measurement: the same again is not a fresh one."""
+    """A number that the device changes with each measurement: the same number is not fresh."""
 
     @model_validator(mode="after")
     def _is_whole(self) -> Self:
@@ -116,23 +116,23 @@ class Counter(Register):
 
 
 class Status(Counter):
-    """A number by which the device says whether what it measures is to be trusted."""
+    """A number that marks the device's values as valid."""
 
-    good: tuple[Whole, ...] = Field(default=(0,), min_length=1, description="What it is when all is well.")
+    good: tuple[Whole, ...] = Field(default=(0,), min_length=1, description="Good values.")
 
 
 class Task(Section):
-    """What is done at one rate. Registers that follow each other go in one transaction."""
+    """Transactions at one rate; consecutive registers share a transaction."""
 
     function: Function = Field(
         description="1 and 2 read coils and discrete inputs, 3 and 4 holding and input registers; 5 and 15 write "
-        "coils, 6 and 16 registers, one by one or all at once; 23 writes and reads in one transaction."
+        "coils, 6 and 16 registers, singly or together; 23 writes and reads in one transaction."
     )
-    rate_hz: SampleRate = Field(description="How often.")
-    read: dict[Name, Input] = Field(default={}, description="What is read, by name.")
-    write: dict[Name, Output] = Field(default={}, description="What is written, by name.")
-    status: Status | None = Field(default=None, description="Read with the others: are they good?")
-    counter: Counter | None = Field(default=None, description="Read with the others: are they fresh?")
+    rate_hz: SampleRate = Field(description="Rate of the task.")
+    read: dict[Name, Input] = Field(default={}, description="Values to read, by name.")
+    write: dict[Name, Output] = Field(default={}, description="Values to write, by name.")
+    status: Status | None = Field(default=None, description="Marks the other values as valid.")
+    counter: Counter | None = Field(default=None, description="Marks the other values as fresh.")
 
     @model_validator(mode="after")
     def _function_fits(self) -> Task:

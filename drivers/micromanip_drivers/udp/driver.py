@@ -33,7 +33,7 @@ class Udp(LoopWire):
         self._datagrams = Datagrams(options)
         if options.send.fields and not options.send.cyclic_safe:
             raise ConfigError(
-                f"send.cyclic_safe: {1e9 / period_ns:g} writes a second wear out a device that keeps them in flash "
+                f"send.cyclic_safe: {1e9 / period_ns:g} writes per second wear out a device that keeps them in flash "
                 "memory; say cyclic_safe: true if its manual allows them for ever"
             )
         self._counts = 1 << 8 * options.send.counter.size

@@ -55,77 +55,77 @@ from micromanip_drivers.line.section import Count, HexBytes, Name
 
 
 class Clock(WholeNumber):
-    """The device's time at which it took its samples; it wraps at the end of its type."""
+    """The device's time of sampling; it wraps at the end of its type."""
 
     unit_us: Annotated[float, Field(strict=True, gt=0, le=1e6)] = Field(description="Length of one count.")
 
 
 class Slow(Section):
-    """Values that a datagram carries along, and that are sampled more rarely than it is sent."""
+    """Values sampled more rarely than their datagram is sent."""
 
-    rate_hz: SampleRate = Field(description="How often they are sampled.")
-    counter: Counter = Field(description="Changes with each sample of them.")
-    latency_us: Latency = Field(description="From being sampled to the first datagram with them, on the average.")
-    fields: dict[Name, InputField] = Field(min_length=1, description="The inputs by name.")
+    rate_hz: SampleRate = Field(description="Sample rate.")
+    counter: Counter = Field(description="Changes with each sample.")
+    latency_us: Latency = Field(description="Mean time from sampling to the first datagram with the sample.")
+    fields: dict[Name, InputField] = Field(min_length=1, description="Inputs by name.")
 
 
 class Received(Section):
-    """The datagram that answers."""
+    """The answer."""
 
-    head: HexBytes = Field(default="", description="First bytes of it, hexadecimal; another one is not this datagram.")
+    head: HexBytes = Field(default="", description="First bytes, hexadecimal; a datagram with others is dropped.")
     bytes: Count | None = Field(
-        default=None, description="Length of all of it, with its CRC; null: to the end of its last part and CRC."
+        default=None, description="Length of the datagram with its CRC; null: to the end of its last part and CRC."
     )
-    counter: Counter = Field(description="Incremented with each: what comes twice or is overtaken is not fresh.")
+    counter: Counter = Field(description="Incremented with each datagram: a repeated or overtaken one is not fresh.")
     acknowledges: Counter | None = Field(
         default=None,
-        description="Counter of the datagram that the device has acted on last; must be given where there are outputs.",
+        description="Counter of the last datagram that took effect in the device; required where there are outputs.",
     )
-    clock: Clock | None = Field(default=None, description="null: a sample is as old as the kernel's time of reception.")
-    status: Status | None = Field(default=None, description="How the device says that its values are bad.")
-    latency_us: Latency = Field(default=0.0, description="From being sampled to being stamped, or sent.")
-    fields: dict[Name, InputField] = Field(min_length=1, description="The inputs that are fresh each time, by name.")
-    slow: dict[Name, Slow] = Field(default={}, description="Groups of inputs that are not, by any name.")
+    clock: Clock | None = Field(
+        default=None, description="The device's clock; null: a sample's age counts from the kernel's time of reception."
+    )
+    status: Status | None = Field(default=None, description="Marks the device's values as valid.")
+    latency_us: Latency = Field(default=0.0, description="From sampling to the time stamp, or to sending.")
+    fields: dict[Name, InputField] = Field(min_length=1, description="Inputs that are fresh each time, by name.")
+    slow: dict[Name, Slow] = Field(default={}, description="Groups of slower inputs, by any name.")
 
 
 class Output(LoopOutput, OutputField):
-    """A value that the device is given."""
+    """A value to the device."""
 
 
 class Sent(Section):
-    """The datagram that is sent in every cycle."""
+    """The datagram sent in every cycle."""
 
-    head: HexBytes = Field(default="", description="First bytes of it, hexadecimal.")
+    head: HexBytes = Field(default="", description="First bytes, hexadecimal.")
     bytes: Count | None = Field(
-        default=None, description="Length of all of it, with its CRC; null: to the end of its last part and CRC."
+        default=None, description="Length of the datagram with its CRC; null: to the end of its last part and CRC."
     )
-    counter: Counter = Field(description="Incremented with each.")
-    fields: dict[Name, Output] = Field(default={}, description="The outputs by name; none: it only asks.")
+    counter: Counter = Field(description="Incremented with each datagram.")
+    fields: dict[Name, Output] = Field(default={}, description="Outputs by name; none: a mere request.")
     cyclic_safe: bool = Field(
         default=False,
         strict=True,
-        description="Its manual says that it may be written for ever: no flash memory is written, nothing wears out.",
+        description="The manual allows endless writing: it does not wear flash memory.",
     )
 
 
 class Identity(Section):
-    """Which device must answer, asked before the loop begins."""
+    """The device that must answer, asked before the loop begins."""
 
-    request: HexBytes = Field(min_length=2, description="Datagram that asks, whole but for its CRC, hexadecimal.")
-    head: HexBytes = Field(default="", description="First bytes of the one that answers, hexadecimal.")
-    bytes: Count | None = Field(default=None, description="Its length, as for `receive`.")
-    numbers: dict[Name, Known] = Field(min_length=1, description="What it must hold: serial number, version.")
+    request: HexBytes = Field(min_length=2, description="Request without its CRC, hexadecimal.")
+    head: HexBytes = Field(default="", description="First bytes of the answer, hexadecimal.")
+    bytes: Count | None = Field(default=None, description="Length of the answer, as for `receive`.")
+    numbers: dict[Name, Known] = Field(min_length=1, description="Expected numbers: serial number, version.")
 
 
 class UdpOptions(UdpPort, LoopWireOptions):
     """A device that answers each datagram with one."""
 
-    crc: Crc | None = Field(
-        description="The last of each datagram; null, said outright, for a device that relies on UDP's own checksum."
-    )
-    identity: Identity | None = Field(default=None, description="null: whatever answers is taken.")
-    receive: Received = Field(description="What it answers.")
-    send: Sent = Field(description="What it is sent.")
+    crc: Crc | None = Field(description="Checksum at the end; an explicit null for a device that relies on UDP's own.")
+    identity: Identity | None = Field(default=None, description="The device that must answer; null: any.")
+    receive: Received = Field(description="The answer.")
+    send: Sent = Field(description="The datagram sent.")
 
     @model_validator(mode="after")
     def _outputs_are_acknowledged(self) -> UdpOptions:

@@ -48,11 +48,11 @@ def why_taken_back(status: Any, state: str, axes: list[str]) -> FaultReport:
         why = (
             "too many deadlines were missed to judge it"
             if state == STATE_NAMES[TRACKING]
-            else f"the cell does not track any more, its state is {state}"
+            else f"the cell no longer tracks, its state is {state}"
         )
-        return FaultReport(kind, what=f"the promoted tuning was taken back: {why}", explained=False)
+        return FaultReport(kind, what=f"the promoted tuning was reverted: {why}", explained=False)
     report = raised(event, axes)
     assert report is not None
     if report.value <= report.limit:
-        return replace(report, what="the promoted tuning was taken back: it swings")
+        return replace(report, what="the promoted tuning was reverted: it swings")
     return report

@@ -12,7 +12,7 @@ from micromanip.bus.inspection import inspected
 from micromanip.bus.registry import driver_class
 from micromanip.settings.text.shape import Shape
 
-from .configuration_page import sections, table
+from .configuration_page import Section, page, sections
 
 _PACKAGE = "micromanip"
 _INTRODUCTION = """\
@@ -29,12 +29,12 @@ def render() -> str:
     """The whole page."""
     names = sorted(driver.name for driver in inspected() if driver.package == _PACKAGE)
     common, written = Shape.of(BusOptions), dict[tuple[str, ...], str]()
-    parts = [_INTRODUCTION, f"## Every driver\n\n{table(common)}"]
+    parts: list[Section] = [("## Every driver", common, ())]
     for name in names:
         shape = Shape.of(driver_class(name).Options)
-        parts.append(f"## `driver: {name}`\n\n{shape.description}\n\n{table(shape, known=common.fields)}")
+        parts.append((f"## `driver: {name}`\n\n{shape.description}", shape, common.fields))
         parts += sections(shape, f"{name}.", written)
-    return "\n".join(parts)
+    return page(_INTRODUCTION, parts)
 
 
 if __name__ == "__main__":

@@ -22,15 +22,15 @@ _INTRODUCTION = """\
 Generated from `micromanip/faults.toml` and the defaults in `micromanip/settings/schema/faults.py` by `make docs`; edit
 them there.
 
-A fault stays latched until `micromanip reset`, and nothing arms itself again. Every trip leaves a black box:
-`micromanip trip show` reads the newest one and says in which order things happened. `<value>` is what was measured,
-`<limit>` what it was held against. Limits are those of `limits: hardware`; in brackets, where they differ, those of
-`limits: simulation`.
+A fault stays latched until `micromanip reset`; no axis arms itself again. Every trip writes a black box:
+`micromanip trip show` prints the newest one in the order of events. `<value>` is the measured value, `<limit>` the
+limit it exceeded. Limits are those of `limits: hardware`; brackets show those of `limits: simulation` where they
+differ.
 """
 _REACTIONS = {
     "hold": "HOLD, then ramp to park",
     "ramp": "ramp to park",
-    "off": "amplifier off, outputs to park at the slew limit, every memory dropped",
+    "off": "amplifier off, outputs to park at the slew limit, all controller memories cleared",
 }
 
 
@@ -40,20 +40,18 @@ def render() -> str:
 
 
 def _section(kind: FaultKind) -> str:
-    causes = "".join(f"\n- {cause}" for cause in kind.likely_causes)
-    limits = f"\n**Limits**: [`faults.{kind.section}`](configuration.md#faults{_anchor(kind.section)})\n"
+    limits = f" Limits: [`faults.{kind.section}`](configuration.md#faults{_anchor(kind.section)})."
     defaults = dict(_defaults(kind.section))
     return f"""\
 ## {kind.code}: {kind.what.format(value=_Placeholder("`<value>`"), limit=_Placeholder("`<limit>`"))}
 
-**Detection**: {_sentence(kind.detection, defaults)}
+**Detection**: {_sentence(kind.detection, defaults)}{limits if kind.section else ""}
 
 **Reaction**: {_sentence(kind.reaction, defaults)}
-{limits if kind.section else ""}
-**Likely causes**:
-{causes}
 
-**Next step**: {kind.next_step}
+**Causes**: {"; ".join(kind.likely_causes)}.
+
+**Next**: {kind.next_step}
 """
 
 
@@ -62,8 +60,8 @@ def _anchor(section: str) -> str:
 
 
 def _sentence(text: str, defaults: Mapping[str, str]) -> str:
-    told = text.format(**defaults)
-    return told[0].upper() + told[1:]
+    sentence = text.format(**defaults)
+    return sentence[0].upper() + sentence[1:]
 
 
 def _defaults(section: str) -> Iterator[tuple[str, str]]:

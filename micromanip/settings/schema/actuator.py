@@ -11,12 +11,12 @@ from .base import Settings
 
 
 class Resonance(Settings):
-    """A resonance of stage and flexure as the gauge shows it, and the antiresonance beside it."""
+    """A resonance of stage and flexure as the gauge measures it, with its antiresonance."""
 
     resonance_Hz: Hertz
-    resonance_damping: Positive = Field(description="Its damping ratio.")
-    antiresonance_Hz: Hertz = Field(description="Both below 0.45 times the loop's rate.")
-    antiresonance_damping: Positive = Field(description="Its damping ratio: that of the filter's own swing.")
+    resonance_damping: Positive = Field(description="Damping ratio.")
+    antiresonance_Hz: Hertz = Field(description="Both frequencies must be below 0.45 times the loop's rate.")
+    antiresonance_damping: Positive = Field(description="Damping ratio; also that of the filter.")
 
 
 class Actuator(Settings):
@@ -27,24 +27,26 @@ class Actuator(Settings):
 
     delay_us: MicrosecondsOrZero = Field(
         default=0.0,
-        description="From a set-point to the position that answers it, beyond what a bus takes. A reference that is "
-        "known (hold, sine, step, file) is followed so much ahead, and the PID awaits the answer.",
+        description="Delay from set-point to position, without the bus. A known reference (hold, sine, step, file) "
+        "leads by it, and the PID compares with the delayed set-point.",
     )
     gauge_us: MicrosecondsOrZero = Field(
         default=0.0,
-        description="From the position to what the gauge reads of it, by its data sheet: 1e6/(2 pi bandwidth). The "
-        "PID awaits it too, or it would make the position lead by it.",
+        description="Delay from position to gauge reading, from the data sheet: 1e6/(2 pi bandwidth). The PID "
+        "compares with the set-point delayed by it, too.",
     )
     lag_us: Microseconds | None = Field(
         default=None,
-        description="First-order lag of the amplifier, undone by leading the inverse's voltage; not in delay_us. "
-        "null: none.",
+        description="First-order lag of the amplifier, not in delay_us; the feedforward leads the inverse's voltage "
+        "by it. null: none.",
     )
     feedback_percent: Percent = Field(
         default=100.0,
-        description="Share of the PID's gains that is left to do: what the feedforward does need not be done again, "
-        "and less feedback passes on less of the gauge's noise.",
+        description="Share of the PID's gains that acts beside the feedforward; less feedback passes less of the "
+        "gauge's noise.",
     )
     resonances: tuple[Resonance, ...] = Field(
-        default=(), max_length=MAX_RESONANCES, description="Undone before the inverse."
+        default=(),
+        max_length=MAX_RESONANCES,
+        description="Resonances that the feedforward inverts before the hysteresis.",
     )

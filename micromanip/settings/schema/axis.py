@@ -38,41 +38,41 @@ class SetPoint(Settings):
     range_um: AtRest[RangeUm] = Field(description="Attainable range on the strain gauge.")
     slew_um_per_ms: Live[Speed] = Field(
         default=20.0,
-        description="Fastest change. Well below what the output's slew limit gives (V/ms times um/V): a set-point that "
-        "the actuator cannot follow makes the outer loop swing.",
+        description="Slew limit. Keep it well below the output's slew limit (V/ms times um/V): the outer loop "
+        "oscillates if the actuator cannot follow the set-point.",
     )
 
 
 class Notch(Settings):
     """Band that is taken out of the PID's error, where the inner loop would drive a resonance of the stage."""
 
-    frequency_Hz: Hertz = Field(description="Its centre; below 0.45 times the rate of the strain gauge's samples.")
-    width_Hz: Hertz = Field(description="Its width, between the frequencies at which half of the power is taken out.")
-    depth_percent: Percent = Field(default=95.0, description="Share of the error that is taken out at the centre.")
+    frequency_Hz: Hertz = Field(description="Centre; below 0.45 times the gauge's sample rate.")
+    width_Hz: Hertz = Field(description="Width between the half-power frequencies.")
+    depth_percent: Percent = Field(default=95.0, description="Share of the error that is removed at the centre.")
 
 
 class Inner(Settings):
     """PID on the strain gauge, equation (17)."""
 
     mode: Literal["pid", "pid+feedforward", "feedforward"] = Field(
-        default="pid+feedforward", description="What makes the voltage: the PID, the inverse hysteresis model, or both."
+        default="pid+feedforward", description="Source of the voltage: the PID, the inverse hysteresis model, or both."
     )
     K_V_per_um: Positive = Field(description="Proportional gain.")
     Ti_ms: Milliseconds = Field(description="Integral time.")
-    Td_ms: MillisecondsOrZero = Field(description="Derivative time; 0 leaves the derivative out.")
+    Td_ms: MillisecondsOrZero = Field(description="Derivative time; 0: no derivative part.")
     filter_ms: MillisecondsOrZero = Field(description="Time constant of the derivative's filter.")
     tracking_ms: Milliseconds = Field(default=1.0, description="Time constant of the anti-windup.")
-    notch: Notch | None = Field(default=None, description="A notch before the PID; null: none.")
+    notch: Notch | None = Field(default=None, description="Notch before the PID; null: none.")
 
 
 class LinearModel(Settings):
-    """Stage position (um) from actuator set-point (um), one step a loop cycle, inner loop closed."""
+    """Stage position (um) from actuator set-point (um), one step per loop cycle, inner loop closed."""
 
     A: tuple[Row, ...] = Field(min_length=1, description="State matrix, row by row.")
     B: Row = Field(description="Input vector.")
     C: Row = Field(description="Output vector.")
     delay_cycles: int = Field(
-        strict=True, ge=0, le=24, description="Actuation delay in front of the model, the way of the output included."
+        strict=True, ge=0, le=24, description="Actuation delay before the model, including the output's."
     )
 
     @model_validator(mode="after")
@@ -93,18 +93,17 @@ class Outer(Settings):
     model: LinearModel
     control_weight: Positive = Field(
         default=10.0,
-        description="LQR weight of the set-point, beside 1 of the error; smaller is faster and less robust.",
+        description="LQR weight of the set-point, relative to the error's 1; smaller is faster and less robust.",
     )
-    input_noise_um: Distance = Field(default=0.1, description="White noise on the set-point, rms a cycle.")
+    input_noise_um: Distance = Field(default=0.1, description="White noise on the set-point, rms per cycle.")
     disturbance_um: Distance = Field(
-        default=0.1, description="Random walk of the input disturbance, rms a cycle: integral action."
+        default=0.1, description="Random walk of the input disturbance, rms per cycle: integral action."
     )
     oscillation_Hz: Hertz | None = Field(default=200.0, description="Tooth-passing frequency to cancel; null: none.")
-    oscillation_um: Distance = Field(default=1e-3, description="Noise of that oscillator, rms a cycle.")
+    oscillation_um: Distance = Field(default=1e-3, description="Noise of that oscillator, rms per cycle.")
     oscillation_range_percent: ToothRange = Field(
         default=0.0,
-        description="How far from oscillation_Hz the tooth's own frequency is found and followed, either way; 0: it is "
-        "taken for what was said.",
+        description="Range about oscillation_Hz in which the tooth's frequency is estimated and followed; 0: fixed.",
     )
     sensor_noise_um: Distance = Field(default=0.012, description="Noise of the capacitive sensor, rms.")
     sample_cycles: int = Field(default=1, strict=True, ge=1, le=64, description="Loop cycles between sensor samples.")
@@ -136,9 +135,9 @@ class Commissioned(Settings):
 
     hash: str = Field(
         pattern=f"^[0-9a-f]{{{HASH_DIGITS}}}$",
-        description="Of the axis' tuning: its keys with their values, without limits, authority and this section.",
+        description="Hash of the axis' tuning: its keys and values without limits, authority and this section.",
     )
-    report: str = Field(min_length=1, description="The run's report, from the folder of its results.")
+    report: str = Field(min_length=1, description="File of the report, relative to the folder of the results.")
     date: str = Field(min_length=1, description="Day of the commissioning.")
 
 
@@ -146,30 +145,33 @@ class Axis(Settings):
     """One axis of the manipulator."""
 
     mode: AtRest[Literal["voltage", "strain", "stage"]] = Field(
-        default="stage", description="What the reference is: a voltage (open loop), an actuator or a stage position."
+        default="stage",
+        description="Quantity that follows the reference: a voltage (open loop), an actuator or a stage position.",
     )
-    centre_um: AtRest[Micrometres] = Field(description="Working point on the strain gauge, where the stage's zero is.")
+    centre_um: AtRest[Micrometres] = Field(description="Working point on the strain gauge: the stage's zero.")
     setpoint: SetPoint
-    hysteresis: Live[Hysteresis] = Field(default=NoModel(model="none"), description="Its inverse is the feedforward.")
+    hysteresis: Live[Hysteresis] = Field(
+        default=NoModel(model="none"), description="Hysteresis model; its inverse is the feedforward."
+    )
     hysteresis_affine: Live[PrandtlIshlinskii | None] = Field(
-        default=None, description="Affine-shaped model that `evaluate` uses as configuration B; `run` does not."
+        default=None, description="Affine model for configuration B of `evaluate`; `run` does not use it."
     )
     inner: Live[Inner]
     actuator: Live[Actuator | None] = Field(
-        default=None, description="Linear dynamics that the feedforward undoes beside the hysteresis; null: none."
+        default=None, description="Linear dynamics that the feedforward inverts beside the hysteresis; null: none."
     )
-    outer: Live[Outer | None] = Field(default=None, description="Needed for mode stage.")
+    outer: Live[Outer | None] = Field(default=None, description="Outer loop; mode stage needs it.")
     coupling: Live[Coupling | None] = Field(
-        default=None, description="What this stage sees of the other axes' motion; null: not measured."
+        default=None, description="Response of this stage to the other axes' motion; null: not measured."
     )
     authority_percent: Live[Percent] = Field(
-        default=100.0, description="Share of the reference signal that is followed."
+        default=100.0, description="Share of the reference signal that the axis follows."
     )
     faults: LargerIsWeaker[Live[AxisFaults]] = Field(
-        default=AxisFaults(), description="This axis' own limits; what is left out stands in faults.axis."
+        default=AxisFaults(), description="Limits of this axis; missing keys come from faults.axis."
     )
-    accept: NewStart[Accept] = Field(default=Accept(), description="What `commission` asks of the axis.")
-    commissioned: Live[Commissioned | None] = Field(default=None, description="The report that this tuning belongs to.")
+    accept: NewStart[Accept] = Field(default=Accept(), description="Acceptance limits of `commission`.")
+    commissioned: Live[Commissioned | None] = Field(default=None, description="Report that belongs to this tuning.")
 
     @property
     def undone(self) -> Actuator | None:

@@ -17,12 +17,12 @@ class Coupling(Settings):
     """Motion of this stage that comes of the others, as `commission` measures it with the strain loops closed."""
 
     share: dict[str, Share] = Field(
-        default={}, description="By the name of the other axis: um of this stage per um of that one, at rest."
+        default={}, description="Motion of this stage per motion of the named axis at rest, um/um."
     )
     decouple: Flag = Field(
         default=False,
-        description="Take it away ahead: the set-point answers to the references of the others before the sensor shows "
-        "their motion. In mode stage, for those that are in mode stage too; it is feedforward, no margin changes.",
+        description="Compensate the coupling by feedforward from the other axes' references; in mode stage only from "
+        "axes in mode stage. The margins stay the same.",
     )
 
     @model_validator(mode="after")

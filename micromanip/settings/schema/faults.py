@@ -33,7 +33,7 @@ REACTIONS = ("warn", "hold", "ramp", "off")
 """The mildest first."""
 Reaction = Literal["warn", "hold", "ramp", "off"]
 _SET = "simulation"
-_REACTION = "What follows: warn only tells, hold freezes the correction, ramp goes to park, off cuts the amplifier."
+_REACTION = "Reaction: warn only warns, hold freezes the correction, ramp goes to park, off cuts the amplifier."
 
 
 def _default(hardware: float, description: str, *, simulation: float | None) -> Any:
@@ -44,19 +44,23 @@ def _default(hardware: float, description: str, *, simulation: float | None) -> 
 class StrainInvalid(Settings):
     """Strain gauge: not finite, out of range, jumped, stale, or stuck."""
 
-    samples: Count | None = Field(default=3, description="So many unusable samples in a row.")
-    identical: Count | None = Field(default=20, description="So many identical readings in a row: the gauge is stuck.")
-    rate_um_per_ms: Speed | None = _default(100.0, "A reading that moves faster is unusable.", simulation=1000.0)
+    samples: Count | None = Field(default=3, description="Unusable samples in a row.")
+    identical: Count | None = Field(default=20, description="Identical readings in a row: the gauge is stuck.")
+    rate_um_per_ms: Speed | None = _default(
+        100.0, "Fastest plausible change; a faster reading is unusable.", simulation=1000.0
+    )
     coast_ms: MillisecondsOrZero = Field(default=5.0, description="Time on the feedforward alone before the reaction.")
     reaction: Reaction = Field(default="ramp", description=_REACTION)
 
 
 class StageInvalid(Settings):
-    """Capacitive sensor: the same."""
+    """The same faults of the capacitive sensor."""
 
-    samples: Count | None = Field(default=3, description="So many unusable samples in a row.")
-    identical: Count | None = Field(default=20, description="So many identical readings in a row: the sensor is stuck.")
-    rate_um_per_ms: Speed | None = Field(default=1000.0, description="A reading that moves faster is unusable.")
+    samples: Count | None = Field(default=3, description="Unusable samples in a row.")
+    identical: Count | None = Field(default=20, description="Identical readings in a row: the sensor is stuck.")
+    rate_um_per_ms: Speed | None = Field(
+        default=1000.0, description="Fastest plausible change; a faster reading is unusable."
+    )
     degraded_s: SecondsOrZero = Field(default=1.0, description="Time on the model's prediction before the reaction.")
     reaction: Reaction = Field(default="ramp", description=_REACTION)
 
@@ -66,47 +70,49 @@ class Disagreement(Settings):
 
     ratio: Positive | None = _default(
         25.0,
-        "Mean square innovation, in units of the variance that the filter expects, beyond what the process brings.",
+        "Mean square innovation over the variance that the filter expects, beyond the process' share.",
         simulation=None,
     )
-    time_ms: Milliseconds = Field(default=10.0, description="Time of the mean.")
+    time_ms: Milliseconds = Field(default=10.0, description="Averaging time.")
     process_um: DistanceOrZero = Field(
         default=60.0,
-        description="What the process may do: how far its steady force, when it comes, would push the stage without "
-        "control: force over stiffness. Half of it comes as an oscillation on top, at outer.oscillation_Hz.",
+        description="Allowance for the process: the stage's deflection under its steady force without control (force "
+        "over stiffness), plus half of that as an oscillation at outer.oscillation_Hz.",
     )
     process_ms: SmallerIsWeaker[Annotated[Milliseconds, Field(le=1000.0)]] = Field(
-        default=20.0, description="The process' force is there within so long."
+        default=20.0, description="Rise time of the process' force."
     )
     reaction: Reaction = Field(default="hold", description=_REACTION)
 
 
 class FollowingError(Settings):
-    """The stage is not where the reference is (mode stage), or the gauge not where the set-point is."""
+    """Stage minus reference (mode stage), or gauge minus set-point."""
 
     limit_um: Distance | None = _default(20.0, "Largest error.", simulation=400.0)
-    time_ms: Milliseconds = _default(5.0, "It must last so long.", simulation=100.0)
+    time_ms: Milliseconds = _default(5.0, "Time until the reaction.", simulation=100.0)
     reaction: Reaction = Field(default="hold", description=_REACTION)
 
 
 class Saturation(Settings):
     """The voltage is at an end of its range."""
 
-    warn_ms: Milliseconds | None = Field(default=50.0, description="Told after so long.")
-    time_ms: Milliseconds | None = Field(default=500.0, description="The reaction follows after so long.")
+    warn_ms: Milliseconds | None = Field(default=50.0, description="Time until the warning.")
+    time_ms: Milliseconds | None = Field(default=500.0, description="Time until the reaction.")
     reaction: Reaction = Field(default="hold", description=_REACTION)
 
 
 class Oscillation(Settings):
-    """The inner loop swings: rms of its error in a band."""
+    """The inner loop oscillates: rms of its error in a band."""
 
     limit_um: Distance | None = _default(1.0, "Largest rms in the band.", simulation=20.0)
-    band_Hz: NarrowerIsWeaker[RangeHz] = Field(default=(300.0, 1500.0), description="Where a loop would swing.")
+    band_Hz: NarrowerIsWeaker[RangeHz] = Field(
+        default=(300.0, 1500.0), description="Band in which a loop would oscillate."
+    )
     time_ms: Milliseconds = _default(
-        20.0, "It must last so long; then the fallback gains, then again.", simulation=200.0
+        20.0, "Time until the fallback gains act, then until the reaction.", simulation=200.0
     )
     fallback: Annotated[float, Field(strict=True, ge=1e-6, lt=1)] = Field(
-        default=0.4, description="Gain of the PID while it falls back, as a share of its own."
+        default=0.4, description="Gain of the PID during fallback, as a share of its own."
     )
     reaction: Reaction = Field(default="ramp", description=_REACTION)
 
@@ -114,10 +120,10 @@ class Oscillation(Settings):
 class ReferenceLost(Settings):
     """No usable sample of the reference signal."""
 
-    stale_periods: Positive | None = _default(2.0, "Told after so many periods of the signal.", simulation=20.0)
-    time_ms: Milliseconds | None = _default(20.0, "The reaction follows after so long.", simulation=500.0)
+    stale_periods: Positive | None = _default(2.0, "Periods of the signal until the warning.", simulation=20.0)
+    time_ms: Milliseconds | None = _default(20.0, "Time until the reaction.", simulation=500.0)
     decay_ms: NeverWeaker[Milliseconds] = Field(
-        default=200.0, description="The hold goes back to the working point in this time."
+        default=200.0, description="Time in which the hold returns to the working point."
     )
     reaction: Reaction = Field(default="hold", description=_REACTION)
 
@@ -131,15 +137,13 @@ class Amplifier(Settings):
 class OverTemperature(Settings):
     """The signal temperature_ok is not 1."""
 
-    derate_percent: Percent = Field(
-        default=50.0, description="Share of the correction that is left while the amplifier is hot."
-    )
-    time_s: SecondsOrZero = Field(default=2.0, description="The reaction follows if it is hot for so long.")
+    derate_percent: Percent = Field(default=50.0, description="Share of the correction while the amplifier is hot.")
+    time_s: SecondsOrZero = Field(default=2.0, description="Time until the reaction.")
     reaction: Reaction = Field(default="ramp", description=_REACTION)
 
 
 class AxisFaults(Settings):
-    """What is watched on an axis."""
+    """Faults of one axis."""
 
     strain: StrainInvalid = StrainInvalid()
     stage: StageInvalid = StageInvalid()
@@ -155,61 +159,62 @@ class AxisFaults(Settings):
 class Deadline(Settings):
     """The loop misses its deadlines."""
 
-    in_a_row: Count | None = _default(3, "So many in a row.", simulation=None)
-    share_percent: Percent | None = _default(0.1, "More than this share of one second.", simulation=None)
-    reaction: Literal["hold", "ramp"] = Field(default="hold", description="What follows.")
+    in_a_row: Count | None = _default(3, "Missed deadlines in a row.", simulation=None)
+    share_percent: Percent | None = _default(0.1, "Largest share of missed deadlines in one second.", simulation=None)
+    reaction: Literal["hold", "ramp"] = Field(default="hold", description="Reaction to the fault.")
 
 
 class Host(Settings):
-    """The host process gives no sign of life."""
+    """The host process is silent."""
 
     silent_ms: Milliseconds = _default(100.0, "Longest silence.", simulation=1000.0)
-    reaction: Literal["hold", "ramp"] = Field(default="hold", description="What follows; then the loop ends.")
+    reaction: Literal["hold", "ramp"] = Field(default="hold", description="Reaction to the fault; then the loop ends.")
 
 
 class DriverError(Settings):
     """A driver's exchange fails."""
 
-    reaction: Literal["hold", "ramp", "off"] = Field(default="ramp", description="What follows.")
+    reaction: Literal["hold", "ramp", "off"] = Field(default="ramp", description="Reaction to the fault.")
 
 
 class Link(Settings):
-    """The link to a bus is lost: bus-off, a cable, a device without power, its worker process dead."""
+    """The link to a bus is lost: bus-off, broken cable, device without power, dead worker process."""
 
     silent_ms: Milliseconds = _default(
         20.0,
-        "A worker process that gives no sign of life for longer is taken for dead; errors of the bus that go on for "
-        "longer are a lost link.",
+        "Longest silence of a worker process; longest duration of bus errors.",
         simulation=300.0,
     )
     loop_silent_ms: Milliseconds = _default(
-        5.0, "A loop that is silent for longer is dead to the worker: its outputs ramp to park.", simulation=100.0
+        5.0, "Longest silence of the loop; then the worker ramps its outputs to park.", simulation=100.0
     )
-    reaction: Literal["ramp", "off"] = Field(default="ramp", description="What follows.")
+    reaction: Literal["ramp", "off"] = Field(default="ramp", description="Reaction to the fault.")
 
 
 class Enable(Settings):
     """The signal enable is not 1: emergency stop."""
 
-    reaction: Literal["off"] = Field(default="off", description="The amplifier is off already: it is followed.")
+    reaction: Literal["off"] = Field(
+        default="off", description="Reaction to the fault; the hardware has already switched the amplifier off."
+    )
 
 
 class Interlock(Settings):
     """The signal interlock is not 1: a door, a guard."""
 
-    reaction: Literal["hold", "ramp", "off"] = Field(default="ramp", description="What follows.")
+    reaction: Literal["hold", "ramp", "off"] = Field(default="ramp", description="Reaction to the fault.")
 
 
 class Hold(Settings):
     """A hold after a fault."""
 
     timeout_s: Seconds = Field(
-        default=1.0, description="The ramp begins when the signal retracted is 1, or after so long."
+        default=1.0, description="The ramp begins when the signal retracted is 1, at the latest after this time."
     )
 
 
 class Faults(Settings):
-    """What is watched in the whole cell; ``axis`` is the default of every axis' own section ``faults``."""
+    """Faults of the whole cell. Each axis' own section `faults` takes its defaults from `axis`."""
 
     deadline: Deadline = Deadline()
     host: Host = Host()

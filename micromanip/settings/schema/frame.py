@@ -31,10 +31,10 @@ class Lever(Settings):
         description="Rotation of the target from the programmed one about the tracker's three axes, named "
         f"{PREFIX}<name>; small angles, right-handed."
     )
-    rad_per_unit: Real = Field(default=1e-3, description="What 1 of those signals is, rad; 0.001: mrad.")
+    rad_per_unit: Real = Field(default=1e-3, description="Angle per unit of those signals; 0.001: mrad.")
     arm_mm: tuple[Real, Real, Real] = Field(
-        description="From the target to the tool's point, along the cell's axes x, y, z in their order. It is one for "
-        "the whole path: where the target travels far beside it, let the tracker's own software give the tool's point."
+        description="Vector from the target to the tool's point, along the cell's axes. It holds for the whole path; "
+        "if the target travels far beside the path, let the tracker's software compute the tool's point."
     )
 
 
@@ -45,13 +45,13 @@ class Frame(Settings):
         min_length=1, max_length=MAX_FRAME, description="Signals with the tracker's coordinates, named tracker_<name>."
     )
     matrix: tuple[tuple[Real, ...], ...] = Field(
-        min_length=1, description="A row per axis, in the order of the section axes; a column per signal. um per unit."
+        min_length=1, description="A row per axis, in the order of the section axes; a column per signal; um per unit."
     )
-    offset_um: tuple[Micrometres, ...] | None = Field(default=None, description="Added, a number per axis; null: none.")
+    offset_um: tuple[Micrometres, ...] | None = Field(default=None, description="Offset of each axis; null: none.")
 
     lever: Lever | None = Field(
         default=None,
-        description="Between the tracker's target and the tool's point; null: the target is there, or does not turn.",
+        description="Lever from the tracker's target to the tool's point; null: no lever, or no rotation.",
     )
 
     @property

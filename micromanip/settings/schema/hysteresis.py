@@ -19,9 +19,7 @@ Range = tuple[float, float]
 
 
 class _Ranged(Settings):
-    range_um: RangeUm = Field(
-        description="Displacements the model is good for; the set-point is clipped to it before the inverse."
-    )
+    range_um: RangeUm = Field(description="Valid range; the set-point is clipped to it before the inverse.")
 
 
 class PrandtlIshlinskii(_Ranged):
@@ -38,15 +36,17 @@ class PrandtlIshlinskii(_Ranged):
     thresholds_um: tuple[Distance, ...] = Field(
         max_length=MAX_PLAYS, description="Thresholds r_i of the play operators, rising, on phi(v)."
     )
-    weights: tuple[Real, ...] = Field(max_length=MAX_PLAYS, description="Weights rho_i, one a threshold.")
+    weights: tuple[Real, ...] = Field(max_length=MAX_PLAYS, description="Weights rho_i, one per threshold.")
     rate_ms: MillisecondsOrZero = Field(
         default=0.0,
-        description="Rate dependence: every threshold grows by this times the speed of phi(v), in um per ms.",
+        description="Rate dependence: every threshold grows by this times the speed of phi(v) (um/ms).",
     )
     creep_s: tuple[Seconds, ...] = Field(
         default=(), max_length=MAX_CREEP, description="Creep: time constants of first-order lags of phi(v)."
     )
-    creep_gains: tuple[Real, ...] = Field(default=(), max_length=MAX_CREEP, description="Their weights, one each.")
+    creep_gains: tuple[Real, ...] = Field(
+        default=(), max_length=MAX_CREEP, description="Weights of the creep, one per time constant."
+    )
 
     @model_validator(mode="after")
     def _is_invertible(self) -> Self:
@@ -97,13 +97,13 @@ class Network(_Ranged):
 
     model: Literal["network"]
     reversal_um: Distance = Field(
-        description="The memory moves to the last turning point once the set-point has come back by more than this."
+        description="The memory moves to the last turning point after a return of the set-point by more than this."
     )
     input_weights: tuple[Weights3, ...] = Field(
-        min_length=1, max_length=MAX_NEURONS, description="w(1): a row [y_k, y_m, v_m] a neuron."
+        min_length=1, max_length=MAX_NEURONS, description="w(1): a row [y_k, y_m, v_m] per neuron."
     )
-    input_biases: tuple[Real, ...] = Field(description="b(1), one a neuron.")
-    output_weights: tuple[Real, ...] = Field(description="w(2), one a neuron.")
+    input_biases: tuple[Real, ...] = Field(description="b(1), one per neuron.")
+    output_weights: tuple[Real, ...] = Field(description="w(2), one per neuron.")
     output_bias: Real = Field(description="b(2).")
 
     @model_validator(mode="after")

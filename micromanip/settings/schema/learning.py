@@ -21,20 +21,22 @@ class Learning(Settings):
     folder: str | None = Field(
         default=None,
         min_length=1,
-        description="Where the memories are, a file for each axis; relative to the configuration; null: `learned` in "
+        description="Folder of the memories, a file for each axis, relative to the configuration; null: `learned` in "
         "the state directory.",
     )
     seconds: Annotated[float, Field(strict=True, ge=2, le=120, allow_inf_nan=False)] = Field(
-        description="How long a part takes, from its beginning."
+        description="Duration of a part."
     )
     limit_um: Annotated[float, Field(strict=True, gt=0, le=50, allow_inf_nan=False)] = Field(
-        default=5.0, description="A correction that would be larger is not played."
+        default=5.0, description="Largest correction; a larger one is not played."
     )
     tolerance_um: Distance = Field(
         default=5.0,
-        description="Where the reference is further from the remembered path, in any cycle, the correction fades out.",
+        description="Largest distance of the reference from the remembered path in any cycle; beyond it the "
+        "correction fades out.",
     )
     temperature_K: Annotated[float, Field(strict=True, ge=0.5, le=50, allow_inf_nan=False)] = Field(
         default=2.0,
-        description="With the signal `temperature`: what was learned further away than that is kept, and not played.",
+        description="Largest difference of the signal `temperature` from that of the memory; beyond it the memory is "
+        "kept but not played.",
     )

@@ -40,16 +40,16 @@ from .reference import Reference, Tracker
 class Loop(Settings):
     """The fixed-rate loop process."""
 
-    rate_hz: int = Field(default=10_000, strict=True, ge=100, le=20_000, description="Cycles a second.")
+    rate_hz: int = Field(default=10_000, strict=True, ge=100, le=20_000, description="Cycles per second.")
     cpu: int | None = Field(
-        default=None, strict=True, ge=0, le=65_535, description="CPU the loop is pinned to; null leaves it free."
+        default=None, strict=True, ge=0, le=65_535, description="CPU the loop is pinned to; null: any."
     )
     priority: int = Field(default=80, strict=True, ge=1, le=98, description="SCHED_FIFO priority.")
     spin_us: MicrosecondsOrZero = Field(
-        default=60.0, description="The loop sleeps to this long before a deadline and spins the rest."
+        default=60.0, description="The loop sleeps until this long before a deadline, then spins."
     )
     limits: Literal["hardware", "simulation"] = Field(
-        description="Which set of fault limits applies; simulation is wide: a virtual machine stalls for tens of ms."
+        description="Set of fault limits; simulation is wide, since a virtual machine stalls for tens of ms."
     )
 
     @property
@@ -59,23 +59,23 @@ class Loop(Settings):
 
 
 class Control(Settings):
-    """The control socket: who may command the running controller, and who may look at it."""
+    """The control socket: who may command the running controller and who may observe it."""
 
     socket_mode: str = Field(
         default="0660",
         pattern=r"0?[67][0-7]0",
-        description="Permissions of the socket, octal digits as text; to connect is to write. Others are never let in: "
-        "the last digit is 0.",
+        description="Permissions of the socket as octal text; connecting needs write permission. The last digit is 0: "
+        "others have no access.",
     )
     operate_group: str | None = Field(
         default=None,
         min_length=1,
-        description="Group whose members may do everything; null: the host's own. Root and the controller's user may.",
+        description="Group with full rights, beside root and the controller's user; null: the host's own group.",
     )
     observe_group: str | None = Field(
         default=None,
         min_length=1,
-        description="Group whose members may only look: status, get, diff, audit, shadow without values; null: none.",
+        description="Group with read access only (status, get, diff, audit, shadow without values); null: none.",
     )
 
 
@@ -84,36 +84,36 @@ _SWEEP_HZ = 20.0
 
 
 class Start(Settings):
-    """Soft start and stop, and what is checked on the way."""
+    """Soft start and stop, and the checks on the way."""
 
-    enable_s: SecondsOrZero = Field(default=0.1, description="Time the amplifier gets to come on, if it is switched.")
+    enable_s: SecondsOrZero = Field(default=0.1, description="Time for a switched amplifier to come on.")
     check_s: Seconds | None = Field(
         default=0.2,
-        description="Polarity and scale check of an axis, before the loops are closed for the first time after a "
-        "start: on each axis in turn, once for the gauge and once for the stage. null leaves it out; simulation only.",
+        description="Duration of the polarity and scale check before the loops close for the first time after a "
+        "start, for each axis' gauge and stage in turn. null: no check; simulation only.",
     )
     check_V: VoltsAboveZero = Field(default=5.0, description="Voltage step of the check.")
     check_um: Distance = Field(default=2.0, description="Set-point step of the check.")
     check_factor: Annotated[float, Field(strict=True, gt=1, le=1_000)] = Field(
-        default=3.0, description="The answer may be so many times larger or smaller than expected."
+        default=3.0, description="Largest factor between the measured and the expected response."
     )
     lift_s: RampSeconds = Field(default=0.5, description="Time from the park voltage to the working point.")
     sweep_s: SecondsOrZero = Field(
-        default=1.0, description="Time of the decaying sweep that wipes the hysteresis memory; 0 leaves it out."
+        default=1.0, description="Duration of the decaying sweep that erases the hysteresis memory; 0: no sweep."
     )
     sweep_turns: Annotated[float, Field(strict=True, ge=0.1, le=1_000)] = Field(
         default=5.0, description="Turns of the sweep."
     )
     sweep_um: Distance | None = Field(
-        default=None, description="Its amplitude at the start; null: as the hysteresis model's memory needs."
+        default=None, description="Initial amplitude of the sweep; null: from the hysteresis model's memory."
     )
-    settle_s: SecondsOrZero = Field(default=0.2, description="Rest at the working point, while the estimators settle.")
-    authority_s: RampSeconds = Field(default=0.5, description="Time in which the correction is faded in.")
+    settle_s: SecondsOrZero = Field(default=0.2, description="Time at the working point for the estimators to settle.")
+    authority_s: RampSeconds = Field(default=0.5, description="Fade-in time of the correction.")
     ramp_s: RampSeconds = Field(default=0.5, description="Time from any voltage to the park voltage.")
     arm_within_s: NewStart[SecondsOrZero] = Field(
         default=30.0,
-        description="`arm_on_start` waits so long after READY for sensors that have not sent a valid sample yet, and "
-        "gives up for good; 0 does not wait.",
+        description="`arm_on_start` waits this long after READY for a first valid sample of every sensor, then gives "
+        "up for good; 0: no wait.",
     )
 
     @model_validator(mode="after")
@@ -129,13 +129,13 @@ class Start(Settings):
 
 
 class Driver(Settings):
-    """A driver, found by its entry point; what else stands here is checked by the driver itself."""
+    """A driver, found by its entry point; the driver checks its other keys."""
 
     model_config = ConfigDict(extra="allow", frozen=True)
 
-    driver: str = Field(description="Name of the driver's entry point, see docs/write-a-driver.md.")
+    driver: str = Field(description="Entry point of the driver, see docs/write-a-driver.md.")
     without_watchdog: Flag = Field(
-        default=False, description="Accept hardware that no watchdog brings to a safe state when the loop is dead."
+        default=False, description="Accept hardware without a watchdog that makes it safe when the loop is dead."
     )
 
     @property
@@ -149,9 +149,7 @@ class Simulation(Settings):
 
     model_config = ConfigDict(extra="allow", frozen=True)
 
-    driver: str = Field(
-        default="simulated", description="Entry point of the simulated cyclic driver that is the plant."
-    )
+    driver: str = Field(default="simulated", description="Entry point of the simulated driver that is the plant.")
 
     @property
     def options(self) -> dict[str, Any]:
@@ -166,32 +164,33 @@ PLAUSIBLE_UM = (-1000.0, 1000.0)
 class Signal(Settings):
     """An input of the loop."""
 
-    driver: str = Field(description="Which driver it comes from.")
+    driver: str = Field(description="Driver that reads it.")
     channel: str | None = Field(
-        default=None, description="The driver's name for it; the signal's own name if left out."
+        default=None, description="Name of the channel in the driver; null: the signal's own name."
     )
     max_age_us: LargerIsWeaker[Live[Microseconds | None]] = Field(
-        default=300.0, description="Older than this it counts as invalid; null means no limit."
+        default=300.0, description="Largest age; an older sample is invalid. null: no limit."
     )
     range_um: WiderIsWeaker[Live[RangeUm | None]] = Field(
-        default=None, description="Strain and stage samples outside are invalid; null: +-1000 um."
+        default=None, description="Valid range of strain and stage samples; null: +-1000 um."
     )
 
 
 class Output(Settings):
     """An output of the loop: a piezo voltage."""
 
-    driver: str = Field(description="Which driver writes it.")
+    driver: str = Field(description="Driver that writes it.")
     channel: str | None = Field(
-        default=None, description="The driver's name for it; the output's own name if left out."
+        default=None, description="Name of the channel in the driver; null: the output's own name."
     )
-    range_V: AtRest[RangeV] = Field(description="No voltage outside this range is ever written.")
-    slew_V_per_ms: AtRest[Speed] = Field(description="No voltage changes faster than this.")
+    range_V: AtRest[RangeV] = Field(description="Hard limits of the voltage.")
+    slew_V_per_ms: AtRest[Speed] = Field(description="Hard limit of the voltage's slew rate.")
     # not AtRest: an output at rest would move to another voltage without being armed
     park_V: Volts = Field(default=0.0, description="Voltage at rest and after a fault.")
     capacitance_uF: Positive | None = Field(default=None, description="Capacitance of the stack; with current_mA.")
     current_mA: Positive | None = Field(
-        default=None, description="Current of the amplifier: an excitation's slew stays below current / capacitance."
+        default=None,
+        description="Current of the amplifier; an excitation's slew rate stays below current / capacitance.",
     )
 
     @model_validator(mode="after")
@@ -213,50 +212,50 @@ class Output(Settings):
 
 
 class Trial(Settings):
-    """A candidate tuning that was promoted is on trial, and taken back if it is worse than the one before."""
+    """A promoted candidate tuning is on trial; it is reverted if it is worse than the previous one."""
 
-    trial_s: Seconds = Field(default=5.0, description="Length of the trial.")
-    window_s: Seconds = Field(default=0.2, description="Time over which the error on trial is averaged.")
+    trial_s: Seconds = Field(default=5.0, description="Duration of the trial.")
+    window_s: Seconds = Field(default=0.2, description="Averaging time of the error on trial.")
     error_factor: Annotated[float, Field(strict=True, ge=1, le=1_000_000)] = Field(
-        default=2.0, description="The rms error may become so many times that of the last second before."
+        default=2.0, description="Largest ratio of the rms error to that of the last second before."
     )
-    error_floor_um: DistanceOrZero = Field(default=0.1, description="So much more is always allowed.")
+    error_floor_um: DistanceOrZero = Field(default=0.1, description="Increase of the error that is always allowed.")
 
 
 class Switch(Settings):
     """A digital output of the loop."""
 
-    driver: str = Field(description="Which driver writes it.")
+    driver: str = Field(description="Driver that writes it.")
     channel: str | None = Field(
-        default=None, description="The driver's name for it; the switch's own name if left out."
+        default=None, description="Name of the channel in the driver; null: the switch's own name."
     )
 
 
 class Heartbeat(Switch):
     """A digital output that toggles while the loop turns: for a watchdog on the amplifier's side."""
 
-    period_ms: Milliseconds = Field(default=20.0, description="Time of one full turn, on and off.")
+    period_ms: Milliseconds = Field(default=20.0, description="Period, on and off.")
 
 
 class Switches(Settings):
-    """Digital outputs; all may be left out."""
+    """Digital outputs; all are optional."""
 
     amplifier_enable: Switch | None = Field(default=None, description="1 while the amplifier should be on.")
     amplifier_reset: Switch | None = Field(
         default=None,
-        description="1 for 0.2 s after `reset`: the amplifier, or a drive, may forget its fault; never by itself. With "
-        "it `reset` is accepted in READY too.",
+        description="1 for 0.2 s after `reset`, never otherwise: the amplifier or drive clears its fault. `reset` is "
+        "then accepted in READY too.",
     )
     feed_hold: Switch | None = Field(
-        default=None, description="1 while the machine should not feed: in a hold, and after a fault until reset."
+        default=None, description="1 while the machine should not feed: during a hold, and from a fault until reset."
     )
-    heartbeat: Heartbeat | None = Field(default=None, description="Toggles while the loop turns.")
+    heartbeat: Heartbeat | None = Field(default=None, description="Toggles while the loop runs.")
 
 
 class Configuration(Settings):
     """The whole file."""
 
-    schema_version: NewStart[Literal[2]] = Field(description="Version of this layout.")
+    schema_version: NewStart[Literal[2]] = Field(description="Version of the schema.")
     loop: NewStart[Loop]
     start: AtRest[Start] = Start()
     drivers: NewStart[dict[str, Driver]] = Field(
@@ -264,33 +263,32 @@ class Configuration(Settings):
     )
     signals: NewStart[dict[str, Signal]] = Field(
         max_length=MAX_SIGNALS,
-        description="Named strain_<axis>, stage_<axis> (capacitive), deviation_<axis> or, with reference.frame, "
-        "tracker_<name>; true_strain_<axis>, "
-        "true_stage_<axis>, path_error_<axis>, uncompensated_<axis> where a simulation knows them. Digital, 1 is good: "
-        "enable, interlock, amplifier_ok_<axis>, temperature_ok_<axis>; retracted (1: the tool is out of the cut). "
-        "part: 0, or the number of the part that is being made; tool: 0, or the number of the tool in the spindle; "
-        "temperature: of the cell, degC; learning takes all three.",
+        description="Names: strain_<axis>, stage_<axis> (capacitive), deviation_<axis> or, with reference.frame, "
+        "tracker_<name>; in a simulation true_strain_<axis>, true_stage_<axis>, path_error_<axis>, "
+        "uncompensated_<axis>. Digital, 1 is good: enable, interlock, amplifier_ok_<axis>, "
+        "temperature_ok_<axis>; retracted (1: the tool is out of the cut). For learning: part and tool "
+        "(0, or the number of the present one), temperature (of the cell, degC).",
     )
-    outputs: NewStart[dict[str, Output]] = Field(max_length=MAX_OUTPUTS, description="Named voltage_<axis>.")
+    outputs: NewStart[dict[str, Output]] = Field(max_length=MAX_OUTPUTS, description="Names: voltage_<axis>.")
     switches: NewStart[Switches] = Switches()
     faults: LargerIsWeaker[Live[Faults]] = Faults()
     shadow: Live[Trial] = Trial()
-    reference: AtRest[Reference] = Field(description="Where the set-points of the axes come from.")
+    reference: AtRest[Reference] = Field(description="Source of the axes' set-points.")
     axes: NewStart[dict[str, Axis]] = Field(
         min_length=1, max_length=MAX_AXES, description="The axes of the manipulator."
     )
     control: NewStart[Control] = Control()
     learning: NewStart[Learning | None] = Field(
-        default=None, description="Learn from part to part what of the path error repeats, and play it; null: neither."
+        default=None, description="Learn the repeating path error from part to part and play its correction; null: off."
     )
     arm_on_start: NewStart[Flag] = Field(
         default=False,
-        description="Arm by itself, once, when READY or within `start.arm_within_s` of it; simulated drivers only.",
+        description="Arm once when READY or within `start.arm_within_s` of it; simulated drivers only.",
     )
     simulation: NewStart[Simulation | None] = Field(
         default=None,
-        description="The plant behind the devices that `micromanip device simulate` plays; besides `driver` "
-        "it takes the keys of that driver. `run` does not use it.",
+        description="Plant behind the devices of `micromanip device simulate`: `driver` and that driver's keys. `run` "
+        "does not use it.",
     )
 
     @property

@@ -76,7 +76,7 @@ class AxisTracker:
 
 class _Own(Settings):
     offset_um: Micrometres = Field(description="Constant part; V where the axis' mode is voltage.")
-    start_s: SecondsOrZero = Field(default=0.0, description="When the movement begins, after tracking has begun.")
+    start_s: SecondsOrZero = Field(default=0.0, description="Start of the movement after tracking has begun.")
 
 
 class Hold(_Own):
@@ -101,14 +101,14 @@ class Sine(Settings):
 
 
 class Sines(_Own):
-    """Sum of sinusoids, equation (25) and (13); it begins without a step."""
+    """Sum of sinusoids, equations (25) and (13); it begins without a step."""
 
     source: Literal["sine"]
-    sines: tuple[Sine, ...] = Field(min_length=1, max_length=MAX_SINES, description="The sinusoids, which are added.")
+    sines: tuple[Sine, ...] = Field(min_length=1, max_length=MAX_SINES, description="Sinusoids, which are added.")
 
 
 class File(Settings):
-    """Samples from a CSV file with a header; a column per axis, by its name."""
+    """Samples of a CSV file with a header; a column per axis, by its name."""
 
     source: Literal["file"]
     # the memory of the samples is made when the loop starts
@@ -117,15 +117,15 @@ class File(Settings):
 
 
 class Oscillation(Settings):
-    """One way in which the robot's joints oscillate."""
+    """An oscillation of the robot's joints."""
 
     frequency_Hz: Hertz
-    um_per_s: Speed = Field(description="How fast its amplitude changes (um per root second).")
-    decay_per_s: NotNegative = Field(default=0.0, description="How fast it dies away by itself; 0: it does not.")
+    um_per_s: Speed = Field(description="Rate of change of its amplitude (um per root second).")
+    decay_per_s: NotNegative = Field(default=0.0, description="Decay rate; 0: undamped.")
     range_percent: JointRange = Field(
         default=0.0,
-        description="How far from frequency_Hz its own frequency is found and followed, as a factor, either way (50: "
-        "from two thirds to one and a half times it); 0: it is taken for what was said.",
+        description="Range about frequency_Hz, as a factor both ways, in which the frequency is estimated and "
+        "followed (50: two thirds to one and a half times it); 0: fixed.",
     )
 
     @property
@@ -148,25 +148,25 @@ class Oscillation(Settings):
 class Steady(Settings):
     """What is so as long as the samples say nothing else: a second, narrow predictor is believed as far as they do."""
 
-    jerk_um_per_s3: Positive | None = Field(default=None, description="As for the axis; null: the axis' own.")
+    jerk_um_per_s3: Positive | None = Field(
+        default=None, description="Rms jerk for this predictor; null: the axis' own."
+    )
     returns_Hz: NotNegative = Field(
-        default=0.0, description="How often the slow path comes and goes, less than the joints swing; 0: it wanders."
+        default=0.0, description="Rate at which the slow path returns, below the joints' frequencies; 0: it drifts."
     )
 
 
 class AxisDeviation(Settings):
-    """What is known of the deviation of one axis."""
+    """Model of one axis' deviation."""
 
     oscillations: tuple[Oscillation, ...] | None = Field(
         default=None,
         max_length=MAX_MODES,
-        description="The joints' oscillations; [] for none, null for that of oscillation_Hz.",
+        description="Oscillations of the joints; []: none; null: that of oscillation_Hz.",
     )
-    jerk_um_per_s3: Positive | None = Field(default=None, description="As above; null: that of all axes.")
-    noise_um: Distance | None = Field(default=None, description="As above; null: that of all axes.")
-    steady: Steady | None = Field(
-        default=None, description="What a second, narrow predictor knows; null: there is only the one."
-    )
+    jerk_um_per_s3: Positive | None = Field(default=None, description="Rms jerk of this axis; null: that of all axes.")
+    noise_um: Distance | None = Field(default=None, description="Noise of this axis; null: that of all axes.")
+    steady: Steady | None = Field(default=None, description="A second, narrow predictor; null: none.")
 
     @model_validator(mode="after")
     def _are_apart(self) -> Self:
@@ -187,43 +187,44 @@ class AxisDeviation(Settings):
 
 
 class Tracker(Settings):
-    """The path deviation, as a signal (laser tracker)."""
+    """The path deviation as a signal (laser tracker)."""
 
     source: Literal["signal"]
     predict: Flag = Field(
-        default=True, description="Extrapolate to now by a Kalman filter; false holds the last sample."
+        default=True, description="Extrapolate to now by a Kalman filter; false: hold the last sample."
     )
     sample_rate_Hz: Hertz = Field(default=1000.0, description="Rate of the signal.")
-    oscillation_Hz: Hertz = Field(default=8.0, description="Frequency at which the robot's joints oscillate.")
-    oscillation_um_per_s: Speed = Field(default=60.0, description="How fast that oscillation changes.")
+    oscillation_Hz: Hertz = Field(default=8.0, description="Frequency of the robot's joint oscillation.")
+    oscillation_um_per_s: Speed = Field(
+        default=60.0, description="Rate of change of its amplitude (um per root second)."
+    )
     oscillation_range_percent: JointRange = Field(
         default=0.0,
-        description="How far from oscillation_Hz its own frequency is found and followed, as a factor, either way (50: "
-        "from two thirds to one and a half times it); 0: it is taken for what was said. It takes an amplitude that "
-        "stands out from what oscillation_um_per_s lets change: some 50 um at 60, 4 um at 2.",
+        description="Range about oscillation_Hz, as a factor both ways, in which the frequency is estimated and "
+        "followed (50: two thirds to one and a half times it); 0: fixed. The amplitude must stand out "
+        "from oscillation_um_per_s: some 50 um at 60, 4 um at 2.",
     )
-    jerk_um_per_s3: Positive = Field(
-        default=20000.0, description="How rough the rest of the path is (rms jerk, 1/sqrt(Hz))."
-    )
+    jerk_um_per_s3: Positive = Field(default=20000.0, description="Rms jerk of the rest of the path, 1/sqrt(Hz).")
     noise_um: Distance = Field(default=0.5, description="Noise of the signal, rms.")
     axes: dict[str, AxisDeviation] = Field(
-        default={}, description="What is known of single axes beyond that: `micromanip fit tracker` finds it."
+        default={}, description="Models of single axes, which `micromanip fit tracker` finds."
     )
     horizon_ms: Milliseconds = Field(
         default=20.0,
-        description="Without a sample for longer the last position is held; no less than max_age_us of the signals.",
+        description="Longest extrapolation without a sample; then the last position is held. At least max_age_us of "
+        "the signals.",
     )
     range_um: RangeUm = Field(
         default=(-300.0, 300.0),
-        description="Samples outside are rejected: no such deviation is believed. What is believed and out of an axis' "
-        "reach is followed to the end of its set-point.",
+        description="Valid range of samples. The axis follows a valid deviation beyond its reach to the end of its "
+        "set-point range.",
     )
     jump_um: Distance | None = Field(
-        default=50.0, description="A sample that is further from where it is expected is rejected; null: none is."
+        default=50.0, description="Largest distance of a sample from its expected value; null: no limit."
     )
     frame: Frame | None = Field(
         default=None,
-        description="The tracker's own coordinates, of which deviation_<axis> are computed; null: those are read.",
+        description="Coordinates of the tracker, from which deviation_<axis> are computed; null: none.",
     )
 
     def of(self, axis: str) -> AxisTracker:
@@ -245,13 +246,13 @@ class Tracker(Settings):
 
 
 class Jog(_Own):
-    """A position that is moved by hand: `micromanip jog`."""
+    """A position moved by hand: `micromanip jog`."""
 
     source: Literal["jog"]
-    range_um: RangeUm = Field(description="How far it may be jogged.")
-    speed_um_per_s: Speed = Field(default=50.0, description="How fast it moves.")
+    range_um: RangeUm = Field(description="Range of the position.")
+    speed_um_per_s: Speed = Field(default=50.0, description="Speed of the movement.")
     target_um: Live[dict[str, Micrometres]] = Field(
-        default={}, description="Where each axis goes; offset_um if left out."
+        default={}, description="Target of each axis; offset_um if missing."
     )
 
     @model_validator(mode="after")

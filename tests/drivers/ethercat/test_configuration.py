@@ -77,7 +77,7 @@ def test_keys_that_make_no_sense_are_refused(changes, said):
     [
         ({"watchdog": None}, "watchdog must be given"),
         ({"silence_ms": 600}, "silence_ms: 600 ms must be at most half of the watchdog's 1000 ms"),
-        ({"cyclic_safe": False}, "cyclic_safe: 10000 writes a second"),
+        ({"cyclic_safe": False}, "cyclic_safe: 10000 writes per second"),
         ({"wait_us": 90.0}, "wait_us: 90 us is more than 80 % of the cycle of 100 us"),
         ({"terminals": {"gauge": GAUGE, "other": GAUGE}}, "terminals.other.inputs: count is a field of gauge too"),
     ],

@@ -136,7 +136,7 @@ def test_behind_a_cut_the_clocks_follow_the_first_of_them(bench, capfd):
 
     assert until(led), "the first one of its half leads it"
     said = capfd.readouterr().err
-    assert "the clocks behind the cut follow that of terminal gauge, which nobody tells the time" in said
+    assert "the clocks behind the cut follow that of terminal gauge, which has no reference" in said
     assert times(bench)[0] < 10**9, "no frame has told them a time that is none"
     drift(bench, 1, 0.0)
     cut(bench)

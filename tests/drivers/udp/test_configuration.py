@@ -44,7 +44,7 @@ def test_a_wire_that_is_too_slow_is_refused(tmp_path):
         ([("park_V: 0}", "park_V: 5}")], r"outputs\.voltage_x\.park_V: 5 V, but driver cell brings this channel to 0"),
         ([("    silence_ms: 50 ", "    silence_ms: 51 ")], "must be at most half of the watchdog's 100 ms"),
         ([("    host: 127.0.0.1 ", "    host: 192.0.2.1 ")], "192.0.2.1 is not this machine"),
-        ([("cyclic_safe: true", "cyclic_safe: false")], "10000 writes a second wear out a device"),
+        ([("cyclic_safe: true", "cyclic_safe: false")], "10000 writes per second wear out a device"),
         (
             [("strain_y: {at: 14,", "strain_y: {at: 13,")],
             "strain_x .bytes 10 to 13. and .*strain_y",

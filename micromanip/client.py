@@ -270,7 +270,7 @@ class Client:
     def move(
         self, axis: str, kind: str, *, progress: Callable[[replies.Moved], None] | None = None, **wanted: Any
     ) -> replies.Moved:
-        """Move an axis that is held, and wait for the end; `wanted` as `micromanip.settings.moved.Wanted` has it.
+        """Move an axis that is held, and wait for the end; `wanted`: fields of `settings.move_plan.MoveRequest`.
 
         It comes to rest where this client goes away. Raises CheckFailed where it is refused, or was ended early.
         """

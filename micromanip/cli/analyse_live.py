@@ -55,7 +55,7 @@ def command(
     """
     from micromanip.design.running import document, judge_running, measure_virtually, simulated_actuator
     from micromanip.errors import UsageError
-    from micromanip.settings.injected import require_axis
+    from micromanip.settings.excitation_plan import require_axis
 
     if config is not None:
         from micromanip.settings.check import prepare

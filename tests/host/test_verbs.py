@@ -8,7 +8,7 @@ import pytest
 from micromanip.errors import CheckFailed, ConfigError, DeviceUnavailable, UsageError
 from micromanip.rt import states
 from micromanip.settings.check import prepare
-from micromanip.settings.commissioned import tuning_hash
+from micromanip.settings.tuning_hash import tuning_hash
 
 from .standin import SIMULATED, Cell, jogging
 

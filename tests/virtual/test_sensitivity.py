@@ -19,7 +19,7 @@ from micromanip.design.running import judge_running, measure_virtually
 from micromanip.errors import CheckFailed
 from micromanip.rt.states import HOLDING, NO_COMMAND
 from micromanip.settings.check import prepare
-from micromanip.settings.injected import plan_excitation
+from micromanip.settings.excitation_plan import plan_excitation
 from micromanip.virtual.cell import VirtualCell
 from micromanip.virtual.experiment import VirtualExperiment
 

@@ -10,7 +10,7 @@ from micromanip.faults import BY_NAME
 from micromanip.rt.laws.tooth import FOLLOWS
 from micromanip.rt.states import NO_FAULT, TOOTH_LOST, TRACKING
 from micromanip.settings.check import prepare
-from micromanip.settings.commissioned import tuning_hash
+from micromanip.settings.tuning_hash import tuning_hash
 from micromanip.virtual.experiment import VirtualExperiment
 
 CONFIG = Path(__file__).parents[2] / "config" / "simulated.yaml"

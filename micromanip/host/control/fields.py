@@ -8,8 +8,8 @@ from pydantic import Field, model_validator
 
 from micromanip.quantities import Micrometres, Seed
 from micromanip.rt.record import MAX_AXES
-from micromanip.settings.injected import AMPLITUDE_UM
-from micromanip.settings.moved import Wanted
+from micromanip.settings.excitation_plan import AMPLITUDE_UM
+from micromanip.settings.move_plan import MoveRequest
 from micromanip.settings.schema.base import Flag, Settings
 
 
@@ -68,7 +68,7 @@ class Inject(Settings):
         return self
 
 
-class Moves(Wanted):
+class Moves(MoveRequest):
     """Fields of `move` that begin one."""
 
     axis: str = Field(description="Name of the axis.")

@@ -35,9 +35,9 @@ from micromanip.rt.states import (
 )
 from micromanip.settings.change import WEAKENS, demands
 from micromanip.settings.check import Prepared, revise, validate, validate_with_options
-from micromanip.settings.injected import require_axis
+from micromanip.settings.excitation_plan import require_axis
 from micromanip.settings.load import validate_document
-from micromanip.settings.moved import Wanted
+from micromanip.settings.move_plan import MoveRequest
 from micromanip.settings.schema.key import DISARM
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.schema.reference import Jog
@@ -125,7 +125,7 @@ class Tuning:
         """Where that measurement stands."""
         return self._injecting.look(number)
 
-    async def move(self, axis: str, wanted: Wanted) -> Moved:
+    async def move(self, axis: str, wanted: MoveRequest) -> Moved:
         """Begin to move an axis that is held; UsageError or CheckFailed says why not."""
         async with self._changing():
             self._refuse_on_trial()

@@ -15,7 +15,7 @@ from micromanip.host.recording.recording import Extent
 from micromanip.host.recording.recordings import Recordings
 from micromanip.replies import Change
 from micromanip.rt import states
-from micromanip.settings.moved import Wanted
+from micromanip.settings.move_plan import MoveRequest
 from micromanip.settings.schema.base import Settings
 from micromanip.settings.text.source import Source
 
@@ -234,7 +234,7 @@ class Verbs:
 
     async def _begin_move(self, request: Request) -> tuple[replies.Moved, Sequence[Change]]:
         given = request.read(fields.Moves)
-        wanted = Wanted.model_validate(given.model_dump(exclude={"axis"}))
+        wanted = MoveRequest.model_validate(given.model_dump(exclude={"axis"}))
         moved = await self._tuning.move(given.axis, wanted)
         what = ", ".join(f"{name} {value}" for name, value in request.fields.items() if name != "axis")
         return moved, [Change(key=f"axes.{given.axis}", old=None, new=f"moved: {what}")]

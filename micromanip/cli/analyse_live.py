@@ -121,7 +121,7 @@ def inject(
     with steps() as bar:
         for draw in range(draws):
             bar.say(f"axis {axis}, {loop} loop: multisine {draw + 1} of {draws}")
-            begun, response = client.inject(axis, loop, amplitude_um, seed + draw)
+            begun, response = client.analyse_live(axis, loop, amplitude_um, seed + draw)
             responses.append(response)
     return begun, plant_of(responses)
 

@@ -152,8 +152,8 @@ def _figures(report: Status) -> list[RenderableType]:
         parts.append(errors)
     if report["links"]:
         parts.append(links(report))
-    if report["shadow"] != "none":
-        parts.append(f"candidate tuning: {report['shadow']}; see `micromanip candidate show`")
+    if report["candidate"] != "none":
+        parts.append(f"candidate tuning: {report['candidate']}; see `micromanip candidate show`")
     learning = report["learning"]
     if learning is not None:
         parts.append(f"learning: {learned(learning)}; see `micromanip learn status`")

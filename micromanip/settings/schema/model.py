@@ -75,7 +75,7 @@ class Control(Settings):
     observe_group: str | None = Field(
         default=None,
         min_length=1,
-        description="Group whose members may only look: status, get, diff, audit, shadow without values; null: none.",
+        description="Group whose members may only look: status, get, diff, log, candidate show; null: none.",
     )
 
 

@@ -39,7 +39,7 @@ def command(config: Path | None, seconds: float, no_run: bool, out: Path | None,
 
     Ends with 1 where the machine is not ready for hardware. It refuses to run beside a controller.
     """
-    from micromanip.host.readiness.answer import Answer, described, looked_at
+    from micromanip.host.readiness.answer import Answer, looked_at, machine_and_loop
     from micromanip.host.readiness.finding import Machine
     from micromanip.host.readiness.timed import measure
 
@@ -52,7 +52,7 @@ def command(config: Path | None, seconds: float, no_run: bool, out: Path | None,
             raise UsageError("loop.cpu is null: there is no CPU to watch; name one in CONFIG, or give --no-run")
         if not any(finding.name == "loop's CPU" and finding.verdict == "bad" for finding in findings):
             timed = measure(loop, loop.cpu, seconds, lambda line: echo(line, err=True))
-    answer = Answer(described(machine, loop), findings, timed)
+    answer = Answer(machine_and_loop(machine, loop), findings, timed)
     if out is not None:
         try:
             out.write_text(_page(answer), encoding="utf-8")

@@ -19,7 +19,7 @@ from typing import Any
 
 from micromanip.bus.backoff import RestartLimit
 
-from .handed_on import hand_on
+from .fd_passing import send_orders
 
 
 class Child:
@@ -47,7 +47,7 @@ class Child:
         self.tell(orders)
 
     async def begin(self) -> None:
-        """Start a process that gets all its orders later, by `hand_on`: it imports meanwhile."""
+        """Start a process that gets all its orders later, by `send_orders`: it imports meanwhile."""
         self._wire, standard_input = socket.socketpair()
         with standard_input:
             await self._execute(standard_input)
@@ -64,11 +64,11 @@ class Child:
         )
         self.starts += 1
 
-    def hand_on(self, orders: Any, descriptors: Sequence[int]) -> None:
+    def send_orders(self, orders: Any, descriptors: Sequence[int]) -> None:
         """The orders of one that was begun, with more descriptors; one that is dead is not told."""
         assert self._wire is not None
         with self._wire, contextlib.suppress(ConnectionError):
-            hand_on(self._wire, orders, descriptors)
+            send_orders(self._wire, orders, descriptors)
 
     async def let_go(self) -> None:
         """End one that was begun, if it got no orders."""

@@ -1,7 +1,7 @@
 """The loop process: maps the memory, opens the drivers, warms up, goes real-time, runs the loop.
 
 Started by the host as ``python -m micromanip.host.loop_process`` in a session of its own, so that Ctrl-C
-reaches the host only. It imports before it gets its orders, with the shared memory (``handed_on.py``).
+reaches the host only. It imports before it gets its orders, with the shared memory (``fd_passing.py``).
 """
 
 # ruff: noqa: E402
@@ -37,7 +37,7 @@ from micromanip.rt.states import ARM, HOST_DEAD, RAMPS, READY
 from micromanip.rt.telemetry import ROW
 
 from .control.socket_file import remove_stale
-from .handed_on import handed_on
+from .fd_passing import receive_orders
 from .realtime import enter_real_time, missing_rights
 from .shared_memory import CONTROL, RING, STATUS, Segments
 
@@ -161,7 +161,7 @@ def main() -> int:
     """Run the loop; the exit code is 0 after a clean end, else as in ``micromanip.errors``."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    orders, descriptors = handed_on()
+    orders, descriptors = receive_orders()
     if orders is None:  # there will be no loop
         return 0
     segments = Segments.attach(descriptors, writable=True)

@@ -120,10 +120,10 @@ def test_a_child_begins_wherever_its_host_did(tmp_path, module):
 
 HANDED = """
 import json, os
-from micromanip.host.handed_on import handed_on
+from micromanip.host.fd_passing import receive_orders
 
 print(json.dumps("begun"), flush=True)
-orders, descriptors = handed_on()
+orders, descriptors = receive_orders()
 print(json.dumps([len(orders["options"]), [os.pread(each, 100, 0).decode() for each in descriptors]]), flush=True)
 """
 
@@ -145,7 +145,7 @@ def test_one_that_was_begun_gets_orders_of_any_size_and_open_files(handed, tmp_p
         answers = child.answers()
         assert await anext(answers) == "begun"  # without orders
         descriptors = [opened("first"), opened("second")]
-        child.hand_on({"options": "x" * 500_000}, descriptors)
+        child.send_orders({"options": "x" * 500_000}, descriptors)
         for each in descriptors:
             os.close(each)
         assert await anext(answers) == [500_000, ["what first holds", "what second holds"]]

@@ -320,7 +320,7 @@ def test_a_broken_configuration_starts_nothing(tmp_path, monkeypatch, capsys):
     def ordered(*_, **__):
         raise AssertionError("something was given orders")
 
-    monkeypatch.setattr("micromanip.host.child.hand_on", ordered)
+    monkeypatch.setattr("micromanip.host.child.send_orders", ordered)
     file = tmp_path / "cell.yaml"
     file.write_text(CELL.replace("offset_um: 65", "offset_um: 110"), encoding="utf-8")
     for command in (["run", "--socket", str(tmp_path / "s")], ["check"], ["check", "--json"], ["evaluate"]):

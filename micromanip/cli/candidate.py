@@ -45,11 +45,11 @@ def _comparison(candidate: Candidate) -> Table:
     table.add_column("innovation, um")
     table.add_column("feedback, V")
     for axis, figures in candidate["comparison"].items():
-        active, candidate = figures["active"], figures["candidate"]
+        active, other = figures["active"], figures["candidate"]
         table.add_row(
             axis,
-            _pair(active["innovation_um"], candidate["innovation_um"]),
-            _pair(active["feedback_V"], candidate["feedback_V"]),
+            _pair(active["innovation_um"], other["innovation_um"]),
+            _pair(active["feedback_V"], other["feedback_V"]),
         )
     return table
 

@@ -188,7 +188,7 @@ def links(report: Status) -> Figures:
         table.add_row(
             name,
             Text(link["link"], style="green" if link["link"] == "up" else "bold red"),
-            outputs_told(link),
+            outputs_text(link),
             str(link["links"]),
             *counts,
             link["message"] or "",
@@ -196,7 +196,7 @@ def links(report: Status) -> Figures:
     return table
 
 
-def outputs_told(link: Link) -> str:
+def outputs_text(link: Link) -> str:
     """What the outputs do; where nobody knows, the values that the device was given last."""
     if link["outputs"] != "unknown":
         return link["outputs"]

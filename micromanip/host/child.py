@@ -44,7 +44,7 @@ class Child:
     async def start(self, orders: Any) -> None:
         """Start a process and give it its orders."""
         await self._execute(PIPE)
-        self.tell(orders)
+        self.send(orders)
 
     async def begin(self) -> None:
         """Start a process that gets all its orders later, by `send_orders`: it imports meanwhile."""
@@ -109,7 +109,7 @@ class Child:
         code = self.code
         return f"was killed by signal {-code}" if code is not None and code < 0 else f"ended with {code}"
 
-    def tell(self, document: Any) -> None:
+    def send(self, document: Any) -> None:
         """One more order; one that is dead, or told to end, is not told."""
         stream = None if self._process is None else self._process.stdin
         if stream is not None and not stream.is_closing():

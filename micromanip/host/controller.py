@@ -71,7 +71,7 @@ class Controller:
         self._contexts = [shared[at : at + len(each)] for at, each in zip(self.offsets, contexts, strict=True)]
         for place, context in zip(self._contexts, contexts, strict=True):
             place[:] = context
-        self._tell_limits(prepared)
+        self._publish_limits(prepared)
         self.control = self.segments.control.record(CONTROL)
         self.status = self.segments.status.record(STATUS)
         self.ring = self.segments.ring.record(RING)
@@ -93,10 +93,10 @@ class Controller:
     @prepared.setter
     def prepared(self, prepared: Prepared) -> None:
         self._prepared = prepared
-        self._tell_limits(prepared)
+        self._publish_limits(prepared)
         self.adopted(prepared)
 
-    def _tell_limits(self, prepared: Prepared) -> None:
+    def _publish_limits(self, prepared: Prepared) -> None:
         for (name, driver), context in zip(self._drivers.items(), self._contexts, strict=True):
             driver.adopt(context, prepared.wiring.safe_outputs(name, prepared.configuration))
 
@@ -117,8 +117,8 @@ class Controller:
             put_on_cpu(self.process.pid, cpu)
             for conflict in cpu_conflicts(cpu, self.process.pid):
                 say(
-                    f"WARNING: CPU {cpu} is this loop's (loop.cpu), and {conflict}: both miss their deadlines, and this "
-                    "one may stay STARTING; give one of them another CPU"
+                    f"WARNING: CPU {cpu} is this loop's (loop.cpu), and {conflict}: both miss their deadlines, and "
+                    "this one may stay STARTING; give one of them another CPU"
                 )
         self.process.send_orders(loop_orders(self.prepared, places, self._socket_path), self._handed_on)
         self._relaying = asyncio.create_task(self._relay())

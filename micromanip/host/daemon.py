@@ -155,7 +155,7 @@ class Daemon:
         ended = asyncio.create_task(self._controller.wait())
         helpers = [asyncio.create_task(task) for task in (self._beat(), self._look(), self._feed())]
         helpers.append(asyncio.create_task(self._verbs.follow_trials()))
-        helpers.append(asyncio.create_task(self._trail.tell_repeats()))
+        helpers.append(asyncio.create_task(self._trail.follow_repeats()))
         helpers.append(asyncio.create_task(self._recordings.warn()))
         stopped = asyncio.create_task(self._stop.wait())
         try:
@@ -166,7 +166,7 @@ class Daemon:
                 await self._recordings.begin(self._options.record)
             over = lambda: ended.done() or stopped.done()  # noqa: E731
             if await self._workers.in_hand(over) and await self._controller.loop_links_follow(over):
-                self._tell_ready()
+                self._notify_ready()
                 if self._prepared.configuration.arm_on_start:
                     await self._arming.arm(over)
             await asyncio.wait({ended, stopped}, timeout=self._options.duration_s, return_when=asyncio.FIRST_COMPLETED)
@@ -192,7 +192,7 @@ class Daemon:
         self._boxes.configured(source)
         self._snapshot.follow(source)
 
-    def _tell_ready(self) -> None:
+    def _notify_ready(self) -> None:
         """The one place where starting is over: for `status`, for `arm`, for people and for the service manager."""
         self._controller.declare_ready()
         self._say("READY")
@@ -228,7 +228,7 @@ class Daemon:
     async def _make_safe(self) -> None:
         """Bring the outputs to their safe value, and say of each driver what is known of them."""
         codes = await asyncio.to_thread(self._controller.make_safe)  # the workers are looked after meanwhile
-        told = self._workers.outputs_told()
+        told = self._workers.outputs_text()
         for name, code in codes.items():
             done = "outputs at their safe value" if code == 0 else f"safe failed, code {code}"
             self._say(f"driver {name}: {told.get(name, done)}")

@@ -152,7 +152,7 @@ def _compile(orders: dict[str, Any]) -> None:
         os._exit(0)
 
 
-def _tell(text: str) -> None:
+def _print(text: str) -> None:
     """A line for people: the host passes it on."""
     print(json.dumps({"text": text}), flush=True)  # noqa: T201
 
@@ -167,8 +167,8 @@ def main() -> int:
     segments = Segments.attach(descriptors, writable=True)
     control, status, ring = segments.control.record(CONTROL), segments.status.record(STATUS), segments.ring.record(RING)
     samples = segments.sample_table()
-    Compiler.tell = staticmethod(lambda name: _tell(f"compiling {name} for this processor, once after an update"))
-    Compiler.tell_left = staticmethod(lambda name, seconds: _tell(f"compiling {name}: {seconds:.0f} s left"))
+    Compiler.tell = staticmethod(lambda name: _print(f"compiling {name} for this processor, once after an update"))
+    Compiler.tell_left = staticmethod(lambda name, seconds: _print(f"compiling {name}: {seconds:.0f} s left"))
     try:
         with contextlib.nullcontext() if _may_call_blas(orders) else without_blas():
             _compile(orders)

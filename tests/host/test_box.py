@@ -132,7 +132,7 @@ def test_a_folder_that_may_not_be_read(monkeypatch, tmp_path):
 def test_what_finds_no_room_is_kept_and_tried_again(tmp_path, capfd):
     blocked = tmp_path / "state"
     blocked.touch()
-    kept = store.TripArchive(blocked / "trips", 50, process.tell)
+    kept = store.TripArchive(blocked / "trips", 50, process.send_message)
     for key in range(6):
         kept.put(replace(box(), meta=box().meta | {"utc_ns": 10**18 + key * 10**9}), key)
     said = [json.loads(line) for line in capfd.readouterr().out.splitlines()]
@@ -165,7 +165,7 @@ class EndsWhileABoxIsSaved:
 
 
 def test_a_fault_that_ends_the_run_while_a_box_is_saved(tmp_path, capfd):
-    watch = process.Watch(EndsWhileABoxIsSaved(), store.TripArchive(tmp_path, 50, process.tell), 0, 1.0)
+    watch = process.Watch(EndsWhileABoxIsSaved(), store.TripArchive(tmp_path, 50, process.send_message), 0, 1.0)
     while not watch.over:
         watch.look(host_lives=False)
     assert [TripRecord.load(file).trip["code"] for file in store.trips(tmp_path)] == ["X-201", "X-101"]

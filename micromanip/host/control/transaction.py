@@ -68,7 +68,7 @@ class Tuning:
         self, controller: Controller, tell: Callable[[Source], None], happened: Callable[[Outcome], None]
     ) -> None:
         """`tell` hears of each configuration that has come into force, or has been written to the file."""
-        self._controller, self._tell, self._happened = controller, tell, happened
+        self._controller, self._announce, self._happened = controller, tell, happened
         self._file = controller.prepared.source
         self._candidate: Candidate | None = None
         self._one_at_a_time = asyncio.Lock()
@@ -98,7 +98,7 @@ class Tuning:
     async def set(self, wanted: Mapping[str, Any]) -> Swap:
         """Change the values of some keys; UsageError, ConfigError or CheckFailed says each reason why not."""
         async with self._changing():
-            return await self._told("set", await self._with(wanted))
+            return await self._swap("set", await self._with(wanted))
 
     async def jog(self, axis: str, *, by_um: float | None, to_um: float | None) -> tuple[Jogged, Change]:
         """Send `axis` to another target while TRACKING; CheckFailed or ConfigError says why not."""
@@ -162,7 +162,7 @@ class Tuning:
         """Take over the file as it is now; errors as `set`, and nothing changed where one key of it can't be taken."""
         async with self._changing():
             source = await asyncio.to_thread(Source.read, self._file.path)
-            swap = await self._told("reload", source)
+            swap = await self._swap("reload", source)
             self._keep(source)
             return swap
 
@@ -190,7 +190,7 @@ class Tuning:
             if verb == "candidate_set":
                 return prepared, await self._controller.offer(prepared)
             version = await self._controller.apply(prepared)
-        self._tell(prepared.source)
+        self._announce(prepared.source)
         self._drop_candidate()
         return prepared, version
 
@@ -213,7 +213,7 @@ class Tuning:
             why = "a candidate takes live values only" if verb == "candidate_set" else f"the state is {state}"
             raise CheckFailed(f"nothing was changed, {why}: {'; '.join(refused)}")
 
-    async def _told(self, verb: str, source: Source) -> Swap:
+    async def _swap(self, verb: str, source: Source) -> Swap:
         """Put `source` in force; what that changed, and what is told of it that was not told before."""
         old = self._prepared
         new, version = await self._transact(verb, source)
@@ -343,7 +343,7 @@ class Tuning:
 
     def _put_in_force(self, prepared: Prepared) -> None:
         self._controller.prepared = prepared
-        self._tell(prepared.source)
+        self._announce(prepared.source)
 
     def _keep(self, source: Source) -> None:
         """`source` is the file now, and says what runs."""

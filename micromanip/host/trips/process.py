@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from micromanip.errors import CheckFailed
 from micromanip.faults import BY_NAME, LOOP_DIED, FaultReport, latched
-from micromanip.host.orders import Orders, tell
+from micromanip.host.orders import Orders, send_message
 from micromanip.host.ring import RingReader
 from micromanip.host.shared_memory import CONTROL, RING, STATUS, Segments
 from micromanip.rt import mailbox as w
@@ -236,12 +236,12 @@ def main() -> int:
     capture = Capture(
         _cell(orders), segments.control.record(CONTROL), segments.status.record(STATUS), segments.ring.record(RING)
     )
-    archive = TripArchive(Path(orders["folder"]), orders["kept"], tell)
+    archive = TripArchive(Path(orders["folder"]), orders["kept"], send_message)
     watch = Watch(capture, archive, orders["known"], orders["stuck_s"])
     if begun := orders["begun"]:
         watch.resume(Path(begun["file"]), begun["key"])
     segments.ring.bytes()[::_PAGE].max()  # map its pages now, not at the trip
-    tell(ready=True)
+    send_message(ready=True)
     while not watch.over:
         if told.ended:
             time.sleep(_LOOK_S)

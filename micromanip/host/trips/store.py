@@ -182,9 +182,9 @@ def summary(file: Path) -> dict[str, str | bool | None]:
 class TripArchive:
     """Puts boxes on disk; what a full disk refuses is kept in memory, and tried again."""
 
-    def __init__(self, folder: Path, kept: int, tell: Callable[..., None]) -> None:
-        """`kept` of them stay; `tell` hears what becomes of each, as keywords."""
-        self.folder, self._kept, self._tell = folder, kept, tell
+    def __init__(self, folder: Path, kept: int, send: Callable[..., None]) -> None:
+        """`kept` of them stay; `send` hears what becomes of each, as keywords."""
+        self.folder, self._kept, self._send = folder, kept, send
         self._waiting: dict[Path, tuple[TripRecord, int]] = {}
         self._next_try = 0.0
 
@@ -196,10 +196,10 @@ class TripArchive:
         problem = self._save(file, box)
         if problem is None:
             self._waiting.pop(file, None)
-            self._tell(key=key, file=str(file), code=trip["code"], complete=box.meta["complete"])
+            self._send(key=key, file=str(file), code=trip["code"], complete=box.meta["complete"])
             return
         if first:
-            self._tell(key=key, file=str(file), code=trip["code"], problem=problem)
+            self._send(key=key, file=str(file), code=trip["code"], problem=problem)
         self._waiting[file] = (box, key)
         while len(self._waiting) > _KEPT_IN_MEMORY:
             self._lose(min(self._waiting), "more trips came than can be kept in memory")
@@ -223,7 +223,7 @@ class TripArchive:
 
     def _lose(self, file: Path, why: str) -> None:
         box, key = self._waiting.pop(file)
-        self._tell(key=key, file=str(file), code=box.trip["code"], lost=why)
+        self._send(key=key, file=str(file), code=box.trip["code"], lost=why)
 
     def _save(self, file: Path, box: TripRecord) -> str | None:
         try:

@@ -11,7 +11,6 @@ from micromanip.design.loops import model_system
 from micromanip.errors import ConfigError
 from micromanip.settings.check import prepared
 from micromanip.settings.text.source import Source
-from micromanip.settings.tuning_hash import changes_since, tuning_hash
 
 CONFIG = Path(__file__).parents[2] / "config" / "simulated.yaml"
 DOCUMENT = yaml.safe_load(CONFIG.read_text(encoding="utf-8"))

@@ -11,10 +11,10 @@ from importlib.metadata import version
 from micromanip.design.commission.cell import CommissionedCell, commission_cell
 from micromanip.design.commission.knobs import Knobs
 from micromanip.settings.check import prepare
-from micromanip.settings.commissioned import tuning_hash
 from micromanip.settings.schema.axis import Commissioned
 from micromanip.settings.schema.reference import Tracker
 from micromanip.settings.text.digits import rounded
+from micromanip.settings.tuning_hash import tuning_hash
 from micromanip.settings.write import edited, node, with_tuning, write_atomically
 from micromanip.virtual.experiment import VirtualExperiment
 

@@ -12,7 +12,7 @@ from contextlib import suppress
 
 from micromanip.client import Client
 from micromanip.errors import DeviceUnavailable, MicromanipError
-from micromanip.host.trips.store import Box, trips
+from micromanip.host.trips.store import TripRecord, trips
 
 from .cells import NO_WATCHDOG_MS
 from .emulated_device import Device
@@ -240,7 +240,7 @@ class WatchedBench:
 
     def fresh_boxes(self):
         """Whole black boxes since the last call."""
-        boxes = {file: Box.load(file) for file in trips(self._trips) if file not in self._known}
+        boxes = {file: TripRecord.load(file) for file in trips(self._trips) if file not in self._known}
         whole = {file: box for file, box in boxes.items() if box.meta["complete"]}
         self._known.update(whole)
         return [*whole.values()]

@@ -24,7 +24,7 @@ from . import replies, status_reply
 from .errors import CheckFailed, ConfigError, DeviceUnavailable, MicromanipError, PermissionDenied, UsageError
 
 _TIMEOUT_S = 10.0
-_LONGER_S = {"record_start": 45.0, "record_stop": 45.0}
+_LONGER_S = {"recording_start": 45.0, "recording_stop": 45.0}
 """Verbs whose answer may take longer: the controller itself gives up on a disk before that."""
 _TRIAL_LOOK_S, _INJECTED_LOOK_S = 0.1, 0.2
 _MEMORIES = 3
@@ -180,13 +180,13 @@ class Client:
         """Clear a latched fault; nothing moves."""
         self.request("reset")
 
-    def part_begin(self) -> None:
+    def learn_part_begin(self) -> None:
         """A part begins now."""
-        self.request("part_begin")
+        self.request("learn_part_begin")
 
-    def part_end(self) -> None:
+    def learn_part_end(self) -> None:
         """The part that is being made has ended."""
-        self.request("part_end")
+        self.request("learn_part_end")
 
     def learn_status(self) -> status_reply.LearningStatus:
         """What is learned from part to part, and played."""
@@ -211,26 +211,30 @@ class Client:
         """Change values (key -> value), all at one cycle boundary or none; raises with each reason why not."""
         return cast(replies.Swap, self.request("set", changes=dict(changes)))
 
-    def shadow(self, changes: Mapping[str, Any] | None = None) -> replies.Shadow:
+    def candidate_set(self, changes: Mapping[str, Any]) -> replies.Candidate:
         """Let a candidate, what runs but with `changes` (key -> value), compute beside it; where it stands.
 
-        Without changes: where the last candidate stands, and how it compares. Raises as `set`; live keys only.
+        Raises as `set`; live keys only.
         """
-        return cast(replies.Shadow, self.request("shadow", changes=dict(changes or {})))
+        return cast(replies.Candidate, self.request("candidate_set", changes=dict(changes)))
 
-    def promote(self) -> replies.Shadow:
+    def candidate_show(self) -> replies.Candidate:
+        """Where the last candidate stands, and how it compares."""
+        return cast(replies.Candidate, self.request("candidate_show"))
+
+    def candidate_promote(self) -> replies.Candidate:
         """Put the candidate in force, on trial; raises CheckFailed where there is none or nothing tracks."""
-        return cast(replies.Shadow, self.request("promote"))
+        return cast(replies.Candidate, self.request("candidate_promote"))
 
-    def trial(self) -> replies.Shadow:
+    def candidate_outcome(self) -> replies.Candidate:
         """Wait for the end of the trial; the outcome: confirmed, taken back (or dropped: none)."""
-        while (shadow := self.shadow())["standing"] == "on trial":
+        while (candidate := self.candidate_show())["standing"] == "on trial":
             time.sleep(_TRIAL_LOOK_S)
-        return shadow
+        return candidate
 
-    def withdraw(self) -> replies.Shadow:
+    def candidate_discard(self) -> replies.Candidate:
         """Let the candidate go; where it is on trial, what ran before is in force again."""
-        return cast(replies.Shadow, self.request("withdraw"))
+        return cast(replies.Candidate, self.request("candidate_discard"))
 
     def diff(self) -> replies.Differences:
         """The configuration file as it is on disk against what runs."""
@@ -244,7 +248,7 @@ class Client:
         """Send an axis `by_um` from its present target, or `to_um`; returns when it is on its way."""
         return cast(replies.Jogged, self.request("jog", axis=axis, by_um=by_um, to_um=to_um))
 
-    def inject(
+    def analyse_live(
         self,
         axis: str,
         loop: str,
@@ -258,9 +262,9 @@ class Client:
         It is taken back where this client goes away. Raises CheckFailed where it is refused, or was ended early.
         """
         begun: replies.Injected = self.request(
-            "sensitivity", axis=axis, loop=loop, amplitude_um=amplitude_um, seed=seed
+            "analyse_live", axis=axis, loop=loop, amplitude_um=amplitude_um, seed=seed
         )
-        while not (response := self.request("sensitivity", number=begun["number"]))["done"]:
+        while not (response := self.request("analyse_live", number=begun["number"]))["done"]:
             if progress is not None:
                 progress(response["progress"])
             time.sleep(_INJECTED_LOOK_S)
@@ -270,7 +274,7 @@ class Client:
     def move(
         self, axis: str, kind: str, *, progress: Callable[[replies.Moved], None] | None = None, **wanted: Any
     ) -> replies.Moved:
-        """Move an axis that is held, and wait for the end; `wanted` as `micromanip.settings.moved.Wanted` has it.
+        """Move an axis that is held, and wait for the end; `wanted`: fields of `settings.move_plan.MoveRequest`.
 
         It comes to rest where this client goes away. Raises CheckFailed where it is refused, or was ended early.
         """
@@ -286,11 +290,11 @@ class Client:
         """Take over the configuration file as it is now, all of it or nothing."""
         return cast(replies.Swap, self.request("reload"))
 
-    def audit(self, last: int = 20) -> replies.Audit:
+    def log(self, last: int = 20) -> replies.Audit:
         """The newest entries of the audit trail, oldest first."""
-        return cast(replies.Audit, self.request("audit", last=last))
+        return cast(replies.Audit, self.request("log", last=last))
 
-    def record_start(
+    def recording_start(
         self,
         file: str | None = None,
         *,
@@ -307,12 +311,14 @@ class Client:
         the oldest are removed beyond `quota_bytes`.
         """
         extent = {"before_s": before_s, "after_s": after_s, "segment_s": segment_s, "quota_bytes": quota_bytes}
-        return cast(status_reply.Recorded, self.request("record_start", file=file, triggers=list(triggers), **extent))
+        return cast(
+            status_reply.Recorded, self.request("recording_start", file=file, triggers=list(triggers), **extent)
+        )
 
-    def record_stop(self) -> status_reply.Recorded:
+    def recording_stop(self) -> status_reply.Recorded:
         """End the recording; raises CheckFailed where there is none, or it failed."""
-        return cast(status_reply.Recorded, self.request("record_stop"))
+        return cast(status_reply.Recorded, self.request("recording_stop"))
 
-    def record_mark(self, text: str) -> replies.Marked:
+    def recording_mark(self, text: str) -> replies.Marked:
         """Put a remark into the recording."""
-        return cast(replies.Marked, self.request("record_mark", text=text))
+        return cast(replies.Marked, self.request("recording_mark", text=text))

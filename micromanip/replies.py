@@ -119,7 +119,7 @@ class AuditEntry(_AuditEntry, total=False):
 
 
 class Audit(TypedDict):
-    """Outcome of `audit`: the last entries, oldest first; `unwritten` of this run are on no disk."""
+    """Outcome of `log`: the last entries, oldest first; `unwritten` of this run are on no disk."""
 
     file: str
     unwritten: int
@@ -127,7 +127,7 @@ class Audit(TypedDict):
 
 
 class Marked(TypedDict):
-    """Outcome of `record_mark`: the cycle (newest when it was asked for) and the recording that has it."""
+    """Outcome of `recording_mark`: the cycle (newest when it was asked for) and the recording that has it."""
 
     file: str
     cycle: int
@@ -185,7 +185,7 @@ class TrialError(TypedDict):
     limit_um: float | None
 
 
-class Shadow(TypedDict):
+class Candidate(TypedDict):
     """Where the candidate stands: none, shadowing, on trial, confirmed, taken back.
 
     `comparison` is there while it shadows, `trial` once it was promoted, both by axis; `reason` says why it was taken

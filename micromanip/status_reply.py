@@ -192,7 +192,7 @@ class Status(TypedDict):
 
     `axes` is what each axis does now; `path_error_um` are figures since tracking began; `faults` are those that are
     latched, for people, `fault_reports` the same as data, the one that ends the run last;
-    `shadow` says where a candidate tuning stands; `recording` is None where nothing is recorded, `learning` where
+    `candidate` says where a candidate tuning stands; `recording` is None where nothing is recorded, `learning` where
     nothing is learned; `arming_awaits` is what `arm_on_start` waits for, None where it does not.
     """
 
@@ -209,7 +209,7 @@ class Status(TypedDict):
     faults: list[str]
     fault_reports: list[Fault]
     parameter_version: int
-    shadow: str
+    candidate: str
     configuration: str
     configuration_sha256: str
     trips: list[Trip]

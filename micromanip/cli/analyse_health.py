@@ -104,7 +104,7 @@ def _measured(
     """What runs, and the checks of the axes asked for."""
     from micromanip.design.drift.checking import DRAWS, checked, closed_loops
     from micromanip.design.running import measure_virtually
-    from micromanip.settings.injected import require_axis
+    from micromanip.settings.excitation_plan import require_axis
     from micromanip.settings.wiring.timing import feedback_path
 
     if config is None:
@@ -129,7 +129,7 @@ def _measured(
 
 def _live(client: Client, axis: str, amplitude_um: float, seed: int) -> tuple[Configuration, list[Check]]:
     from micromanip.design.drift.checking import DRAWS, checked, closed_loops
-    from micromanip.settings.injected import require_axis
+    from micromanip.settings.excitation_plan import require_axis
     from micromanip.settings.load import validate_document
     from micromanip.settings.text.source import Source
     from micromanip.settings.wiring.timing import FeedbackPath

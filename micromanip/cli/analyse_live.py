@@ -55,7 +55,7 @@ def command(
     """
     from micromanip.design.running import document, judge_running, measure_virtually, simulated_actuator
     from micromanip.errors import UsageError
-    from micromanip.settings.injected import require_axis
+    from micromanip.settings.excitation_plan import require_axis
 
     if config is not None:
         from micromanip.settings.check import prepare
@@ -121,7 +121,7 @@ def inject(
     with steps() as bar:
         for draw in range(draws):
             bar.say(f"axis {axis}, {loop} loop: multisine {draw + 1} of {draws}")
-            begun, response = client.inject(axis, loop, amplitude_um, seed + draw)
+            begun, response = client.analyse_live(axis, loop, amplitude_um, seed + draw)
             responses.append(response)
     return begun, plant_of(responses)
 

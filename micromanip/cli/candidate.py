@@ -11,52 +11,52 @@ from rich.table import Table
 
 from micromanip.client import Client
 from micromanip.errors import CheckFailed
-from micromanip.replies import Shadow
+from micromanip.replies import Candidate
 
 from .echo import echo
 from .options import StrictCommand, client_command, emit_answer, json_option, socket_option
 from .parameters import echo_changes
 
 
-def _show(shadow: Shadow) -> None:
+def _show(candidate: Candidate) -> None:
     """Standing, what it changes, and its figures so far."""
-    echo(_standing_line(shadow))
-    echo_changes(shadow["changed"])
-    if shadow["reason"]:
-        echo(shadow["reason"])
-    table = _comparison(shadow) if shadow["comparison"] else _trial(shadow) if shadow["trial"] else None
+    echo(_standing_line(candidate))
+    echo_changes(candidate["changed"])
+    if candidate["reason"]:
+        echo(candidate["reason"])
+    table = _comparison(candidate) if candidate["comparison"] else _trial(candidate) if candidate["trial"] else None
     if table is not None:
         Console(highlight=False).print(table)
 
 
-def _standing_line(shadow: Shadow) -> str:
+def _standing_line(candidate: Candidate) -> str:
     """One line: the candidate's version, where it stands, and how much of its trial is over."""
-    if shadow["version"] is None:
+    if candidate["version"] is None:
         return "there is no candidate"
-    line = f"candidate, parameter version {shadow['version']}: {shadow['standing']}"
-    if shadow["passed_s"] is not None and shadow["trial_s"] is not None:
-        passed_s = min(shadow["passed_s"], shadow["trial_s"])
-        line += f", {passed_s:.1f} of {shadow['trial_s']:g} s"
+    line = f"candidate, parameter version {candidate['version']}: {candidate['standing']}"
+    if candidate["passed_s"] is not None and candidate["trial_s"] is not None:
+        passed_s = min(candidate["passed_s"], candidate["trial_s"])
+        line += f", {passed_s:.1f} of {candidate['trial_s']:g} s"
     return line
 
 
-def _comparison(shadow: Shadow) -> Table:
+def _comparison(candidate: Candidate) -> Table:
     table = Table("axis", title="rms: active -> candidate")
     table.add_column("innovation, um")
     table.add_column("feedback, V")
-    for axis, figures in shadow["comparison"].items():
-        active, candidate = figures["active"], figures["candidate"]
+    for axis, figures in candidate["comparison"].items():
+        active, other = figures["active"], figures["candidate"]
         table.add_row(
             axis,
-            _pair(active["innovation_um"], candidate["innovation_um"]),
-            _pair(active["feedback_V"], candidate["feedback_V"]),
+            _pair(active["innovation_um"], other["innovation_um"]),
+            _pair(active["feedback_V"], other["feedback_V"]),
         )
     return table
 
 
-def _trial(shadow: Shadow) -> Table:
+def _trial(candidate: Candidate) -> Table:
     table = Table("axis", "before", "on trial", "limit", title="Error rms, um")
-    for axis, error in shadow["trial"].items():
+    for axis, error in candidate["trial"].items():
         table.add_row(axis, _number(error["before_um"]), _number(error["now_um"]), _number(error["limit_um"]))
     return table
 
@@ -72,7 +72,7 @@ def _number(value: float | None) -> str:
 @click.command("set", cls=StrictCommand, epilog="Example: micromanip candidate set axes.x.outer.control_weight=12")
 @click.argument("assignments", nargs=-1, required=True, metavar="KEY=VALUE...")
 @client_command(_show)
-def set_(assignments: tuple[str, ...]) -> Callable[[Client], Shadow]:
+def set_(assignments: tuple[str, ...]) -> Callable[[Client], Candidate]:
     """Let a candidate compute beside what runs, on the same samples; nothing of it is written to the outputs.
 
     The candidate is what runs, with these values instead; only values that `set` takes while tracking.
@@ -80,14 +80,14 @@ def set_(assignments: tuple[str, ...]) -> Callable[[Client], Shadow]:
     from micromanip.settings.text.keys import assignments_of
 
     changes = assignments_of(assignments)
-    return lambda client: client.shadow(changes)
+    return lambda client: client.candidate_set(changes)
 
 
 @click.command("show", cls=StrictCommand, epilog="Example: micromanip candidate show")
 @client_command(_show)
-def show() -> Callable[[Client], Shadow]:
+def show() -> Callable[[Client], Candidate]:
     """Show where the candidate stands and how it compares with what runs; the smaller figure is the better one."""
-    return Client.shadow
+    return Client.candidate_show
 
 
 @click.command("promote", cls=StrictCommand, epilog="Example: micromanip candidate promote --wait")
@@ -101,10 +101,10 @@ def promote(wait: bool, socket_path: Path, as_json: bool) -> None:
     tracking ends, what ran before is in force again by itself.
     """
     with Client(socket_path) as client:
-        answer = client.promote()
+        answer = client.candidate_promote()
         if wait:
             echo(_standing_line(answer), err=True)
-            answer = client.trial()
+            answer = client.candidate_outcome()
     emit_answer(answer, _show, as_json)
     if wait and answer["standing"] != "confirmed":
         raise CheckFailed(f"the promoted tuning is not in force any more: {answer['standing']}")
@@ -112,6 +112,6 @@ def promote(wait: bool, socket_path: Path, as_json: bool) -> None:
 
 @click.command("discard", cls=StrictCommand, epilog="Example: micromanip candidate discard")
 @client_command(_show)
-def discard() -> Callable[[Client], Shadow]:
+def discard() -> Callable[[Client], Candidate]:
     """Let the candidate go; where it is on trial, what ran before is in force again in the same cycle."""
-    return Client.withdraw
+    return Client.candidate_discard

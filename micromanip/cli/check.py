@@ -22,7 +22,7 @@ def command(config: Path, as_json: bool) -> None:
     from micromanip.design.learning.memory import memory_warnings
     from micromanip.host.state_directory import memory_folder
     from micromanip.settings.check import prepare
-    from micromanip.settings.feedback import strain_loops
+    from micromanip.settings.checks.feedback import strain_loops
     from micromanip.settings.wiring.buses import budget as bus_budget
     from micromanip.virtual.cycle_time import measured_cycle_ns
 

@@ -37,8 +37,8 @@ def write_results(
     """
     from micromanip.design.commission.history import earlier_reports
     from micromanip.design.commission.report import write_report
-    from micromanip.settings.commissioned import tuning_hash
     from micromanip.settings.schema.axis import Commissioned
+    from micromanip.settings.tuning_hash import tuning_hash
     from micromanip.settings.write import write_atomically
 
     today = facts["time"][:10]

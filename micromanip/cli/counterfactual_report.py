@@ -18,7 +18,7 @@ def predict_tuning(file: Path, config: Path, cut: tuple[float, float] | None, as
     from micromanip.replay.counterfactual import DRAWS, FIGURES, SETTLE_S, Rerun, predict
     from micromanip.replay.fitting import fit_models
     from micromanip.replay.window import take_window, tooth_caveats
-    from micromanip.settings.commissioned import changes_since
+    from micromanip.settings.tuning_hash import changes_since
 
     show_compiling()
     telemetry = open_recording(file)

@@ -14,7 +14,7 @@ from .axes import complete_axis, require_axis_of
 from .echo import echo
 from .options import Quantity, StrictCommand, emit_json, json_option
 from .progress import steps
-from .recording_options import recording_options, tell
+from .recording_options import echo_sources, recording_options
 from .results import Pictures, out_option, require_room
 
 if TYPE_CHECKING:
@@ -80,7 +80,7 @@ def command(
         _require_meant(record, range_um, f"axis {axis} of {into}")
     # the part is that of FILE; the other record has its own length
     held_out = load_record(validate, replace(wanted, cut=None)) if validate else None
-    tell([record, *([held_out] if held_out else [])])
+    echo_sources([record, *([held_out] if held_out else [])])
     with Pictures(folder) as pictures, steps() as bar:
         bar.say(f"fitting {kind}")
         request = Request(kind, creep, plays, seed, burn_in_s, range_um)

@@ -13,7 +13,7 @@ from micromanip.errors import UsageError
 from .echo import echo
 from .options import Quantity, StrictCommand, emit_json, json_option
 from .progress import steps
-from .recording_options import recording_options, tell
+from .recording_options import echo_sources, recording_options
 from .results import Pictures, out_option
 
 
@@ -67,7 +67,7 @@ def command(
     wanted = Wanted((*driven, *seen), time_name, dt, cut=cut, rate_hz=rate_hz)
     records = [load_linear(file, wanted, len(driven)) for file in files]
     held_out = load_linear(validate, replace(wanted, cut=None), len(driven)) if validate else None
-    tell([*records, *([held_out] if held_out else [])])
+    echo_sources([*records, *([held_out] if held_out else [])])
     with Pictures(folder) as pictures, steps() as bar:
         bar.say("fitting")
         result = fit_records(records, held_out, order, split, bar.say)

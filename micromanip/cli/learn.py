@@ -29,7 +29,7 @@ def part(what: str) -> Callable[[Client], dict[str, bool]]:
     The correction is played from the cycle in which the loop takes the command: a program that starts the robot's path
     sends it, with the same delay each time.
     """
-    return lambda client: _accepted(client.part_begin if what == "begin" else client.part_end)
+    return lambda client: _accepted(client.learn_part_begin if what == "begin" else client.learn_part_end)
 
 
 @click.command("status", cls=StrictCommand, epilog="Example: micromanip learn status")

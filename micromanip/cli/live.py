@@ -152,8 +152,8 @@ def _figures(report: Status) -> list[RenderableType]:
         parts.append(errors)
     if report["links"]:
         parts.append(links(report))
-    if report["shadow"] != "none":
-        parts.append(f"candidate tuning: {report['shadow']}; see `micromanip candidate show`")
+    if report["candidate"] != "none":
+        parts.append(f"candidate tuning: {report['candidate']}; see `micromanip candidate show`")
     learning = report["learning"]
     if learning is not None:
         parts.append(f"learning: {learned(learning)}; see `micromanip learn status`")
@@ -188,7 +188,7 @@ def links(report: Status) -> Figures:
         table.add_row(
             name,
             Text(link["link"], style="green" if link["link"] == "up" else "bold red"),
-            outputs_told(link),
+            outputs_text(link),
             str(link["links"]),
             *counts,
             link["message"] or "",
@@ -196,7 +196,7 @@ def links(report: Status) -> Figures:
     return table
 
 
-def outputs_told(link: Link) -> str:
+def outputs_text(link: Link) -> str:
     """What the outputs do; where nobody knows, the values that the device was given last."""
     if link["outputs"] != "unknown":
         return link["outputs"]

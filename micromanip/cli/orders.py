@@ -99,4 +99,4 @@ def _show_log(audit: Audit) -> None:
 @client_command(_show_log)
 def log(last: int) -> Callable[[Client], Audit]:
     """The newest entries of the audit trail, oldest first: arming, disarming, every change and every refusal."""
-    return lambda client: client.audit(last)
+    return lambda client: client.log(last)

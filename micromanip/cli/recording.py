@@ -77,7 +77,7 @@ def start(
         raise UsageError("--on and --after go together: how long to record after the trigger")
     if (minutes is None) != (quota_GB is None):
         raise UsageError("--segment and --quota go together: how long a file is, and how much all may take")
-    return lambda client: client.record_start(
+    return lambda client: client.recording_start(
         file,
         triggers=triggers,
         before_s=before_s,
@@ -91,7 +91,7 @@ def start(
 @client_command(_show_ended)
 def stop() -> Callable[[Client], Recorded]:
     """End the recording; all that was recorded until now is in the file."""
-    return Client.record_stop
+    return Client.recording_stop
 
 
 @click.command("mark", cls=StrictCommand, epilog='Example: micromanip recording mark "coolant on"')
@@ -99,4 +99,4 @@ def stop() -> Callable[[Client], Recorded]:
 @client_command(_show_marked)
 def mark(text: str) -> Callable[[Client], Marked]:
     """Put a remark into the recording, at this cycle."""
-    return lambda client: client.record_mark(text)
+    return lambda client: client.recording_mark(text)

@@ -65,7 +65,7 @@ def warn_of_damage(telemetry: Telemetry) -> None:
         echo(f"warning: {telemetry.file}: {told}", err=True)
 
 
-def tell(records: Iterable[Any]) -> None:
+def echo_sources(records: Iterable[Any]) -> None:
     """What was taken of each record, in a line, and under it what is unusual: on standard error."""
     for record in records:
         echo(f"read {record.told}", err=True)

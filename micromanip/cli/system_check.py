@@ -39,7 +39,7 @@ def command(config: Path | None, seconds: float, no_run: bool, out: Path | None,
 
     Ends with 1 where the machine is not ready for hardware. It refuses to run beside a controller.
     """
-    from micromanip.host.readiness.answer import Answer, described, looked_at
+    from micromanip.host.readiness.answer import Answer, looked_at, machine_and_loop
     from micromanip.host.readiness.finding import Machine
     from micromanip.host.readiness.timed import measure
 
@@ -52,7 +52,7 @@ def command(config: Path | None, seconds: float, no_run: bool, out: Path | None,
             raise UsageError("loop.cpu is null: there is no CPU to watch; name one in CONFIG, or give --no-run")
         if not any(finding.name == "loop's CPU" and finding.verdict == "bad" for finding in findings):
             timed = measure(loop, loop.cpu, seconds, lambda line: echo(line, err=True))
-    answer = Answer(described(machine, loop), findings, timed)
+    answer = Answer(machine_and_loop(machine, loop), findings, timed)
     if out is not None:
         try:
             out.write_text(_page(answer), encoding="utf-8")
@@ -85,7 +85,7 @@ def _page(answer: Answer) -> str:
     timed = answer.timed
     if timed is None:
         return readiness_page(answer.document(), {}, {}, [])
-    lines = told(timed.document())
+    lines = timing_lines(timed.document())
     return readiness_page(answer.document(), survival(timed.at_rest), survival(timed.under_load), lines)
 
 
@@ -108,7 +108,7 @@ def _show(answer: Answer) -> None:
             for row in _rows(name, condition):
                 table.add_row(*row)
         console.print(table)
-        for line in told(timed.document()):
+        for line in timing_lines(timed.document()):
             console.print(_plain(line))
     style = {True: "bold green", False: "bold red", None: "bold yellow"}[answer.ready]
     console.print(f"[{style}]{_plain(answer.verdict)}[/]")
@@ -125,7 +125,7 @@ def _rows(name: str, condition: Condition) -> list[tuple[str, ...]]:
     return rows
 
 
-def told(timed: dict[str, Any]) -> list[str]:
+def timing_lines(timed: dict[str, Any]) -> list[str]:
     """What was counted, what made the loop late, and what could not be measured; a line each."""
     lines = []
     if gaps := timed["clock_gaps"]:

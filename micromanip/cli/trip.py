@@ -13,7 +13,7 @@ from .echo import echo
 from .options import StrictCommand, emit_json, json_option
 
 if TYPE_CHECKING:
-    from micromanip.host.trips.store import Box
+    from micromanip.host.trips.store import TripRecord
 
 
 _folder_option = click.option(
@@ -51,12 +51,12 @@ def show(trip: str | None, plot: Path | None, folder: Path | None, as_json: bool
     TRIP is a file, or the name of a trip or its beginning; without it, the newest.
     """
     from micromanip.host.trips.report import lines, story
-    from micromanip.host.trips.store import Box, find, folder_to_read
+    from micromanip.host.trips.store import TripRecord, find, folder_to_read
 
     if plot is not None and plot.suffix.lower() not in (".png", ".svg"):
         raise UsageError(f"--plot {plot}: the file must end with .png or .svg")
     file = find(folder or folder_to_read(), trip)
-    box = Box.load(file)
+    box = TripRecord.load(file)
     found = story(box, file)
     if plot is not None:
         _draw(box, plot)
@@ -68,7 +68,7 @@ def show(trip: str | None, plot: Path | None, folder: Path | None, as_json: bool
         echo(line)
 
 
-def _draw(box: Box, plot: Path) -> None:
+def _draw(box: TripRecord, plot: Path) -> None:
     from micromanip.host.trips.report import save
 
     try:

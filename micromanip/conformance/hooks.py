@@ -116,7 +116,7 @@ def settle(condition: Any, seconds: float = 1.0) -> bool:
     return reached
 
 
-def described(errors: Sequence[BusError]) -> str:
+def errors_text(errors: Sequence[BusError]) -> str:
     """Errors for a message."""
     return "; ".join(f"{type(error).__name__}: {error}" for error in errors[:3]) or "none"
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from micromanip.bus.errors import LinkError
 
-from .hooks import Hooks, described
+from .hooks import Hooks, errors_text
 from .session import TURNS_AFTER_SILENCE, Session
 
 _CALLS = 300
@@ -20,7 +20,7 @@ class LinkChecks(Hooks):
             peer.kill()
             assert _lost(session), (
                 f"no LinkError in {_CALLS} rounds of perform and receive ({_CALLS * _PACE_S:g} s) after the device "
-                f"went away; errors: {described(session.errors[-3:])}"
+                f"went away; errors: {errors_text(session.errors[-3:])}"
             )
 
     def test_reopened_after_a_lost_link(self) -> None:
@@ -33,7 +33,7 @@ class LinkChecks(Hooks):
                 peer.start()
                 session.open()
                 assert session.fresh(2.0) or not session.inputs, (
-                    f"no samples after the device came back; errors: {described(session.errors)}"
+                    f"no samples after the device came back; errors: {errors_text(session.errors)}"
                 )
 
     def test_closed_driver_raises_bus_errors_only(self) -> None:
@@ -66,7 +66,7 @@ class LinkChecks(Hooks):
                 session.open_again_if_lost()
                 if session.fresh(2.0) or not session.inputs:
                     return
-            raise AssertionError(f"no samples after a silence of 0.5 s; errors: {described(session.errors)}")
+            raise AssertionError(f"no samples after a silence of 0.5 s; errors: {errors_text(session.errors)}")
 
 
 def _lost(session: Session) -> bool:

@@ -10,7 +10,7 @@ import pytest
 from micromanip.bus.driver import BusDriver
 from micromanip.bus.errors import LinkError, TransientError
 
-from .hooks import Hooks, described
+from .hooks import Hooks, errors_text
 from .peer import Golden, Peer
 from .session import Session
 
@@ -24,7 +24,7 @@ class ReadingChecks(Hooks):
                 pytest.skip("the driver has no inputs")
             came = session.fresh()
             missing = ", ".join(sorted(set(session.inputs) - session.good()))
-            assert came, f"no good sample within 1 s of {missing}; errors: {described(session.errors)}"
+            assert came, f"no good sample within 1 s of {missing}; errors: {errors_text(session.errors)}"
 
     def test_receive_keeps_its_deadline_under_a_silent_device(self) -> None:
         with self.running() as (peer, session):
@@ -78,7 +78,7 @@ class ReadingChecks(Hooks):
 
     def test_gaps_of_the_counter_are_lost_samples(self) -> None:
         with self.running() as (peer, session):
-            assert session.fresh(), f"no samples to begin with; errors: {described(session.errors)}"
+            assert session.fresh(), f"no samples to begin with; errors: {errors_text(session.errors)}"
             session.forget()
             for count in (1, 5):
                 self.skipped(peer, session, count)
@@ -87,7 +87,7 @@ class ReadingChecks(Hooks):
         with self.running() as (peer, session):
             if peer.counter_range is None:
                 pytest.skip("the peer has no counter_range")
-            assert session.fresh(), f"no samples to begin with; errors: {described(session.errors)}"
+            assert session.fresh(), f"no samples to begin with; errors: {errors_text(session.errors)}"
             for _ in range(3):  # the wrap is in one of them; a wider gap could be a late one from the past
                 self.skipped(peer, session, peer.counter_range // 2 - 2)
 
@@ -119,7 +119,7 @@ class ReadingChecks(Hooks):
         hexadecimal = " ".join(wire.hex() for wire in golden.wire)
         for name, wanted in golden.values.items():
             values = self.values_of(session, name)
-            assert values, f"{hexadecimal} gave no good sample of {name}; errors: {described(session.errors)}"
+            assert values, f"{hexadecimal} gave no good sample of {name}; errors: {errors_text(session.errors)}"
             assert self.equal(values[-1], wanted), f"{hexadecimal} is read as {name} {values[-1]}, not {wanted}"
 
     def disturbed(self, wires: Sequence[bytes], what: str) -> None:
@@ -129,16 +129,16 @@ class ReadingChecks(Hooks):
             for name, value in wanted.items():
                 peer.set_input(name, value)
             with Session(self.make(peer)) as session:
-                assert session.fresh(), f"no samples to begin with; errors: {described(session.errors)}"
+                assert session.fresh(), f"no samples to begin with; errors: {errors_text(session.errors)}"
                 for wire in wires:
                     peer.send(wire)
                     session.run(0.004)
                 worse = [error for error in session.errors if not isinstance(error, TransientError)]
-                assert not worse, f"{what} raised more than a TransientError: {described(worse)}"
+                assert not worse, f"{what} raised more than a TransientError: {errors_text(worse)}"
                 for name, value in wanted.items():
                     wrong = [found for found in self.values_of(session, name) if not self.equal(found, value)]
                     assert not wrong, f"{what} gave {len(wrong)} samples of {name} as {wrong[:3]}; it was {value}"
-                assert session.fresh(2.0), f"no samples in 2 s after {what}; errors: {described(session.errors)}"
+                assert session.fresh(2.0), f"no samples in 2 s after {what}; errors: {errors_text(session.errors)}"
 
     def skipped(self, peer: Peer, session: Session, count: int) -> None:
         """Let the device leave out `count` readings: so many are lost on every input, no more and no less."""

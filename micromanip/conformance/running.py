@@ -9,7 +9,7 @@ import pytest
 
 from micromanip.bus.driver import Answer, BusDriver
 
-from .hooks import Hooks, described
+from .hooks import Hooks, errors_text
 from .peer import Peer
 from .session import TRIES, Session
 
@@ -31,7 +31,7 @@ class RunningChecks(Hooks):
                 busy_s, took_s = peer.busy_s(), time.monotonic() - begin
             if took_s > 0.9 * _RUN_S:
                 break
-        assert took_s > 0.9 * _RUN_S, f"the link was lost after {took_s:.2f} s: {described(session.errors)}"
+        assert took_s > 0.9 * _RUN_S, f"the link was lost after {took_s:.2f} s: {errors_text(session.errors)}"
         for load in session.driver.loads():
             assert busy_s.get(load.name, 0.0) > 0, f"the peer saw no use of {load.name}, which loads() declares"
             measured = busy_s[load.name] / took_s

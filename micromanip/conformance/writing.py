@@ -11,7 +11,7 @@ import pytest
 from micromanip.bus.driver import Outcome
 from micromanip.bus.errors import OutputRefused
 
-from .hooks import Hooks, described, settle
+from .hooks import Hooks, errors_text, settle
 from .peer import Golden, Peer
 from .session import TRIES, TURNS_AFTER_SILENCE, Session
 
@@ -100,7 +100,7 @@ class WritingChecks(Hooks):
         """Write the values of `golden`: the device receives its units."""
         peer.received()
         raised = session.perform_all(self.ordered(golden.values))
-        assert not raised, f"{dict(golden.values)} raised {described(raised)}"
+        assert not raised, f"{dict(golden.values)} raised {errors_text(raised)}"
         seen: list[bytes] = []
 
         def complete() -> bool:
@@ -117,7 +117,7 @@ class WritingChecks(Hooks):
         """Write `values` once: the device has them."""
         peer.writes()
         raised = session.perform_all(self.ordered(values))
-        assert not raised, f"{dict(values)} raised {described(raised)}"
+        assert not raised, f"{dict(values)} raised {errors_text(raised)}"
         state: dict[str, float] = {}
         assert settle(lambda: self.reached(peer, state, values)), (
             f"{dict(values)} was written; {state or 'nothing'} arrived"
@@ -143,7 +143,7 @@ class WritingChecks(Hooks):
                 return
             assert session.errors, f"{dict(values)} was sent by task {task}, and never confirmed"
         assert session.outcome is not Outcome.SENT, (
-            f"{dict(values)} was sent by task {task}, and not confirmed in {TRIES} tries: {described(session.errors)}"
+            f"{dict(values)} was sent by task {task}, and not confirmed in {TRIES} tries: {errors_text(session.errors)}"
         )
         if session.outcome is Outcome.HELD:
             time.sleep(_ON_THE_WAY_S)
@@ -168,7 +168,7 @@ class WritingChecks(Hooks):
                         time.sleep(0.005)
                         assert not peer.writes(), f"{name} = {value:g} was refused, but something was sent"
             raised = session.perform_all(self.ordered(old))
-            assert not raised, f"after a value was refused, a good one raised {described(raised)}"
+            assert not raised, f"after a value was refused, a good one raised {errors_text(raised)}"
 
     def reached(
         self,

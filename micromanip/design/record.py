@@ -105,7 +105,7 @@ def _on_the_grid(taken: Recording) -> Record:
         None if counts.all() else counts,
         after,
         tuple(notes),
-        taken.told(),
+        taken.summary(),
         taken.units,
     )
 

@@ -22,7 +22,7 @@ from micromanip.errors import CheckFailed
 from micromanip.replies import Injected, Response
 from micromanip.rt.states import HOLD
 from micromanip.settings.check import Prepared
-from micromanip.settings.injected import COLUMNS, plan_excitation
+from micromanip.settings.excitation_plan import COLUMNS, plan_excitation
 from micromanip.settings.load import validate_document
 from micromanip.settings.schema.accept import Accept
 from micromanip.settings.schema.axis import Axis

@@ -39,7 +39,7 @@ class SensitivityMeasurements:
             raise UsageError(f"sensitivity takes {', '.join(sorted(_BEGINS))}, or {' and '.join(sorted(_LOOKS))}")
         if "number" in query:
             return await self._look(name, query)
-        begun: Injected = await self._cell.order("sensitivity", name, **query)
+        begun: Injected = await self._cell.order("analyse_live", name, **query)
         self._begun[begun["number"]] = (str(query["axis"]), str(query.get("loop", "strain")), begun)
         while len(self._begun) > _KEPT:
             self._found.pop(self._begun.popitem(last=False)[0], None)
@@ -49,7 +49,7 @@ class SensitivityMeasurements:
         number, others = query["number"], query.get("with", [])
         if not isinstance(others, list) or len(others) > _KEPT:
             raise UsageError(f"with is a list of up to {_KEPT} numbers of measurements")
-        response: Response = await self._cell.order("sensitivity", name, number=number)
+        response: Response = await self._cell.order("analyse_live", name, number=number)
         answer = {"number": number, "done": response["done"], "progress": response["progress"]}
         if not response["done"]:
             return answer

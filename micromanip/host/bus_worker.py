@@ -156,7 +156,7 @@ class BusWorker:
             return
         self._orders["rules"] = rules
         self.image.count_as_lost_after(rules["patience_ns"])
-        self._child.tell({"rules": rules})
+        self._child.send({"rules": rules})
 
     async def end(self) -> None:
         """Let the outputs come to rest and the process end; killed where it never had a link, or has no success."""
@@ -192,7 +192,7 @@ class BusWorker:
         return not self._places or self.image.ask(EPOCH) == 0 or self.image.ask(OUTPUT_STATE) == RESTING
 
     @property
-    def outputs_told(self) -> str:
+    def outputs_text(self) -> str:
         """What people are told of the outputs with the loop dead."""
         if self.rests:
             return "outputs at their safe value"

@@ -19,7 +19,7 @@ from typing import Any
 
 from micromanip.bus.backoff import RestartLimit
 
-from .handed_on import hand_on
+from .fd_passing import send_orders
 
 
 class Child:
@@ -44,10 +44,10 @@ class Child:
     async def start(self, orders: Any) -> None:
         """Start a process and give it its orders."""
         await self._execute(PIPE)
-        self.tell(orders)
+        self.send(orders)
 
     async def begin(self) -> None:
-        """Start a process that gets all its orders later, by `hand_on`: it imports meanwhile."""
+        """Start a process that gets all its orders later, by `send_orders`: it imports meanwhile."""
         self._wire, standard_input = socket.socketpair()
         with standard_input:
             await self._execute(standard_input)
@@ -64,11 +64,11 @@ class Child:
         )
         self.starts += 1
 
-    def hand_on(self, orders: Any, descriptors: Sequence[int]) -> None:
+    def send_orders(self, orders: Any, descriptors: Sequence[int]) -> None:
         """The orders of one that was begun, with more descriptors; one that is dead is not told."""
         assert self._wire is not None
         with self._wire, contextlib.suppress(ConnectionError):
-            hand_on(self._wire, orders, descriptors)
+            send_orders(self._wire, orders, descriptors)
 
     async def let_go(self) -> None:
         """End one that was begun, if it got no orders."""
@@ -109,7 +109,7 @@ class Child:
         code = self.code
         return f"was killed by signal {-code}" if code is not None and code < 0 else f"ended with {code}"
 
-    def tell(self, document: Any) -> None:
+    def send(self, document: Any) -> None:
         """One more order; one that is dead, or told to end, is not told."""
         stream = None if self._process is None else self._process.stdin
         if stream is not None and not stream.is_closing():

@@ -29,12 +29,12 @@ from micromanip.settings.check import Prepared
 from micromanip.status_reply import Link
 
 from .child import Child, loop_process
+from .cpu_conflicts import cpu_conflicts
+from .loop_links import follow, loop_link
 from .loop_orders import loop_orders
 from .parameter_buffers import ParameterBuffers
 from .refusals import Refused, awaited, refusals
-from .rivals import rivals
 from .shared_memory import CONTROL, RING, STATUS, Segments, context_layout
-from .wires import follow, wire_link
 
 _ANSWER_S = 1.0
 _READY_S = 8.0
@@ -71,7 +71,7 @@ class Controller:
         self._contexts = [shared[at : at + len(each)] for at, each in zip(self.offsets, contexts, strict=True)]
         for place, context in zip(self._contexts, contexts, strict=True):
             place[:] = context
-        self._tell_limits(prepared)
+        self._publish_limits(prepared)
         self.control = self.segments.control.record(CONTROL)
         self.status = self.segments.status.record(STATUS)
         self.ring = self.segments.ring.record(RING)
@@ -93,10 +93,10 @@ class Controller:
     @prepared.setter
     def prepared(self, prepared: Prepared) -> None:
         self._prepared = prepared
-        self._tell_limits(prepared)
+        self._publish_limits(prepared)
         self.adopted(prepared)
 
-    def _tell_limits(self, prepared: Prepared) -> None:
+    def _publish_limits(self, prepared: Prepared) -> None:
         for (name, driver), context in zip(self._drivers.items(), self._contexts, strict=True):
             driver.adopt(context, prepared.wiring.safe_outputs(name, prepared.configuration))
 
@@ -115,12 +115,12 @@ class Controller:
         if self.process.runs:
             cpu = self.prepared.configuration.loop.cpu
             put_on_cpu(self.process.pid, cpu)
-            for rival in rivals(cpu, self.process.pid):
+            for conflict in cpu_conflicts(cpu, self.process.pid):
                 say(
-                    f"WARNING: CPU {cpu} is this loop's (loop.cpu), and {rival}: both miss their deadlines, and this "
-                    "one may stay STARTING; give one of them another CPU"
+                    f"WARNING: CPU {cpu} is this loop's (loop.cpu), and {conflict}: both miss their deadlines, and "
+                    "this one may stay STARTING; give one of them another CPU"
                 )
-        self.process.hand_on(loop_orders(self.prepared, places, self._socket_path), self._handed_on)
+        self.process.send_orders(loop_orders(self.prepared, places, self._socket_path), self._handed_on)
         self._relaying = asyncio.create_task(self._relay())
         heard = max(1, round(_SENSORS_S * 1e9 / self.prepared.configuration.loop.period_ns))
         while self.words[w.CYCLES_RUN] < heard:
@@ -158,13 +158,13 @@ class Controller:
             return None
         return self._killed or FaultReport(LOOP_DIED, what=f"the loop process {self.process.end}")
 
-    def wires(self) -> dict[str, Link]:
+    def loop_links(self) -> dict[str, Link]:
         """Where the wires stand that the loop itself serves, by the driver's name."""
         found = {}
         for (name, driver), context in zip(self._drivers.items(), self._contexts, strict=True):
             if (wire := driver.wire(context)) is not None:
                 places = self.prepared.wiring.places(name)
-                found[name] = wire_link(driver, wire, driver.statistics(context), places)
+                found[name] = loop_link(driver, wire, driver.statistics(context), places)
         return found
 
     def missing(self) -> dict[int, int]:
@@ -175,10 +175,10 @@ class Controller:
                 found |= dict(enumerate(counts.tolist(), self.prepared.wiring.first_input[name]))
         return found
 
-    async def wires_follow(self, ends: Callable[[], bool]) -> bool:
+    async def loop_links_follow(self, ends: Callable[[], bool]) -> bool:
         """Wait until what is on the loop's own wires follows it, also by its clock; False where it `ends` before."""
         steering = next((name for name, driver in self._drivers.items() if driver.steers), None)
-        return await follow(self.wires, steering, ends)
+        return await follow(self.loop_links, steering, ends)
 
     def declare_ready(self) -> None:
         """Starting is over: from now on `state` is the cell's, and `arm` is given to the loop."""

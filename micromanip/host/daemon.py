@@ -19,7 +19,7 @@ from micromanip.bus.rights import go_before_ordinary_work, leave_cpu, lock_memor
 from micromanip.errors import CheckFailed, MicromanipError
 from micromanip.faults import LOOP_DIED, LOOP_STUCK, FaultReport
 from micromanip.host.recording.recordings import Recordings
-from micromanip.host.safe.snapshot import SnapshotKeeper
+from micromanip.host.safe.snapshot import SnapshotService
 from micromanip.host.trips.store import KEPT, default_folder
 from micromanip.host.trips.supervisor import BlackBox
 from micromanip.rt import mailbox as w
@@ -95,7 +95,7 @@ class Daemon:
         self._gathered = Gathered(self._controller)
         self._boxes = BlackBox(self._controller, options.trips or default_folder(), options.kept_trips, say)
         self._trail = AuditTrail(state_directory(), say)
-        self._snapshot = SnapshotKeeper(prepared, state_directory(), say)
+        self._snapshot = SnapshotService(prepared, state_directory(), say)
         self._recordings = Recordings(self._controller, options.recordings, say)
         self._arming = ArmOnStart(self._controller, partial(self._trail.note, Peer("configuration"), "arm"), say)
         self._verbs = Verbs(
@@ -155,7 +155,7 @@ class Daemon:
         ended = asyncio.create_task(self._controller.wait())
         helpers = [asyncio.create_task(task) for task in (self._beat(), self._look(), self._feed())]
         helpers.append(asyncio.create_task(self._verbs.follow_trials()))
-        helpers.append(asyncio.create_task(self._trail.tell_repeats()))
+        helpers.append(asyncio.create_task(self._trail.follow_repeats()))
         helpers.append(asyncio.create_task(self._recordings.warn()))
         stopped = asyncio.create_task(self._stop.wait())
         try:
@@ -165,8 +165,8 @@ class Daemon:
             if self._options.record is not None:
                 await self._recordings.begin(self._options.record)
             over = lambda: ended.done() or stopped.done()  # noqa: E731
-            if await self._workers.in_hand(over) and await self._controller.wires_follow(over):
-                self._tell_ready()
+            if await self._workers.in_hand(over) and await self._controller.loop_links_follow(over):
+                self._notify_ready()
                 if self._prepared.configuration.arm_on_start:
                     await self._arming.arm(over)
             await asyncio.wait({ended, stopped}, timeout=self._options.duration_s, return_when=asyncio.FIRST_COMPLETED)
@@ -192,7 +192,7 @@ class Daemon:
         self._boxes.configured(source)
         self._snapshot.follow(source)
 
-    def _tell_ready(self) -> None:
+    def _notify_ready(self) -> None:
         """The one place where starting is over: for `status`, for `arm`, for people and for the service manager."""
         self._controller.declare_ready()
         self._say("READY")
@@ -228,7 +228,7 @@ class Daemon:
     async def _make_safe(self) -> None:
         """Bring the outputs to their safe value, and say of each driver what is known of them."""
         codes = await asyncio.to_thread(self._controller.make_safe)  # the workers are looked after meanwhile
-        told = self._workers.outputs_told()
+        told = self._workers.outputs_text()
         for name, code in codes.items():
             done = "outputs at their safe value" if code == 0 else f"safe failed, code {code}"
             self._say(f"driver {name}: {told.get(name, done)}")
@@ -266,7 +266,7 @@ class Daemon:
             await asyncio.sleep(_LOOK_S)
 
     def _report(self) -> Report:
-        links = {**self._workers.report(), **self._controller.wires()}
+        links = {**self._workers.report(), **self._controller.loop_links()}
         learning = None if self._learning is None else self._learning.status()
         recording = self._recordings.report()
         awaits = self._arming.awaits

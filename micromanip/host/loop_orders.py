@@ -1,4 +1,4 @@
-"""What the loop process is to do: the document that the host hands it with the memory (``handed_on.py``)."""
+"""What the loop process is to do: the document that the host hands it with the memory (``fd_passing.py``)."""
 
 from __future__ import annotations
 

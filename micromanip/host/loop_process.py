@@ -1,7 +1,7 @@
 """The loop process: maps the memory, opens the drivers, warms up, goes real-time, runs the loop.
 
 Started by the host as ``python -m micromanip.host.loop_process`` in a session of its own, so that Ctrl-C
-reaches the host only. It imports before it gets its orders, with the shared memory (``handed_on.py``).
+reaches the host only. It imports before it gets its orders, with the shared memory (``fd_passing.py``).
 """
 
 # ruff: noqa: E402
@@ -37,7 +37,7 @@ from micromanip.rt.states import ARM, HOST_DEAD, RAMPS, READY
 from micromanip.rt.telemetry import ROW
 
 from .control.socket_file import remove_stale
-from .handed_on import handed_on
+from .fd_passing import receive_orders
 from .realtime import enter_real_time, missing_rights
 from .shared_memory import CONTROL, RING, STATUS, Segments
 
@@ -152,7 +152,7 @@ def _compile(orders: dict[str, Any]) -> None:
         os._exit(0)
 
 
-def _tell(text: str) -> None:
+def _print(text: str) -> None:
     """A line for people: the host passes it on."""
     print(json.dumps({"text": text}), flush=True)  # noqa: T201
 
@@ -161,14 +161,14 @@ def main() -> int:
     """Run the loop; the exit code is 0 after a clean end, else as in ``micromanip.errors``."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    orders, descriptors = handed_on()
+    orders, descriptors = receive_orders()
     if orders is None:  # there will be no loop
         return 0
     segments = Segments.attach(descriptors, writable=True)
     control, status, ring = segments.control.record(CONTROL), segments.status.record(STATUS), segments.ring.record(RING)
     samples = segments.sample_table()
-    Compiler.tell = staticmethod(lambda name: _tell(f"compiling {name} for this processor, once after an update"))
-    Compiler.tell_left = staticmethod(lambda name, seconds: _tell(f"compiling {name}: {seconds:.0f} s left"))
+    Compiler.tell = staticmethod(lambda name: _print(f"compiling {name} for this processor, once after an update"))
+    Compiler.tell_left = staticmethod(lambda name, seconds: _print(f"compiling {name}: {seconds:.0f} s left"))
     try:
         with contextlib.nullcontext() if _may_call_blas(orders) else without_blas():
             _compile(orders)

@@ -16,7 +16,7 @@ from typing import Any
 _BYTES = 65_536
 
 
-def tell(**message: Any) -> None:
+def send_message(**message: Any) -> None:
     """A line for the host, which may be dead: what is on disk stays, and becomes complete all the same."""
     with contextlib.suppress(OSError):
         os.write(sys.stdout.fileno(), json.dumps(message).encode() + b"\n")

@@ -44,7 +44,7 @@ class Slow:
     comes_hz: float
     driver: str
 
-    def told(self, name: str) -> str:
+    def warning(self, name: str) -> str:
         """For people, with the next step."""
         doing = ""
         if name.startswith("strain_") and self.comes_hz < 0.5 * self.stated_hz:
@@ -84,13 +84,13 @@ class SampleRates:
 
     def slow(self) -> list[str]:
         """Each signal that comes less often than is stated, a sentence."""
-        return [slow.told(name) for name, slow in self._slow.items()]
+        return [slow.warning(name) for name, slow in self._slow.items()]
 
     def news(self) -> list[str]:
         """Those of `slow` that were not in it before."""
         new = [name for name in self._slow if name not in self._told]
         self._told.update(new)
-        return [self._slow[name].told(name) for name in new]
+        return [self._slow[name].warning(name) for name in new]
 
     def stated_hz(self, name: str) -> float:
         """What the driver of a signal states, at most the loop's own rate."""

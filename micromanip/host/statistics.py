@@ -171,7 +171,7 @@ def report(
         "faults": [str(fault) for fault in faults],
         "fault_reports": [fault.document() for fault in faults],
         "parameter_version": int(words[w.VERSION_ACTIVE]),
-        "shadow": SHADOW_NAMES[int(words[w.SHADOW])],
+        "candidate": SHADOW_NAMES[int(words[w.SHADOW])],
         "configuration": str(controller.prepared.source.path),
         "configuration_sha256": controller.prepared.source.hash,
         "trips": list(trips),

@@ -60,7 +60,7 @@ class Workers:
         await asyncio.gather(*(worker.end() for worker in self._workers))
         for task in self._supervising:
             task.cancel()
-        left = [f"driver {worker.name}: {worker.outputs_told}" for worker in self._workers if not worker.rests]
+        left = [f"driver {worker.name}: {worker.outputs_text}" for worker in self._workers if not worker.rests]
         if left and value is None:
             raise CheckFailed(f"{'; '.join(left)}. See what its device puts out; then `micromanip park`")
         for text in left:
@@ -78,7 +78,7 @@ class Workers:
                 return True
             for worker in away:
                 if time.monotonic() - begin > worker.way_to_rest_s + _IN_HAND_S:
-                    what = f"driver {worker.name}: its outputs are not brought to rest: {worker.outputs_told}"
+                    what = f"driver {worker.name}: its outputs are not brought to rest: {worker.outputs_text}"
                     raise DeviceUnavailable(what + (f"; {worker.said}" if worker.said else ""))
             await asyncio.sleep(_POLL_S)
         return False
@@ -92,6 +92,6 @@ class Workers:
         """Where each link stands, by the driver's name."""
         return {worker.name: worker.report() for worker in self._workers}
 
-    def outputs_told(self) -> dict[str, str]:
+    def outputs_text(self) -> dict[str, str]:
         """What people are told of the outputs of each driver with the loop dead."""
-        return {worker.name: worker.outputs_told for worker in self._workers}
+        return {worker.name: worker.outputs_text for worker in self._workers}

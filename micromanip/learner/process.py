@@ -21,7 +21,7 @@ import numpy as np
 
 from micromanip.design.learning.law import Update
 from micromanip.errors import MicromanipError
-from micromanip.host.orders import Orders, tell
+from micromanip.host.orders import Orders, send_message
 from micromanip.host.ring import RingReader
 from micromanip.host.shared_memory import RING, Segment
 from micromanip.settings.load import validate_document
@@ -52,8 +52,8 @@ class Learner:
     def read(self) -> None:
         """Take over the memories that there are."""
         for problem in self._store.read():
-            tell(warning=problem)
-        tell(ready=True)
+            send_message(warning=problem)
+        send_message(ready=True)
 
     def obey(self, order: dict[str, Any]) -> None:
         """The host has another temperature, or axes to be forgotten: by each name whether its files are kept."""
@@ -63,9 +63,9 @@ class Learner:
             self._collector.drop()
             self._shown_tool = None
             try:
-                tell(forgotten=name, aside=self._store.forget(name, keep=keep))
+                send_message(forgotten=name, aside=self._store.forget(name, keep=keep))
             except MicromanipError as problem:
-                tell(warning=f"{problem}; nothing is learned or played of axis {name}")
+                send_message(warning=f"{problem}; nothing is learned or played of axis {name}")
 
     def follow(self) -> None:
         """Take what has come since the last time; learn from a part that is whole."""
@@ -73,7 +73,7 @@ class Learner:
         while self._found:
             found = self._found.popleft()
             if isinstance(found, str):
-                tell(unfinished=found)
+                send_message(unfinished=found)
             else:
                 self._learn(found)
         if self._collector.tool != self._shown_tool:
@@ -88,11 +88,11 @@ class Learner:
         learned, refused = {}, {}
         for name, found in self._store.learn(part, self._take, self._temperature_C):
             if isinstance(found, Update):
-                learned[name] = _told(found)
+                learned[name] = _as_message(found)
                 self._shown_tool = None
             else:
                 refused[name] = str(found)
-        tell(part=part.number, learned=learned, refused=refused)
+        send_message(part=part.number, learned=learned, refused=refused)
 
     def _show(self, tool: int) -> None:
         """Show the host what is to be played from now on with `tool`."""
@@ -103,10 +103,10 @@ class Learner:
             name: {"tuning": each.tuning, "generation": each.generation, "temperature_C": each.temperature_C}
             for name, each in self._store.of_tool(tool).items()
         }
-        tell(shown=hashlib.sha256(rows.tobytes()).hexdigest(), tool=tool, axes=axes)
+        send_message(shown=hashlib.sha256(rows.tobytes()).hexdigest(), tool=tool, axes=axes)
 
 
-def _told(found: Update) -> dict[str, Any]:
+def _as_message(found: Update) -> dict[str, Any]:
     """What the host, its status and the audit trail say of an update."""
     now = found.memory
     return {
@@ -130,7 +130,7 @@ def main() -> int:
     try:
         learner = Learner(orders, reader)
     except MicromanipError as problem:
-        tell(hopeless=str(problem))
+        send_message(hopeless=str(problem))
         return 1
     learner.obey(orders)
     learner.read()

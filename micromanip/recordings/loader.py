@@ -68,7 +68,7 @@ class Recording:
         ends = [0, *(np.flatnonzero(np.diff(self.index) > 1) + 1).tolist(), len(self.index)]
         return [slice(first, last) for first, last in pairwise(ends)]
 
-    def told(self) -> str:
+    def summary(self) -> str:
         """What was taken, in a line."""
         columns = ", ".join(
             name if unit is None else f"{name} in {unit}" for name, unit in zip(self.names, self.units, strict=True)

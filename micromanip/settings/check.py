@@ -26,13 +26,13 @@ from micromanip.settings.wiring.buses import bus_findings, enabling_findings, re
 from micromanip.settings.wiring.places import Wiring, driver_options, wire
 from micromanip.settings.wiring.simulation import build_plant
 
-from .actuators import actuator_findings
-from .ages import age_warnings
-from .commissioned import changes_since
-from .feedback import feedback_findings, feedback_warnings
+from .checks.actuators import actuator_findings
+from .checks.feedback import feedback_findings, feedback_warnings
+from .checks.latency import latency_warnings
+from .checks.names import coupling_findings, name_findings
+from .checks.ranges import range_findings, range_warnings
 from .load import validate_document
-from .names import coupling_findings, name_findings
-from .reach import reach_findings, reach_warnings
+from .tuning_hash import changes_since
 
 _NO_SOLUTION = (np.linalg.LinAlgError, ValueError, FloatingPointError)
 _LATE_PERIODS = 5
@@ -58,8 +58,8 @@ class Prepared:
         return [
             *changes_since(self.configuration.axes),
             *feedback_warnings(self.configuration, self.wiring),
-            *reach_warnings(self.configuration),
-            *age_warnings(self.configuration),
+            *range_warnings(self.configuration),
+            *latency_warnings(self.configuration),
         ]
 
     @property
@@ -112,7 +112,7 @@ def validate(source: Source) -> Configuration:
         source,
         [
             *name_findings(configuration),
-            *reach_findings(configuration),
+            *range_findings(configuration),
             *_machine(configuration),
             *_learning(configuration),
             *actuator_findings(configuration),

@@ -59,7 +59,7 @@ class ClientPort(Port):
     def deliver(self, transmission: Transmission, time_ns: int) -> None:
         self._hand_over(transmission.packed, time_ns)
 
-    def tell(self, frame: Frame, time_ns: int) -> None:
+    def report(self, frame: Frame, time_ns: int) -> None:
         self._hand_over(pack(frame), time_ns)
 
     def queue_changed(self) -> None:

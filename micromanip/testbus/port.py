@@ -86,7 +86,7 @@ class Port:
         """Hand over a frame of another participant."""
         raise NotImplementedError
 
-    def tell(self, frame: Frame, time_ns: int) -> None:
+    def report(self, frame: Frame, time_ns: int) -> None:
         """Hand over an error frame of its own controller; the default is not to."""
 
     def queue_changed(self) -> None:
@@ -96,33 +96,33 @@ class Port:
         """A frame of its own arrived at the others."""
         if self.transmit_errors > self._least_transmit_errors:
             self.transmit_errors -= 1
-            self.tell_state(time_ns)
+            self.report_state(time_ns)
 
     def received(self, time_ns: int) -> None:
         """A frame of another arrived."""
         if self.receive_errors:
             self.receive_errors = min(self.receive_errors, LEAST_PASSIVE) - 1
-            self.tell_state(time_ns)
+            self.report_state(time_ns)
 
     def failed(self, own: bool, time_ns: int) -> None:
         """A frame was destroyed on the bus; `own` if it was its own."""
-        self.tell(error_frames.bus_error(own), time_ns)
+        self.report(error_frames.bus_error(own), time_ns)
         if own:
             self.transmit_errors += 8
         else:
             self.receive_errors = min(self.receive_errors + 1, _LEAST_BUS_OFF - 1)
-        self.tell_state(time_ns)
+        self.report_state(time_ns)
 
     def go_bus_off(self, time_ns: int) -> None:
         """As if it had failed to send too often."""
         self.transmit_errors = _LEAST_BUS_OFF
-        self.tell_state(time_ns)
+        self.report_state(time_ns)
 
     def keep_transmit_errors(self, least: int, time_ns: int) -> None:
         """Don't let the counter of transmit errors fall below `least`."""
         self._least_transmit_errors = least
         self.transmit_errors = max(self.transmit_errors, least)
-        self.tell_state(time_ns)
+        self.report_state(time_ns)
 
     def refuse(self, refusing: bool) -> None:
         """Take no frames although the queue has room, or take them again."""
@@ -133,9 +133,9 @@ class Port:
         """Take part again after bus-off."""
         self.transmit_errors = self.receive_errors = 0
         self._told = State.ACTIVE
-        self.tell(error_frames.restarted(), time_ns)
+        self.report(error_frames.restarted(), time_ns)
 
-    def tell_state(self, time_ns: int) -> None:
+    def report_state(self, time_ns: int) -> None:
         """Tell the client if the state isn't what it was."""
         state = self.state
         if state is self._told:
@@ -144,7 +144,7 @@ class Port:
         if state is State.BUS_OFF:
             self.queue.clear()
             self.queue_changed()
-            self.tell(error_frames.bus_off(), time_ns)
+            self.report(error_frames.bus_off(), time_ns)
             return
         by_transmission = self.transmit_errors >= self.receive_errors
         status = {
@@ -152,7 +152,7 @@ class Port:
             State.WARNING: Controller.TX_WARNING if by_transmission else Controller.RX_WARNING,
             State.PASSIVE: Controller.TX_PASSIVE if by_transmission else Controller.RX_PASSIVE,
         }[state]
-        self.tell(error_frames.controller_error(status, self.transmit_errors, self.receive_errors), time_ns)
+        self.report(error_frames.controller_error(status, self.transmit_errors, self.receive_errors), time_ns)
 
 
 class NodePort(Port):

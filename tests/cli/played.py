@@ -55,7 +55,7 @@ def status(state="TRACKING", faults=(), position=(51.25, None)):
         "arming_awaits": None,
         "learning": None,
         "recording": None,
-        "shadow": "none",
+        "candidate": "none",
         "links": {},
         "signals": {},
         "parameter_version": 3,

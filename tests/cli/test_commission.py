@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from micromanip.design import paper
-from micromanip.settings.commissioned import changes_since
 from micromanip.settings.load import load_with_source
+from micromanip.settings.tuning_hash import changes_since
 
 from .command import code_of
 

@@ -68,5 +68,5 @@ LINK = {"link": "up", "outputs": "following", "links": 2, "starts": 1, "message"
 def status(state="TRACKING", faults=()):
     """What a controller answers, whole."""
     more = {"signals": {"strain_x": SIGNAL}, "links": {"can": LINK}, "parameter_version": 2, "recording": None}
-    more |= {"shadow": "none", "trips": [], "configuration": "cell.yaml", "configuration_sha256": "0" * 64}
+    more |= {"candidate": "none", "trips": [], "configuration": "cell.yaml", "configuration_sha256": "0" * 64}
     return played.status(state, faults) | more

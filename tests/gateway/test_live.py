@@ -79,7 +79,7 @@ def test_an_order_goes_through_the_socket_and_is_noted_with_the_token(cell, gate
     gateway.get("/api/order", "operate", {"order": "arm"})
     until(lambda: gateway.state() == "TRACKING", "armed")
     with Client(cell.socket) as client:
-        entry = client.audit()["entries"][-1]
+        entry = client.log()["entries"][-1]
     assert (entry["verb"], entry["accepted"]) == ("arm", True)
     assert entry["user"].endswith(" for operator")
     assert entry["pid"] == gateway.process.pid

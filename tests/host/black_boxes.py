@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from campaigns.running_controller import MICROMANIP, until
-from micromanip.host.trips.store import Box, trips
+from micromanip.host.trips.store import TripRecord, trips
 
 
 def folder(cell):
@@ -19,7 +19,7 @@ def box_of(cell, *, complete=True, place=None):
     def found():
         files = trips(place or folder(cell))
         assert len(files) <= 1
-        box = Box.load(files[0]) if files else None
+        box = TripRecord.load(files[0]) if files else None
         return box if box is not None and (box.meta["complete"] or not complete) else None
 
     return until(found, lambda: f"a box; {cell.last_words()}")

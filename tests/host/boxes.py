@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from micromanip.host.trips.store import FORMAT, Box
+from micromanip.host.trips.store import FORMAT, TripRecord
 from micromanip.rt.faults import EVENT
 from micromanip.rt.records import CELL_PARAMETERS, CELL_STATE
 from micromanip.rt.states import RAMPING, STAGE, STRAIN, STRAIN_INVALID, TRACKING
@@ -64,4 +64,4 @@ def box(rows=None, events=(), **trip):
         "path": "cell.yaml",
     }
     raised = np.concatenate([np.zeros(0, EVENT), *events])
-    return Box(meta, tracking_rows() if rows is None else rows, parameters, np.zeros(1, CELL_STATE), raised)
+    return TripRecord(meta, tracking_rows() if rows is None else rows, parameters, np.zeros(1, CELL_STATE), raised)

@@ -3,7 +3,7 @@
 import json
 import random
 
-VERBS = ("status", "arm", "disarm", "hold", "reset", "get", "set", "diff", "save", "reload", "jog", "audit")
+VERBS = ("status", "arm", "disarm", "hold", "reset", "get", "set", "diff", "save", "reload", "jog", "log")
 _ODD = (
     None,
     True,

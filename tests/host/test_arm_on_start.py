@@ -169,10 +169,10 @@ def test_a_line_that_says_no_is_not_waited_out(ready, value, bad):
 
 def test_verbs_tell_who_operates_but_not_who_looks_or_records(tmp_path):
     cell = Cell(tmp_path, state="READY")
-    for verb, fields in (("status", {}), ("get", {"keys": ["axes.x.inner"]}), ("diff", {}), ("shadow", {})):
+    for verb, fields in (("status", {}), ("get", {"keys": ["axes.x.inner"]}), ("diff", {}), ("candidate_show", {})):
         cell(verb, **fields)
     with pytest.raises(CheckFailed):
-        cell("record_stop")
+        cell("recording_stop")
     assert cell.operated == []
     cell("set", changes={"axes.x.inner.K_V_per_um": 0.25})
     with pytest.raises(CheckFailed):

@@ -11,7 +11,7 @@ import pytest
 
 from micromanip.errors import CheckFailed, PermissionDenied, UsageError
 from micromanip.host.trips import process, store
-from micromanip.host.trips.store import Box
+from micromanip.host.trips.store import TripRecord
 
 from .boxes import box
 
@@ -20,7 +20,7 @@ from .boxes import box
 def test_a_file_brings_everything_back(tmp_path, complete):
     given = replace(box(), meta=box().meta | {"complete": complete})
     given.save(tmp_path / "a.npz")
-    read = Box.load(tmp_path / "a.npz")
+    read = TripRecord.load(tmp_path / "a.npz")
     assert read.meta == given.meta
     for part in ("rows", "parameters", "state", "events"):
         assert getattr(read, part).dtype == getattr(given, part).dtype
@@ -74,11 +74,11 @@ def test_damaged_files_are_told_in_one_sentence(tmp_path):
         file = tmp_path / "bad.npz"
         file.write_bytes(content)
         with pytest.raises(CheckFailed) as caught:
-            Box.load(file)
+            TripRecord.load(file)
         assert str(caught.value).startswith(str(file)), what
         assert "\n" not in str(caught.value), what
     with pytest.raises(CheckFailed, match="can't be read: No such file"):
-        Box.load(tmp_path / "none.npz")
+        TripRecord.load(tmp_path / "none.npz")
 
 
 def names_of(count):
@@ -132,7 +132,7 @@ def test_a_folder_that_may_not_be_read(monkeypatch, tmp_path):
 def test_what_finds_no_room_is_kept_and_tried_again(tmp_path, capfd):
     blocked = tmp_path / "state"
     blocked.touch()
-    kept = store.Shelf(blocked / "trips", 50, process.tell)
+    kept = store.TripArchive(blocked / "trips", 50, process.send_message)
     for key in range(6):
         kept.put(replace(box(), meta=box().meta | {"utc_ns": 10**18 + key * 10**9}), key)
     said = [json.loads(line) for line in capfd.readouterr().out.splitlines()]
@@ -165,8 +165,8 @@ class EndsWhileABoxIsSaved:
 
 
 def test_a_fault_that_ends_the_run_while_a_box_is_saved(tmp_path, capfd):
-    watch = process.Watch(EndsWhileABoxIsSaved(), store.Shelf(tmp_path, 50, process.tell), 0, 1.0)
+    watch = process.Watch(EndsWhileABoxIsSaved(), store.TripArchive(tmp_path, 50, process.send_message), 0, 1.0)
     while not watch.over:
         watch.look(host_lives=False)
-    assert [Box.load(file).trip["code"] for file in store.trips(tmp_path)] == ["X-201", "X-101"]
+    assert [TripRecord.load(file).trip["code"] for file in store.trips(tmp_path)] == ["X-201", "X-101"]
     assert [json.loads(line)["key"] for line in capfd.readouterr().out.splitlines()] == [1, 1, 2, 2]

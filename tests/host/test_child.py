@@ -49,7 +49,7 @@ def test_orders_and_answers_until_it_is_to_end(module):
         assert not child.runs
         assert child.code is None
         await child.start({"first": 1})
-        child.tell("pid")
+        child.send("pid")
         answers = child.answers()
         assert await anext(answers) == {"first": 1}
         assert child.runs
@@ -60,7 +60,7 @@ def test_orders_and_answers_until_it_is_to_end(module):
         assert [answer async for answer in answers] == []
         assert await child.wait(10.0)
         assert (child.runs, child.code, child.end, child.was_killed) == (False, 0, "ended with 0", False)
-        child.tell("too late")
+        child.send("too late")
         child.kill()
 
     asyncio.run(main())
@@ -71,7 +71,7 @@ def test_a_death_is_noticed_and_what_it_cut_off_is_left_out(module):
         child = Child(module, (), restarts=RestartLimit(1, 60.0))
         for starts in (1, 2):
             await child.start({"whole": starts})
-            child.tell("die")
+            child.send("die")
             assert [answer async for answer in child.answers()] == [{"whole": starts}]
             assert await child.wait(10.0)
             assert (child.code, child.end, child.starts) == (-signal.SIGKILL, "was killed by signal 9", starts)
@@ -88,7 +88,7 @@ def test_what_it_complains_of_while_it_goes_on(module):
         complaints = child.complaints()
         assert [await anext(complaints) for _ in range(2)] == ["a cable is cut", "it is whole again"]
         assert child.runs, "it is heard before its end"
-        child.tell("end")
+        child.send("end")
         assert [line async for line in complaints] == ["it goes"]
         await child.wait()
 
@@ -120,10 +120,10 @@ def test_a_child_begins_wherever_its_host_did(tmp_path, module):
 
 HANDED = """
 import json, os
-from micromanip.host.handed_on import handed_on
+from micromanip.host.fd_passing import receive_orders
 
 print(json.dumps("begun"), flush=True)
-orders, descriptors = handed_on()
+orders, descriptors = receive_orders()
 print(json.dumps([len(orders["options"]), [os.pread(each, 100, 0).decode() for each in descriptors]]), flush=True)
 """
 
@@ -145,7 +145,7 @@ def test_one_that_was_begun_gets_orders_of_any_size_and_open_files(handed, tmp_p
         answers = child.answers()
         assert await anext(answers) == "begun"  # without orders
         descriptors = [opened("first"), opened("second")]
-        child.hand_on({"options": "x" * 500_000}, descriptors)
+        child.send_orders({"options": "x" * 500_000}, descriptors)
         for each in descriptors:
             os.close(each)
         assert await anext(answers) == [500_000, ["what first holds", "what second holds"]]

@@ -10,7 +10,7 @@ from micromanip_drivers.simulated.records import CONTEXT
 
 from campaigns.running_controller import descriptor_of, until
 from micromanip.host.shared_memory import Segment
-from micromanip.host.trips.store import Box, trips
+from micromanip.host.trips.store import TripRecord, trips
 from micromanip.rt import mailbox as w
 from micromanip.rt.states import FAULT, HOLDING, HOST_DEAD, OFF, OVERRUNS, RAMPING, TRACKING
 from tests.cells import LEISURELY, SLOW, WAITING, calm, changed, rows_of
@@ -124,7 +124,7 @@ def test_loop_that_stands_still(run):
     assert "X-104" not in cell.said  # it was no accident
     (file,) = trips(folder(cell))
     assert "Black box: " in cell.said
-    assert Box.load(file).trip["code"] == "X-105"
+    assert TripRecord.load(file).trip["code"] == "X-105"
     assert "driver cell: outputs at their safe value" in cell.said
     cell.gone()
 

@@ -25,7 +25,7 @@ def root(tmp_path, monkeypatch):
     root = tmp_path / "machine"
     root.mkdir()
     machine = layout.Machine(252, Path("/opt/micromanip/bin/micromanip"))
-    monkeypatch.setattr(layout, "this_machine", lambda tell: machine)
+    monkeypatch.setattr(layout, "this_machine", lambda report: machine)
     wants = root / "etc/systemd/system/multi-user.target.wants/micromanip.service"
 
     def do(step):

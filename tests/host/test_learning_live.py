@@ -61,7 +61,7 @@ def test_a_memory_is_played_and_learned_from_on_the_real_loop(run, tmp_path):
         last = y()["last"]
         assert last is None or last["generation"] == 3
         assert last is not None or "cycles were missed" in cell.said
-        assert {each["verb"] for each in client.audit(50)["entries"]} >= {"learn", "part_begin"}
+        assert {each["verb"] for each in client.log(50)["entries"]} >= {"learn", "learn_part_begin"}
         os.kill(cell.child_of("micromanip.learner.process"), signal.SIGKILL)
         until(lambda: "the learning process died; it is started again" in cell.said, cell.last_words)
         typed("reset", "--axis", "y")

@@ -26,7 +26,7 @@ from micromanip.rt.states import (
     WARN,
 )
 from micromanip.settings.check import prepare
-from micromanip.settings.commissioned import tuning_hash
+from micromanip.settings.tuning_hash import tuning_hash
 from tests.cells import simulated
 
 SECONDS = 2.0

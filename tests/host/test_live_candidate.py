@@ -36,8 +36,8 @@ def tracking(tmp_path_factory):
 @pytest.fixture
 def client(tracking):
     with Client(tracking.socket) as client:
-        if client.status()["shadow"] in ("shadowing", "on trial"):
-            client.withdraw()  # of a test that is tried again
+        if client.status()["candidate"] in ("shadowing", "on trial"):
+            client.candidate_discard()  # of a test that is tried again
         client.set(pid(K_V_per_um=USUAL_K))
         tracking.go_on(10_000)  # the figures of what runs are a mean over a second
         yield client
@@ -56,20 +56,20 @@ def command(cell, *arguments):
 
 def test_promoted_and_confirmed(tracking, client):
     before = int(tracking.status["words"][w.VERSION_ACTIVE])
-    offered = client.shadow(pid(K_V_per_um=0.5))
+    offered = client.candidate_set(pid(K_V_per_um=0.5))
     version = offered["version"]
     assert version > before
     tracking.go_on(2000)
-    compared = client.shadow()["comparison"]
+    compared = client.candidate_show()["comparison"]
     assert all(compared[axis]["candidate"]["feedback_V"] > 0.0 for axis in AXES)
     assert client.value(K) == USUAL_K
     usual = np.abs(np.diff(rows_of(tracking.ring)[-2000:]["axis"]["voltage_V"], axis=0)).max()
 
-    assert client.promote()["standing"] == "on trial"
+    assert client.candidate_promote()["standing"] == "on trial"
     assert client.value(K) == 0.5
     with pytest.raises(CheckFailed, match="is on trial"):
         client.set({K: 0.4})
-    assert client.trial()["standing"] == "confirmed"
+    assert client.candidate_outcome()["standing"] == "confirmed"
     rows = rows_of(tracking.ring)[-20_000:]
     at = int(np.argmax(rows["version"] == version))
     assert set(np.unique(rows["version"][at:])) == {version}
@@ -98,13 +98,13 @@ def test_taken_back_by_itself(tracking, client):
     assert rows["version"][-1] == before
     assert not rows["fault"].any()
     assert np.abs(rows["axis"]["setpoint_um"] - rows["axis"]["strain_um"])[-1000:].max() < 3.0
-    (entry,) = [e for e in client.audit()["entries"] if e["verb"] == "take back"]
+    (entry,) = [e for e in client.log()["entries"] if e["verb"] == "take back"]
     assert entry["user"] == "loop"
 
 
 def test_shown_by_the_commands(tracking, client):
     assert command(tracking, "candidate", "set", f"{K}=0.55").stdout.splitlines()[1] == f"  {K}: 0.6 -> 0.55"
-    assert json.loads(command(tracking, "status", "--json").stdout)["shadow"] == "shadowing"
+    assert json.loads(command(tracking, "status", "--json").stdout)["candidate"] == "shadowing"
     shown = command(tracking, "candidate", "show").stdout
     assert "shadowing" in shown
     assert "feedback, V" in shown

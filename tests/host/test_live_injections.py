@@ -89,15 +89,15 @@ def test_it_is_measured_while_nothing_else_may_be_changed_and_leaves_nothing(tra
     with Client(tracking.socket) as client, Client(tracking.socket) as other:
 
         def measured():
-            begun = client.request("sensitivity", axis="x", loop="strain")
+            begun = client.request("analyse_live", axis="x", loop="strain")
             assert begun["seconds"] == pytest.approx(SECONDS)
             assert begun["simulated"]
             with pytest.raises(CheckFailed, match="the sensitivity of axis x, strain loop, is being measured"):
                 other.set({"axes.x.inner.K_V_per_um": 0.5})
             with pytest.raises(CheckFailed, match="is being measured"):
-                other.inject("y", "strain", 0.3)
+                other.analyse_live("y", "strain", 0.3)
             highest = 0.0
-            while not (found := client.request("sensitivity", number=begun["number"]))["done"]:
+            while not (found := client.request("analyse_live", number=begun["number"]))["done"]:
                 highest = max(highest, level(tracking))
                 time.sleep(0.1)
             assert highest == 1.0
@@ -109,18 +109,18 @@ def test_it_is_measured_while_nothing_else_may_be_changed_and_leaves_nothing(tra
         low = np.array(found["frequency_Hz"]) < 30.0
         assert np.median(gain[low]) == pytest.approx(0.7, rel=0.4), "the actuator's um per V"
         assert lines(tracking) == 0
-        refused = [entry["verb"] for entry in other.audit(50)["entries"] if not entry["accepted"]]
-        assert "sensitivity" in refused
+        refused = [entry["verb"] for entry in other.log(50)["entries"] if not entry["accepted"]]
+        assert "analyse_live" in refused
         other.set({"axes.x.inner.K_V_per_um": 0.6})
 
 
 def test_it_is_taken_back_where_the_client_goes_away(tracking):
     with Client(tracking.socket) as client:
-        number = client.request("sensitivity", axis="y", loop="strain")["number"]
+        number = client.request("analyse_live", axis="y", loop="strain")["number"]
         until(lambda: level(tracking, 1) > 0.0, "no injection")
     until(lambda: lines(tracking, 1) == 0, "it goes on")
     with Client(tracking.socket) as client, pytest.raises(CheckFailed, match="nobody has asked for it for 1 s"):
-        client.request("sensitivity", number=number)
+        client.request("analyse_live", number=number)
 
 
 def test_the_command(tracking, tmp_path):
@@ -150,16 +150,16 @@ def test_its_drift_is_checked(tracking, tmp_path):
 def test_a_disarm_ends_it_at_once(tracking):
     with Client(tracking.socket) as client:
         track(client)
-        number = client.request("sensitivity", axis="x", loop="strain")["number"]
+        number = client.request("analyse_live", axis="x", loop="strain")["number"]
 
         def in_full():  # asked for again and again, or it is taken back
-            return not client.request("sensitivity", number=number)["done"] and level(tracking) == 1.0
+            return not client.request("analyse_live", number=number)["done"] and level(tracking) == 1.0
 
         until(in_full, "no injection")
         client.disarm()
         until(lambda: level(tracking) == 0.0, "it goes on")
         with pytest.raises(CheckFailed, match=r"was ended: the state is (RAMPING|READY), it began while"):
-            until(lambda: client.request("sensitivity", number=number)["done"], "it does not end")
+            until(lambda: client.request("analyse_live", number=number)["done"], "it does not end")
         until(lambda: client.status()["state"] == "READY" and lines(tracking) == 0, "it does not rest")
         track(client)
 
@@ -187,7 +187,7 @@ def test_a_step_goes_there_and_back_and_is_noted(holding):
         assert (done["done"], done["progress"], done["offset_um"]) == (True, 1.0, 0.0)
         assert max(seen) == pytest.approx(8.0, abs=0.01)
         assert float(state(holding)["setpoint_um"]) == pytest.approx(before, abs=1e-6)
-        (entry,) = client.audit(1)["entries"]
+        (entry,) = client.log(1)["entries"]
         assert (entry["verb"], entry["accepted"]) == ("move", True)
         assert "by_um 8" in entry["changes"][0]["new"]
         assert client.status()["state"] == "HOLDING", "nothing has armed it"

@@ -103,7 +103,7 @@ def test_hang_up_reloads(cell, client):
     until(lambda: "WARNING: reload refused: " in cell.said, cell.last_words)
     assert "loop.rate_hz needs restart" in cell.said
     assert version(cell) == before + 1
-    entries = client.audit()["entries"]
+    entries = client.log()["entries"]
     assert [e["accepted"] for e in entries if e["user"] == "SIGHUP"] == [True, False]
 
 

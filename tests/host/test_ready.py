@@ -85,7 +85,7 @@ def test_a_loop_that_has_died_is_a_fault_whatever_it_said_last(controller):
 class Hand:
     """A worker whose device is at rest and follows after so many looks."""
 
-    name, said, way_to_rest_s, outputs_told = "piezo", "it hangs", 0.05, "voltage_x unknown, last 68 V"
+    name, said, way_to_rest_s, outputs_text = "piezo", "it hangs", 0.05, "voltage_x unknown, last 68 V"
 
     def __init__(self, looks):
         self.looks = looks

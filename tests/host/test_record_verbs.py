@@ -40,16 +40,16 @@ def test_start_mark_stop(run, tmp_path):
     with Client(cell.socket) as client:
         assert client.status()["recording"] is None
         with pytest.raises(CheckFailed, match=r"^nothing is being recorded; "):
-            client.record_stop()
+            client.recording_stop()
 
-        began = client.record_start("part17", before_s=1.0)
+        began = client.recording_start("part17", before_s=1.0)
         file = tmp_path / "kept" / "part17.mcap"
         assert (began["file"], began["state"]) == (str(file), "recording")
         with pytest.raises(CheckFailed, match=r"part17\.mcap is being recorded; stop that first"):
-            client.record_start("other")
-        marked = client.record_mark("coolant on")
+            client.recording_start("other")
+        marked = client.recording_mark("coolant on")
         until(lambda: client.status()["recording"]["rows"] > 12_000, cell.last_words)
-        ended = client.record_stop()
+        ended = client.recording_stop()
         assert (ended["state"], ended["marks"]) == ("complete", 1)
         assert ended["bytes"] == pytest.approx(file.stat().st_size, rel=0.2)
         rows, telemetry = all_rows(file), open_telemetry(file)
@@ -65,12 +65,12 @@ def test_start_mark_stop(run, tmp_path):
         assert bool(again.gaps) == bool(missing(rows))
         assert again.cycles + again.left_out == len(rows)
         with pytest.raises(UsageError, match=r"part17\.mcap is there already"):
-            client.record_start("part17")
+            client.recording_start("part17")
 
-        client.record_start("waits.mcap", triggers=["mark", "fault"], before_s=0.3, after_s=0.2)
+        client.recording_start("waits.mcap", triggers=["mark", "fault"], before_s=0.3, after_s=0.2)
         assert client.status()["recording"]["waits_for"] == ["mark", "fault"]
         cell.go_on(5_000)
-        client.record_mark("now")
+        client.recording_mark("now")
         until(lambda: client.status()["recording"]["state"] == "complete", cell.last_words)
         rows, telemetry = all_rows(tmp_path / "kept" / "waits.mcap"), open_telemetry(tmp_path / "kept" / "waits.mcap")
         at = telemetry.marks[-1]["cycle"]
@@ -79,7 +79,7 @@ def test_start_mark_stop(run, tmp_path):
         assert at - 3000 <= rows["cycle"][0] <= at - 3000 + rows["periods"][0] + dropped
         assert at + 2000 - 1000 <= rows["cycle"][-1] <= at + 2000  # an overrun may skip the last of them
 
-        client.record_start("limited")
+        client.recording_start("limited")
         limited = tmp_path / "kept" / "limited.mcap"
         until(lambda: client.status()["recording"]["rows"] > 3000, cell.last_words)
         size = limited.stat().st_size + 300_000
@@ -94,10 +94,11 @@ def test_start_mark_stop(run, tmp_path):
         cell.go_on(10_000)
         assert cell.state == "TRACKING"
 
-        client.record_start("plain")
+        client.recording_start("plain")
         until(lambda: client.status()["recording"]["rows"] > 1000, cell.last_words)
-        assert [e["verb"] for e in client.audit()["entries"] if e["accepted"] and "record" in e["verb"]] == [
-            "record_start", "record_mark", "record_stop", "record_start", "record_mark", "record_start", "record_start",
+        assert [e["verb"] for e in client.log()["entries"] if e["accepted"] and "record" in e["verb"]] == [
+            "recording_start", "recording_mark", "recording_stop",
+            "recording_start", "recording_mark", "recording_start", "recording_start",
         ]  # fmt: skip
     assert cell.end() == 0
     assert missing(all_rows(tmp_path / "kept" / "plain.mcap")) <= cell.report["recording"]["dropped"]
@@ -114,9 +115,9 @@ def test_a_client_names_no_place(tmp_path, name):
     """The controller may run with other rights than who asks."""
     cell = Cell(tmp_path)
     with pytest.raises(UsageError, match="is no name of a recording"):
-        cell("record_start", file=name)
+        cell("recording_start", file=name)
     assert not (tmp_path / "recordings").exists()
-    assert cell.entries[-1][:2] == ("record_start", False)
+    assert cell.entries[-1][:2] == ("recording_start", False)
 
 
 @pytest.mark.parametrize(
@@ -132,13 +133,13 @@ def test_a_client_names_no_place(tmp_path, name):
 )
 def test_a_wrong_request_is_refused(tmp_path, fields, said):
     with pytest.raises(UsageError, match=said):
-        Cell(tmp_path)("record_start", **fields)
+        Cell(tmp_path)("recording_start", **fields)
 
 
 def test_a_folder_that_can_t_be_made(tmp_path):
     (tmp_path / "recordings").write_text("a file")
     with pytest.raises(UsageError, match="recordings"):
-        Cell(tmp_path)("record_start", file="run")
+        Cell(tmp_path)("recording_start", file="run")
 
 
 def rows_with(count, fault=None, overrun=None):

@@ -69,7 +69,7 @@ def test_a_loop_that_makes_no_snapshot(tmp_path):
 def test_an_answer_that_does_not_come(tmp_path, monkeypatch):
     """Neither done nor refused: that is told, and what comes later is no answer to the next request."""
     monkeypatch.setattr(client, "_TIMEOUT_S", 0.05)
-    monkeypatch.setattr(client, "_LONGER_S", {"record_start": 0.1})
+    monkeypatch.setattr(client, "_LONGER_S", {"recording_start": 0.1})
     late = threading.Event()
 
     def serve():
@@ -89,8 +89,8 @@ def test_an_answer_that_does_not_come(tmp_path, monkeypatch):
         serving = threading.Thread(target=serve)
         serving.start()
         with client.Client(tmp_path / "control") as cell:
-            with pytest.raises(DeviceUnavailable, match=r"did not answer record_start within 0\.1 s: .* is not known"):
-                cell.record_start()
+            with pytest.raises(DeviceUnavailable, match=r"recording_start within 0\.1 s: .* is not known"):
+                cell.recording_start()
             late.set()
             assert cell.status() == "as it is"
         serving.join()

@@ -86,7 +86,7 @@ def test_file_that_may_not_grow_and_then_a_recorder_killed(run):
     cell.go_on(GONE_ON_CYCLES)
 
     with Client(cell.socket) as client:
-        client.record_start("next.mcap")
+        client.recording_start("next.mcap")
     file = cell.folder / "kept" / "next.mcap"
     until(lambda: recording_of(cell)["rows"] > 5000, cell.last_words)
     os.kill(cell.child("recording.recorder"), signal.SIGKILL)

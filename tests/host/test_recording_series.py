@@ -71,4 +71,4 @@ def test_the_oldest_go(tmp_path):
 )
 def test_a_wrong_request_is_refused(tmp_path, fields, said):
     with pytest.raises(UsageError, match=said):
-        Cell(tmp_path)("record_start", **fields)
+        Cell(tmp_path)("recording_start", **fields)

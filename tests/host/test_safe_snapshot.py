@@ -12,7 +12,7 @@ from micromanip.errors import ConfigError
 from micromanip.host.safe import plan as safe_plan
 from micromanip.host.safe import snapshot as safe_snapshot
 from micromanip.host.safe.plan import plan_of
-from micromanip.host.safe.snapshot import NotUsable, SnapshotKeeper, path_of, read, write
+from micromanip.host.safe.snapshot import NotUsable, SnapshotService, path_of, read, write
 from micromanip.settings.check import prepare
 from micromanip.settings.text.source import Source
 from tests.cells import SLOW, changed
@@ -202,7 +202,7 @@ def test_a_message_database_that_has_changed_since_is_not_used_for_old_values(tm
         config = tmp_path / name
         shutil.copy(CAN / name, config)
         warnings = []
-        keeper = SnapshotKeeper(prepare(config), tmp_path / "micromanip", warnings.append)
+        keeper = SnapshotService(prepare(config), tmp_path / "micromanip", warnings.append)
         asyncio.run(keeper.keep(Source.read(config)))
         assert warnings == []
         assert plan_of(config).taken is not None
@@ -226,7 +226,7 @@ def test_the_keeper_follows_what_concerns_the_outputs(config, folder, monkeypatc
     monkeypatch.setattr(safe_snapshot, "write", lambda *a: (written.append(a[0]), write(*a)))
 
     async def life():
-        keeper = SnapshotKeeper(prepare(config), folder, pytest.fail)
+        keeper = SnapshotService(prepare(config), folder, pytest.fail)
         await keeper.keep(Source.read(config))
         jogged = Source.of(Source.read(config).data | {"reference": {"source": "hold", "offset_um": 61}}, config)
         keeper.follow(jogged)
@@ -248,7 +248,7 @@ def test_a_snapshot_that_cannot_be_written_is_a_warning(config, folder, spoil):
         target.mkdir()
     spoil(target)
     warnings = []
-    asyncio.run(SnapshotKeeper(prepare(config), folder, warnings.append).keep(Source.read(config)))
+    asyncio.run(SnapshotService(prepare(config), folder, warnings.append).keep(Source.read(config)))
     assert len(warnings) == 1
     assert warnings[0].startswith(f"WARNING: no snapshot for `micromanip park` in {folder}: ")
 

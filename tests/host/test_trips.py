@@ -10,7 +10,7 @@ import pytest
 from campaigns.running_controller import reset, until
 from micromanip.client import Client
 from micromanip.errors import CheckFailed
-from micromanip.host.trips.store import Box, trips
+from micromanip.host.trips.store import TripRecord, trips
 from micromanip.rt.states import RAMPING, TRACKING
 from tests.cells import LEISURELY, calm
 
@@ -113,7 +113,7 @@ def test_black_box_killed_between_its_halves_and_the_host_gone_while_a_fault_is_
     said = cell.said.splitlines()
     assert len([line for line in said if "X-101 no sign of life from the host" in line]) == 1
     assert said[-1].startswith("micromanip: ended by X-101 after X-201 on axis y, as said above; ")
-    boxes = {box.trip["code"]: box for box in map(Box.load, trips(folder(cell)))}
+    boxes = {box.trip["code"]: box for box in map(TripRecord.load, trips(folder(cell)))}
     assert boxes.keys() == {"X-201", "X-101"}
     ended = boxes["X-101"]
     at = int(np.searchsorted(ended.rows["cycle"], ended.trip["cycle"]))

@@ -8,7 +8,7 @@ import pytest
 from micromanip.errors import CheckFailed, ConfigError, DeviceUnavailable, UsageError
 from micromanip.rt import states
 from micromanip.settings.check import prepare
-from micromanip.settings.commissioned import tuning_hash
+from micromanip.settings.tuning_hash import tuning_hash
 
 from .standin import SIMULATED, Cell, jogging
 
@@ -123,7 +123,7 @@ def test_protections_are_not_weakened_under_way(cell, state):
     refused(cell, CheckFailed, f".*{re.escape(LIMIT)} {weakens}.*", "reload")
     assert cell.value(LIMIT) == 150
     if state == "TRACKING":
-        refused(cell, CheckFailed, f".*{re.escape(LIMIT)} {weakens}", "shadow", changes={LIMIT: 151})
+        refused(cell, CheckFailed, f".*{re.escape(LIMIT)} {weakens}", "candidate_set", changes={LIMIT: 151})
     cell.controller.state = "READY"
     cell("set", changes={LIMIT: None, REACTION: "warn"})
     assert (cell.value(LIMIT), cell.value(REACTION)) == (None, "warn")
@@ -302,7 +302,7 @@ FIELDS = {
     "jog nowhere": ("jog", {"axis": "x"}, "jog: give either by_um or to_um"),
     "jog twice": ("jog", {"axis": "x", "by_um": 1, "to_um": 1}, "jog: give either by_um or to_um"),
     "jog to infinity": ("jog", {"axis": "x", "to_um": 1e999}, "jog: to_um: .*"),
-    "audit none": ("audit", {"last": 0}, "audit: last: expected a whole number from 1 to 1000, not 0"),
+    "log none": ("log", {"last": 0}, "log: last: expected a whole number from 1 to 1000, not 0"),
 }
 
 
@@ -312,5 +312,5 @@ def test_fields_are_checked(cell, verb, fields, message):
         cell(verb, **fields)
     assert re.fullmatch(message, str(told.value), re.DOTALL)
     assert cell.controller.commands == cell.controller.swaps == []
-    looked_only = verb in ("status", "get", "diff", "audit")
+    looked_only = verb in ("status", "get", "diff", "log")
     assert [entry[:2] for entry in cell.entries] == ([] if looked_only else [(verb, False)])

@@ -13,7 +13,7 @@ from micromanip.bus.registry import driver_class
 from micromanip.cli.main import main
 from micromanip.errors import ConfigError
 from micromanip.settings.check import prepare, refuse_real
-from micromanip.settings.reach import reach_findings
+from micromanip.settings.checks.ranges import range_findings
 from micromanip.settings.schema.reference import Sine, Sines
 from micromanip.settings.wiring import places as wiring
 
@@ -234,7 +234,7 @@ def test_a_stage_that_goes_against_its_actuator_reaches_the_other_end(sign, aske
     def found(offset_um):
         reference = Sines(source="sine", offset_um=offset_um, sines=[Sine(amplitude_um=50.0, frequency_Hz=1.0)])
         return [
-            text for _, text in reach_findings(configuration.model_copy(update={"axes": axes, "reference": reference}))
+            text for _, text in range_findings(configuration.model_copy(update={"axes": axes, "reference": reference}))
         ]
 
     assert found(0.0) == []
@@ -320,7 +320,7 @@ def test_a_broken_configuration_starts_nothing(tmp_path, monkeypatch, capsys):
     def ordered(*_, **__):
         raise AssertionError("something was given orders")
 
-    monkeypatch.setattr("micromanip.host.child.hand_on", ordered)
+    monkeypatch.setattr("micromanip.host.child.send_orders", ordered)
     file = tmp_path / "cell.yaml"
     file.write_text(CELL.replace("offset_um: 65", "offset_um: 110"), encoding="utf-8")
     for command in (["run", "--socket", str(tmp_path / "s")], ["check"], ["check", "--json"], ["evaluate"]):

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 from micromanip.errors import ConfigError, UsageError
 from micromanip.settings.check import prepared
-from micromanip.settings.feedback import strain_loops
+from micromanip.settings.checks.feedback import strain_loops
 from micromanip.settings.schema.key import RESTART
 from micromanip.settings.wiring.buses import budget
 

@@ -9,7 +9,7 @@ import yaml
 
 from micromanip.errors import ConfigError
 from micromanip.settings.check import prepare
-from micromanip.settings.feedback import (
+from micromanip.settings.checks.feedback import (
     LEAST_DEG,
     RESERVE_DEG,
     feedback_warnings,

@@ -14,8 +14,8 @@ from micromanip.errors import ConfigError, UsageError
 from micromanip.host import bus_worker
 from micromanip.settings.change import needed
 from micromanip.settings.check import prepared
-from micromanip.settings.commissioned import changes_since
 from micromanip.settings.schema.key import RESTART
+from micromanip.settings.tuning_hash import changes_since
 
 _DESCRIPTOR, _OFFSET = 0, 0
 

@@ -5,7 +5,7 @@ import pytest
 
 from micromanip.rt.states import ARM, DISARM, HOLD, HOLDING
 from micromanip.settings.check import prepare
-from micromanip.settings.moved import Held, Wanted, planned_move
+from micromanip.settings.move_plan import HeldAxis, MoveRequest, plan_move
 from micromanip.virtual.experiment import VirtualExperiment
 from tests.cells import calm
 
@@ -20,8 +20,8 @@ def held_cell(prepared):
 
 
 def moved(prepared, cell, wanted, for_s=None):
-    held = Held(cell.parameters[0]["axis"][0], cell.state[0]["axis"][0].copy())
-    move = planned_move(prepared.configuration, "x", Wanted(**wanted), held)
+    held = HeldAxis(cell.parameters[0]["axis"][0], cell.state[0]["axis"][0].copy())
+    move = plan_move(prepared.configuration, "x", MoveRequest(**wanted), held)
     move.fill(cell.parameters[0]["axis"][0]["move"], 1)
     return cell.run(for_s or move.cycles * 1e-4 + 0.3), move
 

@@ -7,7 +7,7 @@ import pytest
 
 from micromanip.rt.states import NO_FAULT, TRACKING
 from micromanip.settings.check import prepare
-from micromanip.settings.reach import reach_warnings
+from micromanip.settings.checks.ranges import range_warnings
 from micromanip.virtual.cell import VirtualCell
 
 CONFIG = Path(__file__).parents[2] / "config" / "simulated.yaml"
@@ -32,11 +32,11 @@ def played(prepared):
 
 
 def test_it_is_told_how_far_each_axis_reaches(weak):
-    ((key, said),) = reach_warnings(weak.configuration)
+    ((key, said),) = range_warnings(weak.configuration)
     assert key == ("axes", "x", "setpoint", "range_um")
     assert said.startswith("axis x reaches -100 to 310 um by its model, without force, of the -300 to 300 um")
     assert said.endswith("with centre_um at the middle of its set-points, 87 um, it would reach -205 to 205 um")
-    assert list(reach_warnings(prepare(CONFIG).configuration)) == []
+    assert list(range_warnings(prepare(CONFIG).configuration)) == []
 
 
 def test_a_path_out_of_reach_is_not_lost(weak):

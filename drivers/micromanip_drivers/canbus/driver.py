@@ -26,10 +26,10 @@ from micromanip.driver import (
 
 from .database import Database, switches_bitrate
 from .link import CanLink
-from .listening import heard
 from .options import CanBusOptions
 from .received_message import ReceivedMessage
 from .sent_message import SentMessage
+from .sniff import sniff
 from .tables import MessageTables
 
 _OPEN_NS = 900_000_000
@@ -168,7 +168,7 @@ class CanBus(BusDriver):
         }
 
     def probe(self, seconds: float) -> Iterator[Answer]:
-        return heard(CanLink(self.options), self._database.by_identifier(), seconds)
+        return sniff(CanLink(self.options), self._database.by_identifier(), seconds)
 
     def _listen(self, for_ns: int) -> None:
         """Wait for a first frame of the devices. Raises LinkError if none comes."""

@@ -147,7 +147,7 @@ def status_of(c: Any, m: Any, data: Any, first: int) -> int:
 
 
 @compiled
-def is_pythons(c: Any) -> bool:
+def needs_python(c: Any) -> bool:
     """Whether something is left that Python has to deal with before anything else."""
     left: bool = c["left"] != 0 or c["receive_error"] != 0 or c["send_error"] != 0
     return left
@@ -157,9 +157,9 @@ def is_pythons(c: Any) -> bool:
 def take_all(c: Any, leave: Any, inbox: Any, began_ns: int) -> int:
     """Take what is there, some batches at most: when its newest frame came, `began_ns` for none, or GONE.
 
-    See ``take_frame`` for `leave`. Python has to judge where it is GONE, or ``is_pythons``.
+    See ``take_frame`` for `leave`. Python has to judge where it is GONE, or ``needs_python``.
     """
-    if is_pythons(c):
+    if needs_python(c):
         return GONE
     s, newest_ns = c["socket"], began_ns
     for _ in range(_BATCHES):
@@ -187,7 +187,7 @@ def take(c: Any, inbox: Any, began_ns: int) -> int:
     Silence is judged where a call began: what came while this process stood still is there with the first call after.
     """
     heard_ns = c["heard_ns"]
-    if take_all(c, leave_samples, inbox, began_ns) == GONE or is_pythons(c):
+    if take_all(c, leave_samples, inbox, began_ns) == GONE or needs_python(c):
         return 1
     is_silent = c["silence_ns"] > 0 and began_ns - c["heard_ns"] > c["silence_ns"]
     return 1 if heard_ns == c["heard_ns"] and is_silent else 0
@@ -197,7 +197,7 @@ def take(c: Any, inbox: Any, began_ns: int) -> int:
 def give(c: Any, values: Any, task: int) -> int:
     """Send the message of `task` with `values` of all outputs of the driver; 0, NOTHING_SENT, SENT_IN_DOUBT."""
     m, s = c["sent"][task], c["socket"]
-    if is_pythons(c):
+    if needs_python(c):
         return NOTHING_SENT
     packet, before, length = s["sent"], c["stamp_bytes"], m["length"]
     for j in range(m["bytes"]):

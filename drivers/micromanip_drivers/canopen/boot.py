@@ -22,7 +22,7 @@ from .mapping import INVALID
 from .options import CanOpenOptions
 from .plan import NodePlan, PdoPlan
 from .sdo import Sdo
-from .watch import Watch, blames_bus, described
+from .watch import Watch, blames_bus, emergency_text
 
 _NMT = 0x000
 _START = 1
@@ -114,7 +114,7 @@ def _refuse_fault(sdo: Sdo, plan: NodePlan) -> None:
     told = f"node {plan.name} reports error register 0x{register:02X}"
     for code in _history(sdo, plan):
         if not blames_bus(code):
-            told += f", last emergency {described(code)}"
+            told += f", last emergency {emergency_text(code)}"
             break
     raise DeviceFault(told)
 

@@ -12,7 +12,7 @@ from micromanip.driver import now_ns
 from micromanip.driver.steady import steady_entries
 
 from ..canbus.bit_codec import low_bytes
-from ..canbus.exchange import GONE, give, is_pythons, put_samples, take_all
+from ..canbus.exchange import GONE, give, needs_python, put_samples, take_all
 from .compiled import compiled
 from .records import CONTEXT
 from .sampling import REPEATED, note_sync, sampled
@@ -38,7 +38,7 @@ def take(c: Any, inbox: Any, began_ns: int) -> int:
     That by the time of the frames: what a worker that was held up finds is old, and no reason to miss a heartbeat.
     """
     newest_ns = take_all(c, leave_pdo, inbox, began_ns)
-    return 1 if newest_ns == GONE or is_pythons(c) or newest_ns > c["overdue_ns"] else 0
+    return 1 if newest_ns == GONE or needs_python(c) or newest_ns > c["overdue_ns"] else 0
 
 
 @compiled

@@ -76,7 +76,7 @@ class Watch:
         if code & 0xFF00 == 0:
             self._fault = self._fault if register else None  # one error of several has gone
         elif self._running or not blames_bus(code):
-            self._fault = f"emergency {described(code)}, error register 0x{register:02X}"
+            self._fault = f"emergency {emergency_text(code)}, error register 0x{register:02X}"
 
     def check(self, now_ns: int) -> None:
         """Raises DeviceFault while it reports an emergency, LinkError if it left OPERATIONAL or is silent for too long.
@@ -96,7 +96,7 @@ def blames_bus(code: int) -> bool:
     return code >> 8 in _OF_COMMUNICATION
 
 
-def described(code: int) -> str:
+def emergency_text(code: int) -> str:
     """An emergency's code in words."""
     words = _COMMUNICATION.get(code) or EmcyError(code, 0, b"", 0.0).get_desc().lower()
     return f"0x{code:04X} ({words})" if words else f"0x{code:04X}"

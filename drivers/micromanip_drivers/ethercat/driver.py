@@ -18,15 +18,15 @@ from micromanip.driver.ethercat import INIT, OP, STATE_MASK, registers
 from micromanip.driver.wire import MOST_BITS, LoopWire, lend, set_lock
 
 from .bring_up import bring_to_safeop
-from .described import compare_with_file
 from .drive_options import words_of
 from .drive_table import fill_drives
+from .esi_check import compare_with_file
 from .image import Image
+from .line_supervisor import LineSupervisor
 from .link import LOOP_SENDERS, Link, open_interface
 from .options import EthercatOptions
 from .records import BAD, CONTEXT, WHOLE
 from .scan import differences, found
-from .tender import Tender
 
 _WIRE_BYTES = 24
 """Of each frame besides its own: preamble, checksum, gap."""
@@ -173,7 +173,7 @@ class Ethercat(LoopWire):
         sockets = c["socket"], c["ring"]["socket"]
         for interface, sender, record in zip(self.options.interfaces, LOOP_SENDERS, sockets, strict=False):
             lend(open_interface(interface, sender).detach(), record)
-        Tender(self.options, self._image, c, self.period_ns, clocks).start()
+        LineSupervisor(self.options, self._image, c, self.period_ns, clocks).start()
 
     def functions(self) -> Functions:
         from . import exchange  # compiled: loaded only where it is going to be called

@@ -135,7 +135,7 @@ def take_frames(c: Any, inbox: Any, time_ns: int) -> bool:
 
 
 @compiled
-def is_pythons(c: Any) -> bool:
+def needs_python(c: Any) -> bool:
     """Whether something is left that Python has to deal with before anything else."""
     left: bool = c["left"] != 0 or c["unsent"] != 0 or c["receive_error"] != 0 or c["send_error"] != 0
     return left
@@ -144,7 +144,7 @@ def is_pythons(c: Any) -> bool:
 @compiled
 def take(c: Any, inbox: Any, began_ns: int) -> int:  # noqa: ARG001
     """Take what is there, a reading at most; 0, or 1 where Python has to judge, or the device is silent too long."""
-    if is_pythons(c):
+    if needs_python(c):
         return 1
     if c["chunks"] == MAX_CHUNKS:
         c["left"] = 1
@@ -165,13 +165,13 @@ def take(c: Any, inbox: Any, began_ns: int) -> int:  # noqa: ARG001
     elif c["chunks"] > 0 and time_ns - c["chunk_ns"][c["chunks"] - 1] > STALE_NS:
         c["left"] = 1
     is_silent = c["silence_ns"] > 0 and time_ns - c["heard_ns"] > c["silence_ns"]
-    return 1 if is_pythons(c) or is_silent else 0
+    return 1 if needs_python(c) or is_silent else 0
 
 
 @compiled
 def give(c: Any, values: Any, task: int) -> int:
     """Send the message of `task` with `values` of all outputs of the driver; what the worker's loop is told."""
-    if is_pythons(c):
+    if needs_python(c):
         return NOTHING_SENT
     m, data = c["sent"][task], c["frame"]
     f = m["frame"]

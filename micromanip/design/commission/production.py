@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.errors import MicromanipError
-from micromanip.settings.reach import reach_warnings
+from micromanip.settings.checks.ranges import range_warnings
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.schema.reference import Tracker
 
@@ -163,7 +163,7 @@ def in_production(configuration: Configuration, rest: AtRest, missed: int = 0) -
         )
         decided += said
     tracking = with_reference(with_axes(configuration, mode="stage"), reference)
-    decided += [f"{told[0].upper()}{told[1:]}." for _, told in reach_warnings(tracking)]
+    decided += [f"{told[0].upper()}{told[1:]}." for _, told in range_warnings(tracking)]
     return Production(tracking, decided=tuple(decided))
 
 

@@ -27,7 +27,7 @@ def write_report(
     """Write `file`, whole or not at all: the verdict, then the evidence of each of `axes`.
 
     `facts` are names and values that stand below the verdict (time, configuration, version), `hashes` the
-    :func:`~micromanip.settings.commissioned.tuning_hash` of each axis by name, `earlier` the reports before this one,
+    :func:`~micromanip.settings.tuning_hash.tuning_hash` of each axis by name, `earlier` the reports before this one,
     the newest first. The same arguments make the same bytes. Raises OSError where the file can't be written,
     ValueError where a curve's x and y differ in length.
     """

@@ -13,9 +13,9 @@ from micromanip.control.system import System
 from micromanip.design.response import Measured
 from micromanip.design.running import judge_running
 from micromanip.errors import CheckFailed
-from micromanip.settings.commissioned import tuning_hash
 from micromanip.settings.schema.axis import Axis
 from micromanip.settings.schema.model import Configuration
+from micromanip.settings.tuning_hash import tuning_hash
 from micromanip.settings.wiring.timing import FeedbackPath
 
 from .figures import PlantFigures, commissioned, plant_figures

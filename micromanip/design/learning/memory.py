@@ -23,9 +23,9 @@ from numpy.typing import NDArray
 
 from micromanip.errors import CheckFailed, MicromanipError, system_error
 from micromanip.files import HeldFolder, open_regular
-from micromanip.settings.commissioned import tuning_hash
 from micromanip.settings.schema.axis import HASH_DIGITS
 from micromanip.settings.schema.model import Configuration
+from micromanip.settings.tuning_hash import tuning_hash
 
 Array = NDArray[np.float64]
 

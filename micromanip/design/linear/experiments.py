@@ -105,7 +105,9 @@ def load_linear(file: Path, wanted: Wanted, inputs: int) -> LinearRecord:
     values = np.concatenate(pieces)
     breaks = tuple(int(k) for k in np.cumsum([len(piece) for piece in pieces])[:-1])
     u, y = values[:, :inputs], values[:, inputs:]
-    return LinearRecord(file, taken.names[:inputs], taken.names[inputs:], u, y, dt, breaks, tuple(notes), taken.told())
+    return LinearRecord(
+        file, taken.names[:inputs], taken.names[inputs:], u, y, dt, breaks, tuple(notes), taken.summary()
+    )
 
 
 def _pieces(taken: Recording) -> tuple[list[Array], list[str]]:

@@ -81,7 +81,7 @@ class CanOpenNode:
         self._errors |= register
         self.objects.put(0x1001, 0, self._errors)
         self.objects.remember_error(code)
-        self._tell(code, self._errors)
+        self._send_emergency(code, self._errors)
 
     def clear_emergency(self) -> None:
         """Report that all is well again."""
@@ -215,9 +215,9 @@ class CanOpenNode:
         if self._errors:
             self._errors = left | _GENERIC_ERROR if left else 0
             self.objects.put(0x1001, 0, self._errors)
-            self._tell(0, self._errors)
+            self._send_emergency(0, self._errors)
 
-    def _tell(self, code: int, register: int) -> None:
+    def _send_emergency(self, code: int, register: int) -> None:
         if self.state != STOPPED:
             self._send(_EMERGENCY, code.to_bytes(2, "little") + bytes((register, 0, 0, 0, 0, 0)))
 

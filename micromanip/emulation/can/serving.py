@@ -60,7 +60,7 @@ def serve(served: Any, buses: Any, outputs: Any, signals: Any, errors: Any, poll
         after_ns = now_ns(d["timespec"])
         if after_ns - before_ns > _RESTED_NS:
             d["rested_ns"] = after_ns
-        if ready < 0 or is_pythons(d, poll):
+        if ready < 0 or needs_python(d, poll):
             work_off(d, buses, outputs, signals, errors, after_ns)
             return 0
 
@@ -72,7 +72,7 @@ def catch_up(served: Any, buses: Any, outputs: Any, signals: Any, errors: Any, n
 
 
 @compiled
-def is_pythons(d: Any, poll: Any) -> bool:
+def needs_python(d: Any, poll: Any) -> bool:
     """Whether something has come on one of Python's descriptors."""
     found = 0
     for i in range(d["descriptors"]):

@@ -112,7 +112,7 @@ function showRun(status) {
     [cell("running for"), cell(`${figure(status.cycles * status.period_ns * 1e-9, 1)} s`)],
     [cell("period"), cell(`${status.period_ns / 1000} µs`)],
     [cell("parameter version"), cell(String(status.parameter_version))],
-    [cell("candidate tuning"), cell(status.shadow)],
+    [cell("candidate tuning"), cell(status.candidate)],
     [cell("recording"), cell(recording ? `${recording.state}, ${count(recording.rows)} rows, ${count(recording.dropped)} dropped` : "none")],
   ]);
 }

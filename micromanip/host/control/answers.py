@@ -9,7 +9,8 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from micromanip.replies import Change, Comparison, Difference, Parameter, Shadow, TrialError, TuningFigures
+from micromanip import replies
+from micromanip.replies import Change, Comparison, Difference, Parameter, TrialError, TuningFigures
 from micromanip.rt.states import NO_SHADOW, SHADOW_NAMES, SHADOWING, STAGE, VOLTAGE
 from micromanip.settings.change import ABSENT, changed, needed, values
 from micromanip.settings.schema.model import Configuration
@@ -46,10 +47,10 @@ def _shown(value: Any) -> Any:
     return None if value is ABSENT else value
 
 
-def report(candidate: Candidate | None, status: Any) -> Shadow:
+def report(candidate: Candidate | None, status: Any) -> replies.Candidate:
     """Where the candidate stands, with its figures."""
     if candidate is None:
-        return Shadow(
+        return replies.Candidate(
             standing=SHADOW_NAMES[NO_SHADOW],
             version=None,
             changed=[],
@@ -62,7 +63,7 @@ def report(candidate: Candidate | None, status: Any) -> Shadow:
     cell, axes = candidate.prepared.parameters[0], list(candidate.prepared.configuration.axes)
     period_s, promoted = int(cell["period_ns"]) * 1e-9, candidate.standing != SHADOWING
     passed_cycles = max(0, int(status["state"][0]["trial_cycles"]))
-    return Shadow(
+    return replies.Candidate(
         standing=SHADOW_NAMES[candidate.standing],
         version=candidate.version,
         changed=candidate.changed,

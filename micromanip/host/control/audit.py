@@ -101,7 +101,7 @@ class AuditTrail:
         """Add what was refused before it came to a verb."""
         await self.note(peer, verb, reason=reason)
 
-    async def tell_repeats(self) -> None:
+    async def follow_repeats(self) -> None:
         """As long as it runs: write down how often what was refused has been refused again."""
         while True:
             await asyncio.sleep(_LOOK_S)

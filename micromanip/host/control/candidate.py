@@ -21,7 +21,7 @@ class Candidate:
     standing: int = SHADOWING
     former: Prepared | None = None
     reason: str | None = None
-    withdrawn: bool = False
+    discarded: bool = False
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from pydantic import Field, model_validator
 
 from micromanip.quantities import Micrometres, Seed
 from micromanip.rt.record import MAX_AXES
-from micromanip.settings.injected import AMPLITUDE_UM
-from micromanip.settings.moved import Wanted
+from micromanip.settings.excitation_plan import AMPLITUDE_UM
+from micromanip.settings.move_plan import MoveRequest
 from micromanip.settings.schema.base import Flag, Settings
 
 
@@ -68,7 +68,7 @@ class Inject(Settings):
         return self
 
 
-class Moves(Wanted):
+class Moves(MoveRequest):
     """Fields of `move` that begin one."""
 
     axis: str = Field(description="Name of the axis.")
@@ -82,7 +82,7 @@ class MoveLook(Settings):
 
 
 class Last(Settings):
-    """Fields of `audit`."""
+    """Fields of `log`."""
 
     last: Annotated[int, Field(strict=True, ge=1, le=1000)] = Field(default=20, description="How many entries.")
 
@@ -93,16 +93,8 @@ class Forget(Settings):
     axes: tuple[str, ...] = Field(default=(), max_length=MAX_AXES, description="Of these axes; all without one.")
 
 
-class Offer(Settings):
-    """Fields of `shadow`."""
-
-    changes: dict[str, Any] = Field(
-        default={}, max_length=200, description="The candidate's values by key; without any: where it stands."
-    )
-
-
 class RecordStart(Settings):
-    """Fields of `record_start`."""
+    """Fields of `recording_start`."""
 
     file: str | None = Field(default=None, description="Name in the folder of recordings; without one, the time.")
     triggers: tuple[Literal["fault", "overrun", "mark"], ...] = Field(
@@ -133,6 +125,6 @@ class RecordStart(Settings):
 
 
 class RecordMark(Settings):
-    """Fields of `record_mark`."""
+    """Fields of `recording_mark`."""
 
     text: str = Field(min_length=1, max_length=500, description="The remark.")

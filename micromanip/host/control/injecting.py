@@ -18,7 +18,7 @@ from micromanip.control.injection import Injection
 from micromanip.errors import CheckFailed, MicromanipError, UsageError
 from micromanip.replies import Injected, Response
 from micromanip.rt.states import HOLDING, STATE_NAMES, TRACKING
-from micromanip.settings.injected import COLUMNS, plan_excitation, require_axis
+from micromanip.settings.excitation_plan import COLUMNS, plan_excitation, require_axis
 from micromanip.settings.wiring.timing import feedback_path
 from micromanip.virtual.own_time import at_own_time
 

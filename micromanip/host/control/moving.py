@@ -15,7 +15,7 @@ from micromanip.control.moves import Move
 from micromanip.errors import CheckFailed, MicromanipError, UsageError
 from micromanip.replies import Moved
 from micromanip.rt.states import HOLDING, STATE_NAMES
-from micromanip.settings.moved import Held, Wanted, planned_move
+from micromanip.settings.move_plan import HeldAxis, MoveRequest, plan_move
 
 from ..controller import Controller
 from .lease import Lease
@@ -46,15 +46,15 @@ class Moving:
         if self.runs:
             raise CheckFailed(f"{refused}: {self._what} is under way; wait for its end, or `micromanip hold` ends it")
 
-    async def begin(self, axis: str, wanted: Wanted) -> Moved:
+    async def begin(self, axis: str, wanted: MoveRequest) -> Moved:
         """Let the loop move `axis`; UsageError or CheckFailed says why not. Nobody else changes anything meanwhile."""
         self.require_none("move refused")
         controller = self._controller
         configuration, parameters = controller.prepared.configuration, controller.prepared.parameters
         self._require_held()
         index = list(configuration.axes).index(axis) if axis in configuration.axes else 0
-        held = Held(parameters[0]["axis"][index], controller.status["state"][0]["axis"][index].copy())
-        move = await asyncio.to_thread(planned_move, configuration, axis, wanted, held)
+        held = HeldAxis(parameters[0]["axis"][index], controller.status["state"][0]["axis"][index].copy())
+        move = await asyncio.to_thread(plan_move, configuration, axis, wanted, held)
         self._number, self._index, self._move = self._number + 1, index, move
         self._stopped, self._what = "", f"a {wanted.kind} of axis {axis}"
         async with controller.commanding():

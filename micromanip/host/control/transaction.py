@@ -1,8 +1,8 @@
 """What is in force in one controller, and the one way to change it: whole at one cycle boundary, or not at all.
 
-`set`, `jog`, `reload` and `shadow` are one transaction (`Tuning._transact`): what was asked for is a document; it is
-validated once; what each changed key takes is judged against the state of the cell; the parameters are compiled, and
-applied while nobody else can command the loop; whoever keeps what runs is told.
+`set`, `jog`, `reload` and `candidate_set` are one transaction (`Tuning._transact`): what was asked for is a document;
+it is validated once; what each changed key takes is judged against the state of the cell; the parameters are compiled,
+and applied while nobody else can command the loop; whoever keeps what runs is told.
 
 One change at a time. What the loop decides by itself, the end of a trial, is noticed before anything else is changed.
 """
@@ -15,8 +15,9 @@ from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+from micromanip import replies
 from micromanip.errors import CheckFailed
-from micromanip.replies import Change, Differences, Injected, Jogged, Moved, Parameter, Response, Saved, Shadow, Swap
+from micromanip.replies import Change, Differences, Injected, Jogged, Moved, Parameter, Response, Saved, Swap
 from micromanip.rt import mailbox as w
 from micromanip.rt.states import (
     CONFIRMED,
@@ -35,9 +36,9 @@ from micromanip.rt.states import (
 )
 from micromanip.settings.change import WEAKENS, demands
 from micromanip.settings.check import Prepared, revise, validate, validate_with_options
-from micromanip.settings.injected import require_axis
+from micromanip.settings.excitation_plan import require_axis
 from micromanip.settings.load import validate_document
-from micromanip.settings.moved import Wanted
+from micromanip.settings.move_plan import MoveRequest
 from micromanip.settings.schema.key import DISARM
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.schema.reference import Jog
@@ -55,8 +56,8 @@ from .moving import Moving
 _AT_REST = tuple(STATE_NAMES[state] for state in (OFF, READY, FAULT))
 _WHILE_TRACKING = {
     "jog": "an axis is jogged",
-    "shadow": "a candidate is compared",
-    "promote": "a candidate is compared",
+    "candidate_set": "a candidate is compared",
+    "candidate_promote": "a candidate is compared",
 }
 
 
@@ -67,7 +68,7 @@ class Tuning:
         self, controller: Controller, tell: Callable[[Source], None], happened: Callable[[Outcome], None]
     ) -> None:
         """`tell` hears of each configuration that has come into force, or has been written to the file."""
-        self._controller, self._tell, self._happened = controller, tell, happened
+        self._controller, self._announce, self._happened = controller, tell, happened
         self._file = controller.prepared.source
         self._candidate: Candidate | None = None
         self._one_at_a_time = asyncio.Lock()
@@ -97,7 +98,7 @@ class Tuning:
     async def set(self, wanted: Mapping[str, Any]) -> Swap:
         """Change the values of some keys; UsageError, ConfigError or CheckFailed says each reason why not."""
         async with self._changing():
-            return await self._told("set", await self._with(wanted))
+            return await self._swap("set", await self._with(wanted))
 
     async def jog(self, axis: str, *, by_um: float | None, to_um: float | None) -> tuple[Jogged, Change]:
         """Send `axis` to another target while TRACKING; CheckFailed or ConfigError says why not."""
@@ -125,7 +126,7 @@ class Tuning:
         """Where that measurement stands."""
         return self._injecting.look(number)
 
-    async def move(self, axis: str, wanted: Wanted) -> Moved:
+    async def move(self, axis: str, wanted: MoveRequest) -> Moved:
         """Begin to move an axis that is held; UsageError or CheckFailed says why not."""
         async with self._changing():
             self._refuse_on_trial()
@@ -161,14 +162,14 @@ class Tuning:
         """Take over the file as it is now; errors as `set`, and nothing changed where one key of it can't be taken."""
         async with self._changing():
             source = await asyncio.to_thread(Source.read, self._file.path)
-            swap = await self._told("reload", source)
+            swap = await self._swap("reload", source)
             self._keep(source)
             return swap
 
-    async def shadow(self, wanted: Mapping[str, Any]) -> Shadow:
+    async def candidate_set(self, wanted: Mapping[str, Any]) -> replies.Candidate:
         """Let what runs, but with other values of some keys, compute beside it; errors as those of `set`."""
         async with self._changing():
-            candidate, version = await self._transact("shadow", await self._with(wanted))
+            candidate, version = await self._transact("candidate_set", await self._with(wanted))
             changed = changes(self._prepared.configuration, candidate.configuration)
             self._candidate = Candidate(version, candidate, changed)
             return report(self._candidate, self._controller.status)
@@ -180,16 +181,16 @@ class Tuning:
         return Source.of(document, self._file.path)
 
     async def _transact(self, verb: str, source: Source) -> tuple[Prepared, int]:
-        """Put `source` in force, or for `shadow` beside what is; what it was compiled to, and its version."""
+        """Put `source` in force, or for `candidate_set` beside what is; what it was compiled to, and its version."""
         self._refuse_on_trial()
         self._refuse(verb, {})
         prepared, wanted = await asyncio.to_thread(self._judged, verb, source)
         async with self._controller.commanding():  # the state counts at the swap, not when the values were checked
             self._refuse(verb, wanted)
-            if verb == "shadow":
+            if verb == "candidate_set":
                 return prepared, await self._controller.offer(prepared)
             version = await self._controller.apply(prepared)
-        self._tell(prepared.source)
+        self._announce(prepared.source)
         self._drop_candidate()
         return prepared, version
 
@@ -206,13 +207,13 @@ class Tuning:
         """Raise CheckFailed where the present state does not allow the verb, or one of the changes; it names each."""
         state = self._controller.state
         if verb in _WHILE_TRACKING and state != STATE_NAMES[TRACKING]:
-            raise CheckFailed(f"{verb} refused: the state is {state}; {_WHILE_TRACKING[verb]} while TRACKING")
+            raise CheckFailed(f"{_words(verb)} refused: the state is {state}; {_WHILE_TRACKING[verb]} while TRACKING")
         allowed = (DISARM, WEAKENS) if state in _AT_REST else ()
         if refused := [f"{key_text(path)} {what}" for path, what in wanted.items() if what not in allowed]:
-            why = "a candidate takes live values only" if verb == "shadow" else f"the state is {state}"
+            why = "a candidate takes live values only" if verb == "candidate_set" else f"the state is {state}"
             raise CheckFailed(f"nothing was changed, {why}: {'; '.join(refused)}")
 
-    async def _told(self, verb: str, source: Source) -> Swap:
+    async def _swap(self, verb: str, source: Source) -> Swap:
         """Put `source` in force; what that changed, and what is told of it that was not told before."""
         old = self._prepared
         new, version = await self._transact(verb, source)
@@ -236,25 +237,27 @@ class Tuning:
             old, running = validate_document(on_disk), self._prepared.configuration
             return Saved(file=str(saved.path), sha256=saved.hash, changed=changes(old, running))
 
-    async def promote(self) -> tuple[Shadow, list[Change]]:
+    async def candidate_promote(self) -> tuple[replies.Candidate, list[Change]]:
         """Put the candidate in force, on trial; CheckFailed where there is none, or nothing is tracked."""
         async with self._changing():
-            self._candidate_for("promote", (SHADOWING,), "`micromanip candidate set KEY=VALUE` offers a candidate")
-            self._refuse("promote", {})
+            self._candidate_for(
+                "candidate_promote", (SHADOWING,), "`micromanip candidate set KEY=VALUE` offers a candidate"
+            )
+            self._refuse("candidate_promote", {})
             old = self._prepared.configuration
             await self._controller.command(PROMOTE)
             return self._stepped(SHADOWING, old)
 
-    async def withdraw(self) -> tuple[Shadow, list[Change]]:
+    async def candidate_discard(self) -> tuple[replies.Candidate, list[Change]]:
         """Let the candidate go, or take it back where it is on trial; CheckFailed where there is neither."""
         async with self._changing():
-            candidate = self._candidate_for("withdraw", (SHADOWING, ON_TRIAL), "nothing to withdraw")
+            candidate = self._candidate_for("candidate_discard", (SHADOWING, ON_TRIAL), "nothing to discard")
             old = self._prepared.configuration
-            before, candidate.withdrawn = candidate.standing, True
+            before, candidate.discarded = candidate.standing, True
             try:
                 await self._controller.command(WITHDRAW)
             except CheckFailed:
-                candidate.withdrawn = False  # the loop was quicker, and has a reason of its own
+                candidate.discarded = False  # the loop was quicker, and has a reason of its own
                 raise
             if candidate.standing == SHADOWING:
                 self._candidate = None
@@ -265,17 +268,17 @@ class Tuning:
         candidate = self._candidate
         if candidate is None or candidate.standing not in standings:
             there = f"the last one is {SHADOW_NAMES[candidate.standing]}" if candidate else "there is none"
-            raise CheckFailed(f"{verb} refused: {there}; {hint}")
+            raise CheckFailed(f"{_words(verb)} refused: {there}; {hint}")
         return candidate
 
-    def _stepped(self, before: int, old: Configuration) -> tuple[Shadow, list[Change]]:
+    def _stepped(self, before: int, old: Configuration) -> tuple[replies.Candidate, list[Change]]:
         """The candidate after a command, and what that has changed."""
         self._notice()
         shadow = report(self._candidate, self._controller.status)
         moved = Change(key="candidate", old=SHADOW_NAMES[before], new=shadow["standing"])
         return shadow, [moved, *changes(old, self._prepared.configuration)]
 
-    def standing(self) -> Shadow:
+    def candidate_show(self) -> replies.Candidate:
         """Where the candidate stands, with its figures."""
         self.notice()
         return report(self._candidate, self._controller.status)
@@ -328,8 +331,8 @@ class Tuning:
     def _take_back(self, candidate: Candidate) -> None:
         assert candidate.former is not None
         self._put_in_force(candidate.former)
-        if candidate.withdrawn:
-            candidate.reason = "it was withdrawn"
+        if candidate.discarded:
+            candidate.reason = "it was discarded"
             return
         axes = list(self._prepared.configuration.axes)
         taken_back = why_taken_back(self._controller.status, self._controller.state, axes)
@@ -340,9 +343,14 @@ class Tuning:
 
     def _put_in_force(self, prepared: Prepared) -> None:
         self._controller.prepared = prepared
-        self._tell(prepared.source)
+        self._announce(prepared.source)
 
     def _keep(self, source: Source) -> None:
         """`source` is the file now, and says what runs."""
         self._file = source
         self._put_in_force(replace(self._prepared, source=source))
+
+
+def _words(verb: str) -> str:
+    """A verb as its command is typed."""
+    return verb.replace("_", " ")

@@ -15,7 +15,7 @@ from micromanip.host.recording.recording import Extent
 from micromanip.host.recording.recordings import Recordings
 from micromanip.replies import Change
 from micromanip.rt import states
-from micromanip.settings.moved import Wanted
+from micromanip.settings.move_plan import MoveRequest
 from micromanip.settings.schema.base import Settings
 from micromanip.settings.text.source import Source
 
@@ -87,15 +87,10 @@ def _changing(kind: type[_Fields], change: Callable[[_Fields], Awaitable[Any]]) 
 
 
 def _asked(given: Mapping[str, Any]) -> list[Change]:
-    """What a request wanted: the new values of a `set` or `shadow`, the fields of any other."""
+    """What a request wanted: the new values of a `set` or `candidate_set`, the fields of any other."""
     changes = given.get("changes")
     wanted = changes if isinstance(changes, Mapping) else given
     return [Change(key=key, old=None, new=value) for key, value in wanted.items()]
-
-
-def _right_to_shadow(request: Request) -> Right:
-    """To see where the last candidate stands is to observe."""
-    return Right.OPERATE if request.fields.get("changes") else Right.OBSERVE
 
 
 class Verbs:
@@ -133,17 +128,18 @@ class Verbs:
             "save": _changing(fields.Save, lambda given: tuning.save(force=given.force)),
             "reload": _changing(fields.Nothing, lambda _: tuning.reload()),
             "jog": self._jog,
-            "promote": _given(fields.Nothing, lambda _: tuning.promote()),
-            "withdraw": _given(fields.Nothing, lambda _: tuning.withdraw()),
-            "record_start": self._record_start,
-            "record_stop": self._record_stop,
-            "record_mark": self._record_mark,
+            "candidate_set": _changing(fields.Set, lambda given: tuning.candidate_set(given.changes)),
+            "candidate_promote": _given(fields.Nothing, lambda _: tuning.candidate_promote()),
+            "candidate_discard": _given(fields.Nothing, lambda _: tuning.candidate_discard()),
+            "recording_start": self._recording_start,
+            "recording_stop": self._recording_stop,
+            "recording_mark": self._recording_mark,
             "arm": self._commanded(states.ARM),
             "disarm": self._commanded(states.DISARM),
             "hold": self._commanded(states.HOLD),
             "reset": self._commanded(states.RESET),
-            "part_begin": self._commanded(states.BEGIN_PART),
-            "part_end": self._commanded(states.END_PART),
+            "learn_part_begin": self._commanded(states.BEGIN_PART),
+            "learn_part_end": self._commanded(states.END_PART),
             "learn_reset": _given(fields.Forget, self._learn_reset),
         }
         stops = ("disarm", "hold")
@@ -153,14 +149,14 @@ class Verbs:
             "configuration": observing(_looking(fields.Nothing, lambda _: self._configuration())),
             "get": observing(_given(fields.Get, lambda given: tuning.get(given.keys))),
             "diff": observing(_given(fields.Nothing, lambda _: tuning.diff())),
-            "audit": observing(_given(fields.Last, lambda given: asyncio.to_thread(self._trail.last, given.last))),
+            "log": observing(_given(fields.Last, lambda given: asyncio.to_thread(self._trail.last, given.last))),
             "learn_status": observing(_looking(fields.Nothing, lambda _: self._learning().status())),
-            "shadow": Verb(self._shadow, _right_to_shadow),
-            "sensitivity": operating(self._sensitivity),
+            "candidate_show": observing(_looking(fields.Nothing, lambda _: tuning.candidate_show())),
+            "analyse_live": operating(self._analyse_live),
             "move": operating(self._move),
             **{name: operating(noted(self._trail, act), stops=name in stops) for name, act in operations.items()},
         }
-        return {name: verb if name.startswith("record_") else self._heard(verb) for name, verb in verbs.items()}
+        return {name: verb if name.startswith("recording_") else self._heard(verb) for name, verb in verbs.items()}
 
     def _heard(self, verb: Verb) -> Verb:
         """The same; `operated` hears of it where it takes the right to operate. To record is not to operate a cell."""
@@ -214,7 +210,7 @@ class Verbs:
         jogged, moved = await self._tuning.jog(given.axis, by_um=given.by_um, to_um=given.to_um)
         return jogged, [moved]
 
-    async def _sensitivity(self, request: Request) -> Any:
+    async def _analyse_live(self, request: Request) -> Any:
         given = request.read(fields.Inject)
         if given.number is not None:
             return self._tuning.injected(given.number)
@@ -234,31 +230,24 @@ class Verbs:
 
     async def _begin_move(self, request: Request) -> tuple[replies.Moved, Sequence[Change]]:
         given = request.read(fields.Moves)
-        wanted = Wanted.model_validate(given.model_dump(exclude={"axis"}))
+        wanted = MoveRequest.model_validate(given.model_dump(exclude={"axis"}))
         moved = await self._tuning.move(given.axis, wanted)
         what = ", ".join(f"{name} {value}" for name, value in request.fields.items() if name != "axis")
         return moved, [Change(key=f"axes.{given.axis}", old=None, new=f"moved: {what}")]
 
-    async def _shadow(self, request: Request) -> Any:
-        if _right_to_shadow(request) is Right.OPERATE:
-            offer = _changing(fields.Offer, lambda given: self._tuning.shadow(given.changes))
-            return await noted(self._trail, offer)(request)
-        request.read(fields.Offer)
-        return self._tuning.standing()
-
-    async def _record_start(self, request: Request) -> tuple[status_reply.Recorded, Sequence[Change]]:
+    async def _recording_start(self, request: Request) -> tuple[status_reply.Recorded, Sequence[Change]]:
         given = request.read(fields.RecordStart)
         ends = given.triggers, given.after_s or 0.0
         extent = Extent(given.before_s, *ends, given.segment_s, given.quota_bytes)
         begun = await self._recordings.start(given.file, extent)
         return begun, [Change(key="recording", old=None, new=begun["file"])]
 
-    async def _record_stop(self, request: Request) -> tuple[status_reply.Recorded, Sequence[Change]]:
+    async def _recording_stop(self, request: Request) -> tuple[status_reply.Recorded, Sequence[Change]]:
         request.read(fields.Nothing)
         ended = await self._recordings.stop()
         return ended, [Change(key="recording", old=ended["file"], new=None)]
 
-    async def _record_mark(self, request: Request) -> tuple[replies.Marked, Sequence[Change]]:
+    async def _recording_mark(self, request: Request) -> tuple[replies.Marked, Sequence[Change]]:
         marked = self._recordings.mark(request.read(fields.RecordMark).text, request.peer.user)
         return marked, [Change(key="mark", old=None, new=marked["text"])]
 

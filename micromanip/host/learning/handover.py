@@ -19,9 +19,9 @@ from micromanip.errors import CheckFailed
 from micromanip.rt.laws.learned import PLAYS
 from micromanip.rt.states import TRACKING
 from micromanip.settings.check import Prepared
-from micromanip.settings.commissioned import tuning_hash
 from micromanip.settings.schema.learning import Learning
 from micromanip.settings.schema.model import Configuration
+from micromanip.settings.tuning_hash import tuning_hash
 
 from ..controller import Controller
 

@@ -126,7 +126,7 @@ class LearningService:
         """Nothing that was learned of `axes` is played any more; the process hears of it until it has answered."""
         self._handover.forgotten |= set(axes)
         self._forget |= dict.fromkeys(axes, keep)
-        self._child.tell({"forget": dict.fromkeys(axes, keep)})
+        self._child.send({"forget": dict.fromkeys(axes, keep)})
 
     async def _keep_alive(self) -> None:
         while True:
@@ -172,7 +172,7 @@ class LearningService:
                 await self._note([Change(key=f"learning.{said['forgotten']}", old=None, new=said["aside"])])
         elif "ready" in said:
             self._state = "learning"
-            self._child.tell({"temperature_C": self._sent_C})  # it may have changed while the process was being started
+            self._child.send({"temperature_C": self._sent_C})  # it may have changed while the process was being started
             self._say("READY to learn from part to part")
         elif "shown" in said:
             self._take(said)
@@ -228,11 +228,11 @@ class LearningService:
         sent_C = self._sent_C
         if now_C is None or sent_C is None or abs(now_C - sent_C) >= _TENTH_K:
             if now_C != sent_C:
-                self._child.tell({"temperature_C": now_C})
+                self._child.send({"temperature_C": now_C})
             self._sent_C = now_C
         cell = self._controller.status["state"][0]
         await self._drop_faulty(cell)
-        await self._tell_ends(cell)
+        await self._publish_ends(cell)
         await self._handover.look(self._controller, self._put)
 
     def _temperature_C(self) -> float | None:
@@ -247,7 +247,7 @@ class LearningService:
         is_old = most_us is not None and age_ns > 1e3 * most_us + _LATE_NS
         return None if signal["sequence"] == 0 or signal["status"] != 0 or is_old or not math.isfinite(value) else value
 
-    async def _tell_ends(self, cell: Any) -> None:
+    async def _publish_ends(self, cell: Any) -> None:
         """Say once for all its axes, and note, why a correction ended early."""
         learned, number = cell["axis"]["learned"], int(cell["parts"])
         for kind in (PATH_LEFT, BROKEN_OFF, PART_ENDED, OTHER_TOOL):

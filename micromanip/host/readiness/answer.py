@@ -69,7 +69,7 @@ class Answer:
         }
 
 
-def described(machine: Machine, loop: Loop) -> dict[str, Any]:
+def machine_and_loop(machine: Machine, loop: Loop) -> dict[str, Any]:
     """Which machine, kernel and release the answer is about, and how the loop would run."""
     model = re.search(r"^model name\s*:\s*(.*)$", machine.read("proc/cpuinfo") or "", re.MULTILINE)
     return {

@@ -149,25 +149,25 @@ def refuse_beside_a_controller(root: Path = Path("/")) -> None:
                 )
 
 
-def measure(loop: Loop, cpu: int, seconds: float, tell: Callable[[str], None]) -> Timed:
-    """Run everything on `cpu`, `seconds` each; `tell` hears what goes on.
+def measure(loop: Loop, cpu: int, seconds: float, progress: Callable[[str], None]) -> Timed:
+    """Run everything on `cpu`, `seconds` each; `progress` hears what goes on.
 
     Raises CheckFailed beside a running controller, and what `Controller.start` does.
     """
     refuse_beside_a_controller()
     cell, machine = simulated_cell(loop), Machine()
     missing: list[str] = []
-    tell(f"the loop at rest, {seconds:g} s")
+    progress(f"the loop at rest, {seconds:g} s")
     quiet = asyncio.run(run_in_ready(cell, seconds))
-    reference = _cyclictest(loop, cpu, seconds, "at rest", tell, missing)
+    reference = _cyclictest(loop, cpu, seconds, "at rest", progress, missing)
     with loaded(4 * seconds + _STARTING_S) as processes:
-        tell(f"the loop beside {processes} busy processes, {seconds:g} s")
+        progress(f"the loop beside {processes} busy processes, {seconds:g} s")
         watched = _Watched(machine, cpu)
         busy = asyncio.run(run_in_ready(cell, seconds, watched))
         counters = watched.since()
-        busy_reference = _cyclictest(loop, cpu, seconds, "under load", tell, missing)
-        late = _traced(cell, cpu, seconds, tell, missing)
-    gaps = _clock_gaps(loop, cpu, seconds, tell, missing)
+        busy_reference = _cyclictest(loop, cpu, seconds, "under load", progress, missing)
+        late = _traced(cell, cpu, seconds, progress, missing)
+    gaps = _clock_gaps(loop, cpu, seconds, progress, missing)
     at_rest, under_load = Condition(quiet, reference), Condition(busy, busy_reference)
     return Timed(seconds, processes, at_rest, under_load, counters, gaps, late, tuple(missing))
 
@@ -189,11 +189,11 @@ class _Watched:
 
 
 def _cyclictest(
-    loop: Loop, cpu: int, seconds: float, when: str, tell: Callable[[str], None], missing: list[str]
+    loop: Loop, cpu: int, seconds: float, when: str, progress: Callable[[str], None], missing: list[str]
 ) -> dict[int, int] | None:
     try:
         cyclictest.require_cyclictest()
-        tell(f"cyclictest {when}, {seconds:g} s")
+        progress(f"cyclictest {when}, {seconds:g} s")
         return cyclictest.measure(loop.period_ns, loop.priority, cpu, seconds)
     except DeviceUnavailable as reason:
         if str(reason) not in missing:
@@ -202,9 +202,9 @@ def _cyclictest(
 
 
 def _clock_gaps(
-    loop: Loop, cpu: int, seconds: float, tell: Callable[[str], None], missing: list[str]
+    loop: Loop, cpu: int, seconds: float, progress: Callable[[str], None], missing: list[str]
 ) -> dict[str, float] | None:
-    tell(f"a process that only watches the clock, {seconds:g} s")
+    progress(f"a process that only watches the clock, {seconds:g} s")
     command = [sys.executable, "-P", "-m", "micromanip.host.readiness.clock_gaps"]
     command += [str(cpu), str(loop.priority), str(seconds)]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=seconds * 3 + 60)
@@ -216,13 +216,13 @@ def _clock_gaps(
 
 
 def _traced(
-    cell: Prepared, cpu: int, seconds: float, tell: Callable[[str], None], missing: list[str]
+    cell: Prepared, cpu: int, seconds: float, progress: Callable[[str], None], missing: list[str]
 ) -> tuple[tracing.LateCycle, ...]:
     """The latest cycles of a run of its own: the trace itself costs the loop some time."""
     if (reason := tracing.why_not()) is not None:
         missing.append(f"what made the loop late: {reason}")
         return ()
-    tell(f"the loop beside them, and the kernel's trace of CPU {cpu}, {seconds:g} s")
+    progress(f"the loop beside them, and the kernel's trace of CPU {cpu}, {seconds:g} s")
     found: list[tracing.LateCycle] = []
     spin_ns = round(cell.configuration.loop.spin_us * 1e3)
     try:

@@ -15,7 +15,7 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
-from micromanip.host.orders import Orders, tell
+from micromanip.host.orders import Orders, send_message
 from micromanip.host.ring import RingReader
 from micromanip.host.shared_memory import CONTROL, RING, STATUS, Segments
 
@@ -47,9 +47,9 @@ def main() -> int:
     try:
         recording = McapSeries(orders) if orders.get("segment_s") else McapRecording(orders)
     except OSError as problem:
-        tell(problem=f"{orders['file']} can't be written: {problem.strerror}")
+        send_message(problem=f"{orders['file']} can't be written: {problem.strerror}")
         return 69
-    tell(open=True)
+    send_message(open=True)
     first = told.next()
     if first is None:  # there was no snapshot to begin with
         _discard(recording)
@@ -58,18 +58,18 @@ def main() -> int:
     try:
         recording.begin(segments.status.record(STATUS)["snapshot"][0], played if len(played) > 1 else None)
     except OSError as problem:
-        tell(problem=f"{orders['file']} can't be written: {problem.strerror}")
+        send_message(problem=f"{orders['file']} can't be written: {problem.strerror}")
         _discard(recording)
         return 69
-    tell(begun=True)
+    send_message(begun=True)
     try:
         _record(recording, reader, told, _Wanted(orders, first), segments)
         size = recording.size_bytes
         recording.close()
     except OSError as problem:  # what was written before it is whole
-        tell(rows=recording.written, lost=reader.lost, problem=problem.strerror)
+        send_message(rows=recording.written, lost=reader.lost, problem=problem.strerror)
         return 1
-    tell(rows=recording.written, bytes=size, lost=reader.lost, armed=False, complete=True)
+    send_message(rows=recording.written, bytes=size, lost=reader.lost, armed=False, complete=True)
     return 0
 
 
@@ -115,7 +115,7 @@ def _record(recording: Recording, reader: RingReader, told: Orders, wanted: _Wan
             told_s = time.monotonic()
             progress = {"rows": recording.written, "bytes": recording.size_bytes, "lost": reader.lost}
             name = {"file": str(recording.file)} if isinstance(recording, McapSeries) else {}
-            tell(**progress, **name, armed=window.is_armed)
+            send_message(**progress, **name, armed=window.is_armed)
 
 
 def _discard(recording: Recording) -> None:

@@ -111,7 +111,7 @@ class RecorderProcess:
         until_s = time.monotonic() + _PATIENCE_S
         try:
             await self._hear("open", until_s)
-            self._child.tell(await self._snapshot())
+            self._child.send(await self._snapshot())
             await self._hear("begun", until_s)
         except BaseException:
             self._child.end_orders()  # one that has opened its file takes it away
@@ -130,7 +130,7 @@ class RecorderProcess:
 
     def mark(self, text: str, cycle: int, by: str) -> None:
         """Put a remark on the present `cycle` into the file."""
-        self._child.tell({"text": text, "cycle": cycle, "by": by, "time_ns": time.monotonic_ns()})
+        self._child.send({"text": text, "cycle": cycle, "by": by, "time_ns": time.monotonic_ns()})
         self._report["marks"] += 1
 
     async def stop(self) -> str | None:
@@ -150,9 +150,9 @@ class RecorderProcess:
             self._report["message"] = f"the recorder of {self._file} did not end: does its disk hang?"
         if self._report["message"] is not None:
             return f"WARNING: {self._report['message']}"
-        return self._told()
+        return self._outcome()
 
-    def _told(self) -> str:
+    def _outcome(self) -> str:
         return f"recorded {self._report['rows']} cycles to {self._file}, {self._report['dropped']} lost"
 
     async def _snapshot(self) -> int:
@@ -188,7 +188,7 @@ class RecorderProcess:
             with contextlib.suppress(CheckFailed):  # a loop that has ended, or stands still, makes none
                 cycle = await self._controller.snapshot()
                 if self.runs:
-                    self._child.tell({"state": cycle})
+                    self._child.send({"state": cycle})
 
     async def _follow(self) -> None:
         """Take note of what it says until it ends; tell at once where it was not told to."""
@@ -200,7 +200,7 @@ class RecorderProcess:
         if "complete" in last:
             self._report["state"] = "complete"
             if not self._stopping:
-                self._say(self._told())
+                self._say(self._outcome())
             return
         if "problem" in last:
             why = f"{self._file}: {last['problem']}"

@@ -92,7 +92,7 @@ def write(source: Source, files: Mapping[str, str | None], folder: Path) -> None
         held.write(path.name, json.dumps(document).encode(), 0o640)
 
 
-class SnapshotKeeper:
+class SnapshotService:
     """Keeps the snapshot of what runs up to date."""
 
     def __init__(self, prepared: Prepared, folder: Path, say: Callable[[str], None]) -> None:

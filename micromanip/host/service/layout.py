@@ -56,22 +56,22 @@ class Machine:
         return text
 
 
-def this_machine(tell: Callable[[MicromanipError], None]) -> Machine:
+def this_machine(report: Callable[[MicromanipError], None]) -> Machine:
     """The running one.
 
-    `tell` gets what stands in the way of a service here: a CheckFailed where it can't see the program, a
+    `report` gets what stands in the way of a service here: a CheckFailed where it can't see the program, a
     DeviceUnavailable without systemd. It raises it, or goes on as if that were mended.
     """
     program = Path(sys.executable).with_name("micromanip")
     if not program.is_file():
-        tell(CheckFailed(f"{program} is not there: install the program, e.g. into {_ELSEWHERE} (docs/your-cell.md)"))
+        report(CheckFailed(f"{program} is not there: install the program, e.g. into {_ELSEWHERE} (docs/your-cell.md)"))
     package = Path(micromanip.__file__ or "").resolve().parent
     if found := _UNNAMEABLE.intersection(str(program)):
         told = f"{program}: systemd starts nothing whose path has {' or '.join(sorted(found))} in it"
-        tell(CheckFailed(f"{told}; install the program elsewhere, e.g. into {_ELSEWHERE} (docs/your-cell.md)"))
+        report(CheckFailed(f"{told}; install the program elsewhere, e.g. into {_ELSEWHERE} (docs/your-cell.md)"))
     for path in (program, Path(sys.executable).resolve(), package):
         if any(path.is_relative_to(hidden) for hidden in _HIDDEN):
-            tell(
+            report(
                 CheckFailed(
                     f"{path} lies in a folder that a service does not see; install the program elsewhere, e.g. into "
                     f"{_ELSEWHERE} (docs/your-cell.md)"
@@ -82,7 +82,7 @@ def this_machine(tell: Callable[[MicromanipError], None]) -> Machine:
     try:
         version = systemd_version()
     except DeviceUnavailable as problem:
-        tell(problem)
+        report(problem)
         version = _NOTIFY_RELOAD_SINCE
     return Machine(version, program)
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from micromanip.rt.states import STAGE, STRAIN, TRACKING
 
-from .store import Box
+from .store import TripRecord
 
 _SENSORS = (("strain", 1, "strain gauge"), ("stage", 2, "capacitive sensor"), ("deviation", 4, "reference signal"))
 _LINES = (
@@ -41,13 +41,13 @@ class Moment:
     text: str
 
 
-def milliseconds(box: Box) -> NDArray[np.float64]:
+def milliseconds(box: TripRecord) -> NDArray[np.float64]:
     """Time (ms) of each row from the trip."""
     passed: NDArray[np.float64] = (box.rows["cycle"] - box.trip["cycle"]) * (box.meta["period_ns"] * 1e-6)
     return passed
 
 
-def parameters_of(box: Box, axis: int) -> Any:
+def parameters_of(box: TripRecord, axis: int) -> Any:
     """The axis' parameters that were in force at the trip (the last ones where that is not known)."""
     at = int(np.searchsorted(box.rows["cycle"], box.trip["cycle"]))
     version = box.rows["version"][min(at, len(box.rows) - 1)] if len(box.rows) else -1
@@ -55,7 +55,7 @@ def parameters_of(box: Box, axis: int) -> Any:
     return box.parameters[chosen[0] if len(chosen) else -1]["axis"][axis]
 
 
-def error_um(box: Box, axis: int) -> NDArray[np.float64]:
+def error_um(box: TripRecord, axis: int) -> NDArray[np.float64]:
     """How far (um) the axis was from where it should be, each row and as measured: stage, or gauge in mode strain.
 
     It is the error that the loop acted on and watched (``rt/setpoint_history.py``), which not every row holds: a sample
@@ -79,14 +79,14 @@ def error_um(box: Box, axis: int) -> NDArray[np.float64]:
     return error
 
 
-def at_end_of_range(box: Box, axis: int) -> NDArray[np.bool_]:
+def at_end_of_range(box: TripRecord, axis: int) -> NDArray[np.bool_]:
     """Whether the voltage is at an end of its range, each row."""
     limiter, voltage = parameters_of(box, axis)["limiter"], box.rows["axis"]["voltage_V"][:, axis]
     at_end: NDArray[np.bool_] = (voltage >= limiter["high_V"]) | (voltage <= limiter["low_V"])
     return at_end
 
 
-def observations(box: Box) -> list[Moment]:
+def observations(box: TripRecord) -> list[Moment]:
     """All moments, in the order of time; of each kind those that are nearest to the trip."""
     if not len(box.rows):
         return []
@@ -111,14 +111,14 @@ def runs(flags: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
     yield from zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
 
 
-def _missed_deadlines(box: Box) -> Iterator[Moment]:
+def _missed_deadlines(box: TripRecord) -> Iterator[Moment]:
     ms, periods = milliseconds(box), box.rows["periods"]
     for k in np.flatnonzero(periods > 1):
         missed = int(periods[k]) - 1
         yield Moment(float(ms[k]), None, f"{missed} deadline{'s' if missed > 1 else ''} missed")
 
 
-def _switched(box: Box) -> Iterator[Moment]:
+def _switched(box: TripRecord) -> Iterator[Moment]:
     """Digital lines that changed."""
     ms, lines = milliseconds(box), box.rows["lines"]
     for bit, words in enumerate(_LINES):
@@ -127,7 +127,7 @@ def _switched(box: Box) -> Iterator[Moment]:
             yield Moment(float(ms[k]), None, words[level[k]])
 
 
-def _pauses(box: Box, axis: int, name: str, bit: int, words: str) -> Iterator[Moment]:
+def _pauses(box: TripRecord, axis: int, name: str, bit: int, words: str) -> Iterator[Moment]:
     """Times without a good sample, much longer than usual on this channel."""
     cycles, ms = box.rows["cycle"], milliseconds(box)
     fresh = np.flatnonzero(box.rows["axis"]["fresh"][:, axis] & bit)
@@ -142,7 +142,7 @@ def _pauses(box: Box, axis: int, name: str, bit: int, words: str) -> Iterator[Mo
             yield Moment(begin, name, f"{words}: no good sample {lasting}")
 
 
-def _frozen(box: Box, axis: int, name: str) -> Iterator[Moment]:
+def _frozen(box: TripRecord, axis: int, name: str) -> Iterator[Moment]:
     rows = box.rows["axis"][:, axis]
     fresh = np.flatnonzero(rows["fresh"] & 1)
     for first, last in runs(np.diff(rows["strain_um"][fresh]) == 0.0):
@@ -151,7 +151,7 @@ def _frozen(box: Box, axis: int, name: str) -> Iterator[Moment]:
             yield Moment(begin, name, f"strain gauge: the same reading {last - first + 1} times in a row")
 
 
-def _saturations(box: Box, axis: int, name: str) -> Iterator[Moment]:
+def _saturations(box: TripRecord, axis: int, name: str) -> Iterator[Moment]:
     ms = milliseconds(box)
     stretches: list[list[int]] = []
     for first, last in runs(at_end_of_range(box, axis)):
@@ -166,7 +166,7 @@ def _saturations(box: Box, axis: int, name: str) -> Iterator[Moment]:
             yield Moment(float(ms[first]), name, f"voltage at the end of its range, {volts:g} V, for {lasting:.1f} ms")
 
 
-def _grown_error(box: Box, axis: int, name: str) -> list[Moment]:
+def _grown_error(box: TripRecord, axis: int, name: str) -> list[Moment]:
     """Where the error left what had been usual, and did not come back before the trip."""
     ms, error = milliseconds(box), np.abs(error_um(box, axis))
     tracking = box.rows["state"] == TRACKING

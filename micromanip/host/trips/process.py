@@ -21,12 +21,12 @@ from numpy.typing import NDArray
 
 from micromanip.errors import CheckFailed
 from micromanip.faults import BY_NAME, LOOP_DIED, FaultReport, latched
-from micromanip.host.orders import Orders, tell
+from micromanip.host.orders import Orders, send_message
 from micromanip.host.ring import RingReader
 from micromanip.host.shared_memory import CONTROL, RING, STATUS, Segments
 from micromanip.rt import mailbox as w
 
-from .store import FORMAT, Box, Shelf
+from .store import FORMAT, TripArchive, TripRecord
 
 LOOP_DEATH = -1
 """The key of the trip that the loop's death is; every other trip has its number."""
@@ -71,24 +71,24 @@ class Capture:
         """Faults that were latched so far: the number of the newest trip."""
         return int(self._status["words"][w.TRIPS])
 
-    def tripped(self) -> Box:
+    def tripped(self) -> TripRecord:
         """The box of the newest trip, with what the ring holds of the time before it."""
         state = self._state()
         rows = self._rows(since=int(state[0]["fault_cycle"]) - self._cycles(BEFORE_S))
         report = latched(state[0], self.cell.axes, self.cell.drivers)[-1]
         return self._box(report, rows, _first_faulty(rows, int(state[0]["fault"])), state)
 
-    def died(self, report: FaultReport) -> Box:
+    def died(self, report: FaultReport) -> TripRecord:
         """The box of a loop that ended without a word; `report` is what was seen of it."""
         state = self._state()
         rows = self._rows(since=int(state[0]["cycle"]) - self._cycles(BEFORE_S))
         return self._box(report, rows, len(rows) - 1, state)
 
-    def is_over(self, box: Box) -> bool:
+    def is_over(self, box: TripRecord) -> bool:
         """Whether the time after the trip has passed, or will never pass."""
         return self.finished or int(self._status["words"][w.CYCLE]) >= box.trip["cycle"] + self._cycles(AFTER_S)
 
-    def completed(self, box: Box) -> Box:
+    def completed(self, box: TripRecord) -> TripRecord:
         """The same box with the cycles after the trip, and all sets of parameters that were in force."""
         known = int(box.rows["cycle"][-1]) if len(box.rows) else -1
         new = _between(self._rows(since=known), known + 1, box.trip["cycle"] + self._cycles(AFTER_S))
@@ -102,7 +102,7 @@ class Capture:
     def _cycles(self, seconds: float) -> int:
         return round(seconds * 1e9 / self.cell.period_ns)
 
-    def _box(self, report: FaultReport, rows: NDArray[Any], at: int, state: NDArray[Any]) -> Box:
+    def _box(self, report: FaultReport, rows: NDArray[Any], at: int, state: NDArray[Any]) -> TripRecord:
         """The box of a trip in the row `at`; without any row it has only the state."""
         monotonic_ns = int(rows["time_ns"][at]) if len(rows) else time.monotonic_ns()
         cycle = int(rows["cycle"][at]) if len(rows) else int(state[0]["cycle"])
@@ -121,7 +121,7 @@ class Capture:
             "path": self.cell.path,
         }
         rows = _between(rows, cycle - self._cycles(BEFORE_S), cycle + self._cycles(AFTER_S))
-        return Box(meta, rows, self._parameters(rows), state, _events(state))
+        return TripRecord(meta, rows, self._parameters(rows), state, _events(state))
 
     def _rows(self, since: int) -> NDArray[Any]:
         """All rows that the ring holds of the cycles from `since` on, and some before: a row is a cycle or more."""
@@ -171,17 +171,17 @@ def _first_faulty(rows: NDArray[Any], fault: int) -> int:
 class Watch:
     """What the process has seen so far."""
 
-    def __init__(self, capture: Capture, shelf: Shelf, known: int, stuck_s: float) -> None:
-        self._capture, self._shelf, self._stuck_s = capture, shelf, stuck_s
+    def __init__(self, capture: Capture, archive: TripArchive, known: int, stuck_s: float) -> None:
+        self._capture, self._archive, self._stuck_s = capture, archive, stuck_s
         self._seen = known
-        self._open: tuple[Box, int] | None = None
+        self._open: tuple[TripRecord, int] | None = None
         self._cycles, self._turned = -1, time.monotonic()
         self.over = False
 
     def resume(self, file: Path, key: int) -> None:
         """Complete the half of a box that a process before this one has left."""
         with contextlib.suppress(CheckFailed):  # somebody has removed it
-            self._open = (Box.load(file), key)
+            self._open = (TripRecord.load(file), key)
 
     def look(self, *, host_lives: bool) -> None:
         """Notice a trip, complete the one before; `over` once nothing more can come."""
@@ -193,7 +193,7 @@ class Watch:
             self._seen = newest
         if self._open is not None and self._capture.is_over(self._open[0]):
             self._complete()
-        self._shelf.retry()
+        self._archive.retry()
         if self._capture.cycles != self._cycles:
             self._cycles, self._turned = self._capture.cycles, time.monotonic()
         if finished:
@@ -211,17 +211,17 @@ class Watch:
     def close(self) -> None:
         """A last try for everything that is not on disk yet."""
         self._complete()
-        self._shelf.give_up()
+        self._archive.give_up()
 
-    def _begin(self, box: Box, key: int) -> None:
+    def _begin(self, box: TripRecord, key: int) -> None:
         self._open = (box, key)
-        self._shelf.put(box, key)
+        self._archive.put(box, key)
 
     def _complete(self) -> None:
         if self._open is not None:
             box, key = self._open
             self._open = None
-            self._shelf.put(self._capture.completed(box), key)
+            self._archive.put(self._capture.completed(box), key)
 
 
 def main() -> int:
@@ -236,11 +236,12 @@ def main() -> int:
     capture = Capture(
         _cell(orders), segments.control.record(CONTROL), segments.status.record(STATUS), segments.ring.record(RING)
     )
-    watch = Watch(capture, Shelf(Path(orders["folder"]), orders["kept"], tell), orders["known"], orders["stuck_s"])
+    archive = TripArchive(Path(orders["folder"]), orders["kept"], send_message)
+    watch = Watch(capture, archive, orders["known"], orders["stuck_s"])
     if begun := orders["begun"]:
         watch.resume(Path(begun["file"]), begun["key"])
     segments.ring.bytes()[::_PAGE].max()  # map its pages now, not at the trip
-    tell(ready=True)
+    send_message(ready=True)
     while not watch.over:
         if told.ended:
             time.sleep(_LOOK_S)

@@ -14,7 +14,7 @@ from micromanip.rt import states as states_of
 from micromanip.rt.states import REACTION_NAMES, STATE_NAMES, WARN
 
 from .evidence import Moment, at_end_of_range, error_um, milliseconds, observations, parameters_of
-from .store import Box
+from .store import TripRecord
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -53,7 +53,7 @@ _SHADES = {
 }
 
 
-def story(box: Box, file: Path) -> dict[str, Any]:
+def story(box: TripRecord, file: Path) -> dict[str, Any]:
     """The whole explanation as plain data; `lines` makes text of it."""
     trip = box.trip
     kind = next((kind for kind in BY_NAME.values() if kind.code == trip["code"]), None)
@@ -84,7 +84,7 @@ def story(box: Box, file: Path) -> dict[str, Any]:
     }
 
 
-def states(box: Box) -> list[tuple[float, str]]:
+def states(box: TripRecord) -> list[tuple[float, str]]:
     """Each state of the cell and the time (ms from the trip) at which the rows first show it."""
     if not len(box.rows):
         return []
@@ -93,7 +93,7 @@ def states(box: Box) -> list[tuple[float, str]]:
     return [(float(ms[k]), STATE_NAMES[state[k]]) for k in changes]
 
 
-def _timeline(box: Box) -> list[Moment]:
+def _timeline(box: TripRecord) -> list[Moment]:
     """Evidence, faults and warnings, and states; at the same time in this order."""
     changes = [
         Moment(ms, None, f"{name}{'' if k else ' already'}: {_MEANING.get(name, '')}")
@@ -102,7 +102,7 @@ def _timeline(box: Box) -> list[Moment]:
     return sorted([*observations(box), *_raised(box), *changes], key=lambda moment: moment.ms)
 
 
-def _raised(box: Box) -> list[Moment]:
+def _raised(box: TripRecord) -> list[Moment]:
     """Faults and warnings of the time that the box holds, the trip at 0."""
     trip, moments, told = box.trip, [], False
     for event in box.events:
@@ -118,7 +118,7 @@ def _raised(box: Box) -> list[Moment]:
     return moments
 
 
-def _noticed(box: Box, event: Any, ms: float) -> Moment:
+def _noticed(box: TripRecord, event: Any, ms: float) -> Moment:
     """One fault or warning; one that this version does not know has its number."""
     report, reaction = raised(event, box.meta["axes"]), int(event["reaction"])
     if report is None:
@@ -127,7 +127,7 @@ def _noticed(box: Box, event: Any, ms: float) -> Moment:
     return Moment(ms, report.axis, f"{report.kind.code} {report.measured}{reacted}")
 
 
-def _axis(box: Box, axis: int) -> dict[str, float | list[float] | None]:
+def _axis(box: TripRecord, axis: int) -> dict[str, float | list[float] | None]:
     """Where the axis was at the trip: the last cycle before it, in which it was still controlled."""
     if not len(box.rows):
         return {}
@@ -200,7 +200,7 @@ def _axis_words(axis: dict[str, Any]) -> str:
     return f"error {axis['error_um']:.2f} um (largest before {axis['max_error_um']:.2f} um), {voltage}"
 
 
-def draw(box: Box) -> Figure:
+def draw(box: TripRecord) -> Figure:
     """Errors and voltages with their range, both also near the trip, states shaded; and a sensor that tripped."""
     from matplotlib.figure import Figure
 
@@ -240,7 +240,7 @@ def draw(box: Box) -> Figure:
     return figure
 
 
-def _draw_sensor(panel: Any, box: Box, sensor: str, span: tuple[float, float]) -> None:
+def _draw_sensor(panel: Any, box: TripRecord, sensor: str, span: tuple[float, float]) -> None:
     """What the sensor of the axis that tripped said, each fresh sample a dot, beside what it should have said."""
     axis, ms = box.meta["axes"].index(box.trip["axis"]), milliseconds(box)
     row, shown = box.rows["axis"][:, axis], (ms >= span[0]) & (ms <= span[1])
@@ -253,12 +253,12 @@ def _draw_sensor(panel: Any, box: Box, sensor: str, span: tuple[float, float]) -
     panel.legend(loc="upper left", fontsize="small")
 
 
-def save(box: Box, file: Path) -> None:
+def save(box: TripRecord, file: Path) -> None:
     """Draw the trip into a PNG or SVG file."""
     draw(box).savefig(file, dpi=_DPI, metadata={"Date": None} if file.suffix == ".svg" else None)
 
 
-def _shade(panel: Any, box: Box, span: tuple[float, float]) -> None:
+def _shade(panel: Any, box: TripRecord, span: tuple[float, float]) -> None:
     """States as coloured stretches with their names."""
     begun = states(box)
     ends = [*(ms for ms, _ in begun[1:]), span[1]]
@@ -277,7 +277,7 @@ def _shade(panel: Any, box: Box, span: tuple[float, float]) -> None:
                 )
 
 
-def _fit(panel: Any, box: Box, span: tuple[float, float]) -> None:
+def _fit(panel: Any, box: TripRecord, span: tuple[float, float]) -> None:
     """The height shows the errors up to shortly after the trip; what the ramp leaves behind may run out of it."""
     ms = milliseconds(box)
     shown = (ms >= span[0]) & (ms <= min(span[1], 5.0))

@@ -6,7 +6,7 @@ A trip is a ``.npz`` without pickles, so that any numpy reads it:
 - ``parameters``: each set of parameters that was in force in them; a row's ``version`` names one
 - ``state``: the loop's whole state (1,) as soon as the trip was seen
 - ``events``: the faults and warnings that were raised last, in their order (``micromanip.rt.faults.EVENT``)
-- ``meta``: a JSON document: the trip, the configuration's text and hash, the axes, the clocks (see `Box.meta`)
+- ``meta``: a JSON document: the trip, the configuration's text and hash, the axes, the clocks (see `TripRecord.meta`)
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ _KEPT_IN_MEMORY = 4
 
 
 @dataclass(frozen=True)
-class Box:
+class TripRecord:
     """What is known of one trip.
 
     `meta` has the keys ``format``, ``trip`` (`micromanip.status_reply.Fault` with its number and message),
@@ -93,7 +93,7 @@ class Box:
             os.close(folder)
 
     @classmethod
-    def load(cls, file: Path) -> Box:
+    def load(cls, file: Path) -> TripRecord:
         """Read a file; raises CheckFailed where it is none, or damaged."""
         try:
             with open_regular(file) as stream, np.load(stream, allow_pickle=False) as stored:
@@ -171,7 +171,7 @@ def prune(folder: Path, kept: int = KEPT) -> None:
 def summary(file: Path) -> dict[str, str | bool | None]:
     """One line of the list: name, time, code, axis, what was seen, message; of a damaged file what is wrong with it."""
     try:
-        box = Box.load(file)
+        box = TripRecord.load(file)
         trip, utc, seen, complete = box.trip, box.meta["utc"], box.seen, box.meta["complete"]
     except CheckFailed as problem:
         trip, utc, seen, complete = {"code": None, "axis": None, "message": str(problem)}, None, str(problem), False
@@ -179,16 +179,16 @@ def summary(file: Path) -> dict[str, str | bool | None]:
     return {"trip": file.stem, "utc": utc, "seen": seen, "complete": complete, **shown}
 
 
-class Shelf:
+class TripArchive:
     """Puts boxes on disk; what a full disk refuses is kept in memory, and tried again."""
 
-    def __init__(self, folder: Path, kept: int, tell: Callable[..., None]) -> None:
-        """`kept` of them stay; `tell` hears what becomes of each, as keywords."""
-        self.folder, self._kept, self._tell = folder, kept, tell
-        self._waiting: dict[Path, tuple[Box, int]] = {}
+    def __init__(self, folder: Path, kept: int, send: Callable[..., None]) -> None:
+        """`kept` of them stay; `send` hears what becomes of each, as keywords."""
+        self.folder, self._kept, self._send = folder, kept, send
+        self._waiting: dict[Path, tuple[TripRecord, int]] = {}
         self._next_try = 0.0
 
-    def put(self, box: Box, key: int) -> None:
+    def put(self, box: TripRecord, key: int) -> None:
         """Save `box`, or keep it for later; `key` is what the host knows the trip by."""
         trip = box.trip
         file = self.folder / file_name(box.meta["utc_ns"], trip["code"], trip["axis"])
@@ -196,10 +196,10 @@ class Shelf:
         problem = self._save(file, box)
         if problem is None:
             self._waiting.pop(file, None)
-            self._tell(key=key, file=str(file), code=trip["code"], complete=box.meta["complete"])
+            self._send(key=key, file=str(file), code=trip["code"], complete=box.meta["complete"])
             return
         if first:
-            self._tell(key=key, file=str(file), code=trip["code"], problem=problem)
+            self._send(key=key, file=str(file), code=trip["code"], problem=problem)
         self._waiting[file] = (box, key)
         while len(self._waiting) > _KEPT_IN_MEMORY:
             self._lose(min(self._waiting), "more trips came than can be kept in memory")
@@ -223,9 +223,9 @@ class Shelf:
 
     def _lose(self, file: Path, why: str) -> None:
         box, key = self._waiting.pop(file)
-        self._tell(key=key, file=str(file), code=box.trip["code"], lost=why)
+        self._send(key=key, file=str(file), code=box.trip["code"], lost=why)
 
-    def _save(self, file: Path, box: Box) -> str | None:
+    def _save(self, file: Path, box: TripRecord) -> str | None:
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
             box.save(file)

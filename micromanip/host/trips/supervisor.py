@@ -69,7 +69,7 @@ class BlackBox:
             self._child.kill()  # it had nothing to do
         else:
             if died is not None:
-                self._child.tell({"died": died.kind.name, "what": died.what, "value": died.value})
+                self._child.send({"died": died.kind.name, "what": died.what, "value": died.value})
             self._child.end_orders()
         done, _ = await asyncio.wait({self._following}, timeout=_END_S)
         if not done:
@@ -80,7 +80,7 @@ class BlackBox:
     def configured(self, source: Source) -> None:
         """From now on the controller runs another configuration."""
         self._source = source
-        self._child.tell(self._cell())
+        self._child.send(self._cell())
 
     async def settle(self) -> None:
         """Return once the box of the latched fault is on disk, or its failure told; CheckFailed where it is not yet."""

@@ -75,7 +75,7 @@ class Control(Settings):
     observe_group: str | None = Field(
         default=None,
         min_length=1,
-        description="Group with read access only (status, get, diff, audit, shadow without values); null: none.",
+        description="Group with read access only (status, get, diff, log, candidate show); null: none.",
     )
 
 

@@ -117,13 +117,13 @@ def _has_entry(section: Any, part: str | int) -> bool:
 
 def _unknown(document: Mapping[str, Any], paths: list[Path]) -> UsageError:
     known = list(_keys(document))
-    lines = [_told(document, known, path) for path in paths[:_MAX_SHOWN]]
+    lines = [_unknown_key(document, known, path) for path in paths[:_MAX_SHOWN]]
     if more := len(paths) - len(lines):
         lines.append(f"and {more} more unknown keys")
     return UsageError("\n".join(lines))
 
 
-def _told(document: Mapping[str, Any], known: list[str], path: Path) -> str:
+def _unknown_key(document: Mapping[str, Any], known: list[str], path: Path) -> str:
     key = key_text(path)
     for end in range(len(path) - 1, 0, -1):
         if _at(document, path[:end]) is None and key_text(path[:end]) in known:

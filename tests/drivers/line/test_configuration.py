@@ -97,7 +97,12 @@ REFUSED = [
         "binary.send.voltages.cyclic_safe: 1000 writes per second wear out",
     ),
     (BOARD, "binary.send.voltages.fields.voltage_x.safe", 200.0, "safe 200 is outside of the range -20 to 150"),
-    (PIEZO, "ascii.write.voltages.cyclic_safe", None, "ascii.write.voltages.cyclic_safe: 100 writes per second wear out"),
+    (
+        PIEZO,
+        "ascii.write.voltages.cyclic_safe",
+        None,
+        "ascii.write.voltages.cyclic_safe: 100 writes per second wear out",
+    ),
     (PIEZO, "ascii.preset", None, "terminator must be given where there is no preset"),
     (PIEZO, "ascii.preset", "command,value", "identity: give request and pattern; only the preset gcs knows a request"),
     (PIEZO, "ascii.identity", "(", "ascii.identity.pattern: '(' is not a regular expression"),

@@ -19,7 +19,7 @@ from micromanip.quantities import Distance, Micrometres
 from micromanip.rt.laws.feedforward import NONE, feedforward_voltage
 from micromanip.rt.laws.move import MAX_PLACES
 
-from .injected import require_axis
+from .excitation_plan import require_axis
 from .schema.base import Settings
 from .schema.model import Configuration
 
@@ -40,7 +40,7 @@ _Rest = Annotated[float, Field(strict=True, ge=0, le=_LONGEST_S, allow_inf_nan=F
 _Frequency = Annotated[float, Field(strict=True, ge=0.05, le=_HIGHEST_HZ, allow_inf_nan=False)]
 
 
-class Wanted(Settings):
+class MoveRequest(Settings):
     """What somebody asks for; lengths from where the axis is held."""
 
     kind: Literal["step", "sine", "sweep", "waypoints"] = Field(description="What kind of move.")
@@ -66,7 +66,7 @@ class Wanted(Settings):
 
 
 @dataclass(frozen=True)
-class Held:
+class HeldAxis:
     """Where the axis is held: of its parameters and state as the loop has them."""
 
     parameters: Any
@@ -78,7 +78,7 @@ class Held:
         return bool(self.parameters["mode"] == 2)
 
 
-def planned_move(configuration: Configuration, axis: str, wanted: Wanted, held: Held) -> Move:
+def plan_move(configuration: Configuration, axis: str, wanted: MoveRequest, held: HeldAxis) -> Move:
     """The move as it will be played.
 
     Raises UsageError where there is no such axis, CheckFailed where it is in mode voltage, or the move would leave what
@@ -96,7 +96,7 @@ def planned_move(configuration: Configuration, axis: str, wanted: Wanted, held: 
     return move
 
 
-def _of(wanted: Wanted, rate_hz: float) -> Move:
+def _of(wanted: MoveRequest, rate_hz: float) -> Move:
     stop, way, rest = (max(1, round(s * rate_hz)) for s in (_STOP_S, wanted.way_s, wanted.rest_s))
     if wanted.kind in ("sine", "sweep"):
         assert wanted.seconds is not None
@@ -111,7 +111,7 @@ def _of(wanted: Wanted, rate_hz: float) -> Move:
     return Move(tuple((um, way, rest) for um in places), len(places) * (way + rest), stop)
 
 
-def _refuse_shaking(wanted: Wanted) -> None:
+def _refuse_shaking(wanted: MoveRequest) -> None:
     highest = max(wanted.frequency_Hz or 0.0, wanted.to_Hz or 0.0)
     if highest > _CALM_HZ and (wanted.amplitude_um or 0.0) > _SMALL_UM:
         raise CheckFailed(
@@ -126,7 +126,7 @@ def _refuse_shaking(wanted: Wanted) -> None:
         )
 
 
-def _refuse_beyond(axis: str, move: Move, held: Held, rate_hz: float) -> None:
+def _refuse_beyond(axis: str, move: Move, held: HeldAxis, rate_hz: float) -> None:
     """What the set-point and the voltage would be, by the models of the loops, against their limits."""
     p, s = held.parameters, held.state
     now_um, gain = float(s["setpoint_um"]), float(p["outer"]["reference"][0]) if held.stage else 1.0

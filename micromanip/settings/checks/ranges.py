@@ -21,7 +21,7 @@ _WORTH = 1.1
 """How much more must be reached on the nearer side before another working point is advised."""
 
 
-def reach_findings(configuration: Configuration) -> Iterator[Finding]:
+def range_findings(configuration: Configuration) -> Iterator[Finding]:
     """Set-points beyond the hysteresis model, models beyond themselves, and a reference that no set-point gives."""
     reference = configuration.reference
     low, high = _excursion(reference)
@@ -51,7 +51,7 @@ def reach_findings(configuration: Configuration) -> Iterator[Finding]:
                 )
                 continue
             if isinstance(reference, Tracker):
-                continue  # `reach_warnings`
+                continue  # `range_warnings`
             ends = axis.centre_um + low / gain, axis.centre_um + high / gain
             wanted = min(ends), max(ends)
         elif isinstance(reference, Tracker):
@@ -69,7 +69,7 @@ def reach_findings(configuration: Configuration) -> Iterator[Finding]:
             )
 
 
-def reach_warnings(configuration: Configuration) -> Iterator[Finding]:
+def range_warnings(configuration: Configuration) -> Iterator[Finding]:
     """Each axis in mode stage that reaches less than the tracker may ask for."""
     reference = configuration.reference
     if not isinstance(reference, Tracker):

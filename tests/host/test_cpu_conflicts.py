@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from micromanip.host.rivals import rivals
+from micromanip.host.cpu_conflicts import cpu_conflicts
 
 HELD = "import os; os.sched_setaffinity(0, {%d}); %s; print(flush=True); input()"
 
@@ -28,7 +28,7 @@ def pinned():
 
 
 def told(cpu, pid, own=0):
-    return [text for text in rivals(cpu, own) if f"process {pid}" in text]
+    return [text for text in cpu_conflicts(cpu, own) if f"process {pid}" in text]
 
 
 @pytest.mark.live  # processes
@@ -39,7 +39,7 @@ def test_the_loop_of_another_cell_is_named_by_its_command(pinned):
     assert found.startswith(f"the loop of another cell, process {loop}, is pinned to it, too: `")
     assert Path("/proc/self/cmdline").read_bytes().split(b"\0")[0].decode() in found, "who started it"
     assert told(cpu, other) == [], "an ordinary process gives way"
-    assert told(cpu, loop, own=loop) == told(cpu + 1, loop) == list(rivals(None, 0)) == []
+    assert told(cpu, loop, own=loop) == told(cpu + 1, loop) == list(cpu_conflicts(None, 0)) == []
 
 
 @pytest.mark.live  # a process

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from micromanip.rt.states import NO_FAULT, REFERENCE_LOST, TRACKING
-from micromanip.settings.ages import age_warnings
 from micromanip.settings.check import prepare
+from micromanip.settings.checks.latency import latency_warnings
 from micromanip.virtual.cell import VirtualCell
 
 CONFIG = Path(__file__).parents[2] / "config" / "simulated.yaml"
@@ -58,7 +58,7 @@ def test_samples_older_than_the_horizon_end_a_healthy_cell_and_what_is_advised_d
 
 def test_a_fault_that_comes_before_a_sample_is_too_old_is_told(tmp_path):
     early = cell(tmp_path, OLD, horizon(50), ("  limits: simulation", "  limits: hardware"))
-    assert [(path, text.split(";")[1]) for path, text in age_warnings(early.configuration)] == [
+    assert [(path, text.split(";")[1]) for path, text in latency_warnings(early.configuration)] == [
         (("axes", axis, "faults", "reference", "time_ms"), " write 50, or max_age_us: 20000") for axis in "xyz"
     ]
 
@@ -75,4 +75,4 @@ def test_a_fault_that_comes_before_a_sample_is_too_old_is_told(tmp_path):
     ids=["as it is", "as old as the horizon", "without a limit", "without a jump", "range within a jump"],
 )
 def test_nothing_is_told_where_nothing_is_lost(tmp_path, changes):
-    assert list(age_warnings(cell(tmp_path, *changes).configuration)) == []
+    assert list(latency_warnings(cell(tmp_path, *changes).configuration)) == []

@@ -41,7 +41,7 @@ def _missing(link: Link, steers: bool) -> str:
     return f"its outputs do not follow the loop{why}: {counts}"
 
 
-def wire_link(driver: CyclicDriver, wire: Wire, counts: Mapping[str, int], places: Mapping[str, int]) -> Link:
+def loop_link(driver: CyclicDriver, wire: Wire, counts: Mapping[str, int], places: Mapping[str, int]) -> Link:
     """What people are told of it; `places` has each output's and switch's place among those of `driver`."""
     given = wire.given if wire.sent_ns else (None,) * len(driver.outputs)
     return {

@@ -7,7 +7,7 @@ import can
 import cantools
 import pytest
 from micromanip_drivers.canbus.database import Database
-from micromanip_drivers.canbus.listening import heard
+from micromanip_drivers.canbus.sniff import sniff
 
 FOLDER = Path(__file__).parents[3] / "config/can"
 SENSORS = cantools.database.load_file(FOLDER / "manipulator.dbc").get_message_by_name("Sensors")
@@ -39,7 +39,7 @@ def frame(identifier, data, extended=False):
 
 def answers(*frames, database=FOLDER / "manipulator.dbc"):
     link = Overheard(list(frames))
-    found = list(heard(link, Database(database).by_identifier(), 0.05))
+    found = list(sniff(link, Database(database).by_identifier(), 0.05))
     assert not link.is_open
     return found
 

@@ -23,7 +23,7 @@ class _Speaker:
     newest: can.Message
 
 
-def heard(link: CanLink, messages: Mapping[tuple[int, bool], Any], seconds: float) -> Iterator[Answer]:
+def sniff(link: CanLink, messages: Mapping[tuple[int, bool], Any], seconds: float) -> Iterator[Answer]:
     """Each identifier that was heard in so many seconds, lowest first. Raises LinkError.
 
     `messages` are those of cantools, by (identifier, extended).

@@ -14,7 +14,7 @@ from micromanip.settings.schema.reference import Tracker
 from micromanip.settings.text.place import Finding
 
 
-def age_warnings(configuration: Configuration) -> Iterator[Finding]:
+def latency_warnings(configuration: Configuration) -> Iterator[Finding]:
     """Limits that end a healthy cell, whose samples are no older than their ``max_age_us`` says they may be.
 
     A signal without a limit promises nothing, and nothing is said of it. Nothing of the horizon where a path can't be

@@ -11,7 +11,7 @@ _LOOP = "micromanip.host.loop_process"
 _REAL_TIME = {os.SCHED_FIFO: "SCHED_FIFO", os.SCHED_RR: "SCHED_RR"}
 
 
-def rivals(cpu: int | None, own: int) -> Iterator[str]:
+def cpu_conflicts(cpu: int | None, own: int) -> Iterator[str]:
     """Processes but for `own` that may run on `cpu` alone and are loops, or have a real-time priority, in words.
 
     Threads of the kernel, which have no command line, are on each CPU, and none of them is meant.

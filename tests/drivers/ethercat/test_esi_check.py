@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 import pytest
-from micromanip_drivers.ethercat.described import compare_with_file, differences
+from micromanip_drivers.ethercat.esi_check import compare_with_file, differences
 from micromanip_drivers.ethercat.options import Terminal
 
 from micromanip.bus.ethercat.esi import read_esi

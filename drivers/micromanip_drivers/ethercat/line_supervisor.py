@@ -27,7 +27,7 @@ from .scan import FIRST_STATION
 _LOOK_S, _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.005, 0.05, 2.0
 
 
-class Tender:
+class LineSupervisor:
     """Of one context, a record in memory that the loop writes."""
 
     def __init__(self, options: EthercatOptions, image: Image, context: Any, period_ns: int, clocks: Clocks) -> None:

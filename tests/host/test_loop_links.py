@@ -6,7 +6,7 @@ import pytest
 
 from micromanip.errors import DeviceUnavailable
 from micromanip.host import wires
-from micromanip.host.wires import follow
+from micromanip.host.loop_links import follow
 
 
 def link(outputs, up="up", **counts):

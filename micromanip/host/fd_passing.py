@@ -16,7 +16,7 @@ _BYTES, _DESCRIPTORS = 65_536, 253
 """Read at once; and the most that Linux lets go along."""
 
 
-def hand_on(wire: socket.socket, orders: Any, descriptors: Sequence[int]) -> None:
+def send_orders(wire: socket.socket, orders: Any, descriptors: Sequence[int]) -> None:
     """All orders that there will ever be; raises OSError where nobody is there to take them."""
     document = json.dumps(orders).encode()
     sent = socket.send_fds(wire, [document], list(descriptors))
@@ -24,7 +24,7 @@ def hand_on(wire: socket.socket, orders: Any, descriptors: Sequence[int]) -> Non
     wire.shutdown(socket.SHUT_WR)
 
 
-def handed_on(standard_input: int = 0) -> tuple[Any, list[int]]:
+def receive_orders(standard_input: int = 0) -> tuple[Any, list[int]]:
     """What the host handed on, as soon as it does: orders and descriptors. None where it ended, or let go, before."""
     with socket.socket(fileno=os.dup(standard_input)) as wire:
         document, descriptors, _, _ = socket.recv_fds(wire, _BYTES, _DESCRIPTORS)

@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from micromanip.cli.main import main
-from micromanip.settings.commissioned import tuning_hash
 from micromanip.settings.load import load
 from micromanip.settings.schema.axis import Axis, Commissioned, Inner, SetPoint
+from micromanip.settings.tuning_hash import tuning_hash
 from micromanip.settings.write import with_tuning
 
 CONFIG = Path(__file__).parents[2] / "config" / "paper.yaml"

@@ -16,7 +16,7 @@ def cell(tmp_path):
 
 def refused(cell, message, error=CheckFailed, **fields):
     with pytest.raises(error, match=message):
-        cell("sensitivity", **fields)
+        cell("analyse_live", **fields)
     assert cell.controller.swaps == []
 
 
@@ -24,7 +24,7 @@ def refused(cell, message, error=CheckFailed, **fields):
 def test_only_while_it_tracks_or_is_held(cell, state):
     cell.controller.state = state
     refused(cell, f"the state is {state}; a loop is measured while TRACKING or HOLDING", axis="x")
-    assert cell.entries[-1][:2] == ("sensitivity", False)
+    assert cell.entries[-1][:2] == ("analyse_live", False)
 
 
 def test_only_a_loop_that_is_closed(cell):
@@ -51,5 +51,5 @@ def test_only_what_makes_sense(cell):
 
 
 def test_not_beside_a_candidate(cell):
-    cell("shadow", changes={"axes.x.inner.K_V_per_um": 0.5})
+    cell("candidate_set", changes={"axes.x.inner.K_V_per_um": 0.5})
     refused(cell, "a candidate is compared; `micromanip candidate discard` lets it go", axis="x")

@@ -1,4 +1,4 @@
-"""A candidate tuning over the control socket's verbs: offered, compared, promoted, withdrawn, taken back."""
+"""A candidate tuning over the control socket's verbs: offered, compared, promoted, discarded, taken back."""
 
 import re
 
@@ -20,22 +20,22 @@ def cell(tmp_path):
 
 @pytest.fixture
 def offered(cell):
-    cell("shadow", changes=BETTER)
+    cell("candidate_set", changes=BETTER)
     return cell
 
 
 @pytest.fixture
 def promoted(offered):
-    offered("promote")
+    offered("candidate_promote")
     return offered
 
 
 def refused(cell, message, verb, error=CheckFailed, **fields):
     """It is refused, in these words, and nothing of the candidate or of what runs has changed."""
-    before = cell("shadow"), cell("get"), len(cell.controller.swaps), len(cell.controller.offers)
+    before = cell("candidate_show"), cell("get"), len(cell.controller.swaps), len(cell.controller.offers)
     with pytest.raises(error, match=re.compile(f"^{message}$", re.DOTALL)) as told:
         cell(verb, **fields)
-    assert before == (cell("shadow"), cell("get"), len(cell.controller.swaps), len(cell.controller.offers))
+    assert before == (cell("candidate_show"), cell("get"), len(cell.controller.swaps), len(cell.controller.offers))
     assert cell.entries[-1][:2] == (verb, False)
     assert cell.entries[-1][3] == str(told.value)
 
@@ -51,23 +51,27 @@ def takes_back(cell, axis=0, value=7.5, limit=3.0):
 
 
 def test_none(cell):
-    shadow = cell("shadow")
+    shadow = cell("candidate_show")
     assert (shadow["standing"], shadow["version"], shadow["changed"]) == ("none", None, [])
     assert cell.entries == []
-    refused(cell, "promote refused: there is none; `micromanip candidate set KEY=VALUE` offers a candidate", "promote")
-    refused(cell, "withdraw refused: there is none; nothing to withdraw", "withdraw")
+    refused(
+        cell,
+        "candidate promote refused: there is none; `micromanip candidate set KEY=VALUE` offers a candidate",
+        "candidate_promote",
+    )
+    refused(cell, "candidate discard refused: there is none; nothing to discard", "candidate_discard")
 
 
 def test_offer(cell):
     """It has a version of its own; what runs is what ran."""
-    shadow = cell("shadow", changes=BETTER)
+    shadow = cell("candidate_set", changes=BETTER)
     assert (shadow["standing"], shadow["version"]) == ("shadowing", 2)
     assert {c["key"]: (c["old"], c["new"]) for c in shadow["changed"]} == {K: (0.6, 0.5), TI: (0.571, 0.6)}
     assert list(cell.controller.offers[0][0]["axis"]["pid"]["K_V_per_um"]) == [0.5, 0.6, 0.6]
     assert cell.value(K) == 0.6
     assert cell("diff")["differences"] == []
     assert cell.controller.swaps == cell.told == []
-    assert cell.entries == [("shadow", True, {K: (0.6, 0.5), TI: (0.571, 0.6)}, None)]
+    assert cell.entries == [("candidate_set", True, {K: (0.6, 0.5), TI: (0.571, 0.6)}, None)]
 
 
 def test_figures_beside_each_other(offered):
@@ -75,7 +79,7 @@ def test_figures_beside_each_other(offered):
         figures = offered.controller.status[name][0]["axis"]["figures"]
         figures["innovation"], figures["feedback"] = 0.04 * scale, 9.0 * scale
     offered.controller.status["shadow"][0]["axis"]["figures"]["innovation"][1] = float("inf")
-    compared = offered("shadow")["comparison"]
+    compared = offered("candidate_show")["comparison"]
     assert list(compared) == ["x", "y", "z"]
     assert compared["x"] == {
         "active": {"innovation_um": 0.2, "feedback_V": 3.0},
@@ -98,20 +102,20 @@ WRONG = {
 
 @pytest.mark.parametrize(("error", "changes", "message"), WRONG.values(), ids=WRONG)
 def test_offer_refused(offered, error, changes, message):
-    refused(offered, message, "shadow", error, changes=changes)
+    refused(offered, message, "candidate_set", error, changes=changes)
 
 
 @pytest.mark.parametrize("state", ["READY", "ARMING", "HOLDING", "FAULT"])
 def test_only_beside_what_tracks(offered, state):
     offered.controller.state = state
     why = f"refused: the state is {state}; a candidate is compared while TRACKING"
-    refused(offered, f"shadow {why}", "shadow", changes={K: 0.4})
-    refused(offered, f"promote {why}", "promote")
+    refused(offered, f"candidate set {why}", "candidate_set", changes={K: 0.4})
+    refused(offered, f"candidate promote {why}", "candidate_promote")
 
 
 def test_promote(promoted):
     """What runs is the candidate, for every verb; only the trial is not over yet."""
-    assert promoted("shadow")["standing"] == "on trial"
+    assert promoted("candidate_show")["standing"] == "on trial"
     assert promoted.value(K) == 0.5
     assert {d["key"]: (d["file"], d["running"]) for d in promoted("diff")["differences"]} == {
         K: (0.6, 0.5),
@@ -119,14 +123,14 @@ def test_promote(promoted):
     }
     assert [source.hash for source in promoted.told] == [promoted.controller.prepared.source.hash]
     changes = {"candidate": ("shadowing", "on trial"), K: (0.6, 0.5), TI: (0.571, 0.6)}
-    assert promoted.entries[-1] == ("promote", True, changes, None)
-    refused(promoted, "promote refused: the last one is on trial; .*", "promote")
+    assert promoted.entries[-1] == ("candidate_promote", True, changes, None)
+    refused(promoted, "candidate promote refused: the last one is on trial; .*", "candidate_promote")
 
 
 def test_nothing_else_changes_on_trial(promoted, tmp_path):
     why = r"nothing was changed: the promoted tuning, parameter version 2, is on trial; wait for its end .*"
     refused(promoted, why, "set", changes={K: 0.7})
-    refused(promoted, why, "shadow", changes={K: 0.7})
+    refused(promoted, why, "candidate_set", changes={K: 0.7})
     refused(promoted, why, "reload")
 
 
@@ -137,10 +141,10 @@ def test_confirmed(promoted):
     assert promoted.entries[-1] == ("confirm", True, {"candidate": ("on trial", "confirmed")}, None)
     promoted.follow()
     assert len(promoted.said) == 1
-    assert promoted("shadow")["standing"] == "confirmed"
+    assert promoted("candidate_show")["standing"] == "confirmed"
     assert [c["key"] for c in promoted("save")["changed"]] == [K, TI]
     promoted("set", changes={"axes.x.inner.Td_ms": 0.1})
-    assert (promoted.value(K), promoted("shadow")["standing"]) == (0.5, "none")
+    assert (promoted.value(K), promoted("candidate_show")["standing"]) == (0.5, "none")
 
 
 def test_taken_back_by_the_loop(promoted):
@@ -154,14 +158,14 @@ def test_taken_back_by_the_loop(promoted):
     assert (verb, accepted) == ("take back", True)
     assert changes == {K: (0.5, 0.6), TI: (0.6, 0.571), "candidate": ("on trial", f"taken back: {told}")}
     assert promoted.trail.last(1)["entries"][0]["user"] == "loop"
-    shadow = promoted("shadow")
+    shadow = promoted("candidate_show")
     assert (shadow["standing"], shadow["reason"]) == ("taken back", told)
     assert promoted.value(K) == 0.6
     assert promoted("diff")["differences"] == []
     assert [source.hash for source in promoted.told] == [trial, promoted.controller.prepared.source.hash]
 
 
-@pytest.mark.parametrize("verb", ["get", "set", "diff", "save", "reload", "shadow"])
+@pytest.mark.parametrize("verb", ["get", "set", "diff", "save", "reload", "candidate_show"])
 def test_noticed_before_anything_else(promoted, verb):
     """However soon a verb comes after the loop's decision, it finds the former values."""
     takes_back(promoted)
@@ -174,24 +178,24 @@ def test_taken_back_with_the_tracking(promoted):
     promoted.controller.state = "RAMPING"
     takes_back(promoted, axis=-1, value=float("nan"), limit=float("nan"))
     told = "W-501 the promoted tuning was reverted: the cell no longer tracks, its state is RAMPING"
-    assert promoted("shadow")["reason"] == told
+    assert promoted("candidate_show")["reason"] == told
     assert promoted.said == [told]
 
 
-def test_withdraw_on_trial(promoted):
-    shadow = promoted("withdraw")
-    assert (shadow["standing"], shadow["reason"]) == ("taken back", "it was withdrawn")
+def test_discard_on_trial(promoted):
+    shadow = promoted("candidate_discard")
+    assert (shadow["standing"], shadow["reason"]) == ("taken back", "it was discarded")
     assert promoted.value(K) == 0.6
     promoted.follow()
     assert promoted.said == []
     changes = {"candidate": ("on trial", "taken back"), K: (0.5, 0.6), TI: (0.6, 0.571)}
-    assert promoted.entries[-1] == ("withdraw", True, changes, None)
+    assert promoted.entries[-1] == ("candidate_discard", True, changes, None)
 
 
 def test_another_tuning_drops_the_candidate(offered):
     offered("set", changes={"axes.x.inner.Td_ms": 0.1})
-    assert offered("shadow")["standing"] == "none"
+    assert offered("candidate_show")["standing"] == "none"
     assert offered.said == ["WARNING: the candidate, parameter version 2, is dropped: another tuning came into force"]
     offered.follow()
     assert offered.entries[-1][0] == "drop"
-    refused(offered, "promote refused: .*", "promote")
+    refused(offered, "candidate promote refused: .*", "candidate_promote")

@@ -1,0 +1,1 @@
+"""Checks beyond the schema: each file finds what is impossible or unwise in one respect."""

@@ -106,13 +106,6 @@ def test_exceptions(serial, code, error, said):
     assert scripted.turn() == [3.0], "the next one is asked for at once"
 
 
-def test_the_answer_to_another_function_is_none():
-    scripted = Scripted(serial=False)
-    scripted.unit.said[2] = instead(bytes.fromhex("04 02 0007"))
-    with pytest.raises(TransientError, match="begins with 04 02 instead of 03 02"):
-        scripted.turn()
-
-
 def test_a_wrong_transaction_number_is_never_believed():
     scripted = Scripted(serial=False)
     scripted.unit.said[2] = lambda frame, request: [(0.0, bytes((frame[0], frame[1] + 1)) + frame[2:])]

@@ -3,9 +3,7 @@
 import numpy as np
 import pytest
 from micromanip_drivers.simulated import mechanics
-from micromanip_drivers.simulated.noise import uniform
 from micromanip_drivers.simulated.options import Plant
-from micromanip_drivers.simulated.records import AXIS_STATE
 from scipy import signal
 
 from .simulated_bench import NO_FORCE, PERIOD_NS, QUIET_PLANT, STILL, Bench, quiet
@@ -233,42 +231,4 @@ def test_the_flexure_pushes_the_other_axes_by_their_share():
     assert went[0] / alone[0] == pytest.approx(1.0, abs=0.005)
 
 
-def test_what_the_flexure_pushes_swings_with_its_own_mode():
-    """y is heavier and swings longer than x: after a step of x it is the mode of y that is left."""
-    heavy = {**QUIET_PLANT, "stage_kg": 24.0, "damping": 0.005}
-    bench = Bench({**quiet(), "axes": ["x", "y"], "flexure_coupling": 0.03, "variation": {"y": heavy}})
-    rows = []
-    for _ in range(10_000):
-        bench.exchange(60.0, 0.0)
-        rows.append(float(bench.signal("true_stage", "y")["value"]))
-    late = np.array(rows[2000:])
-    lines = np.abs(np.fft.rfft((late - late.mean()) * np.hanning(len(late)), 80_000))
-    a, _ = mechanics.continuous(Plant(**heavy))
-    own_Hz = np.abs(np.linalg.eigvals(a).imag) / (2 * np.pi)
-    assert np.argmax(lines) / 8.0 == pytest.approx(own_Hz[own_Hz > 1.0].min(), rel=0.01)
-
-
 # -- noise generator -------------------------------------------------------------------------------------
-
-
-def state(a, b):
-    s = np.zeros(1, AXIS_STATE)[0]
-    s["random"] = a, b
-    return s
-
-
-def test_uniform_is_xoroshiro128_plus():
-    """Against the published algorithm in unbounded integers."""
-    mask = (1 << 64) - 1
-
-    def rotate(x, k):
-        return ((x << k) | (x >> (64 - k))) & mask
-
-    s0, s1 = 0x0123456789ABCDEF, 0xFEDCBA9876543210
-    s = state(s0, s1)
-    for _ in range(200):
-        expected = ((s0 + s1) & mask) >> 11
-        s1 ^= s0
-        s0, s1 = rotate(s0, 24) ^ s1 ^ ((s1 << 16) & mask), rotate(s1, 37)
-        assert uniform(s) == expected / 2**53
-        assert (int(s["random"][0]), int(s["random"][1])) == (s0, s1)

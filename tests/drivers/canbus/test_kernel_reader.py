@@ -51,17 +51,6 @@ def test_frames_are_what_the_kernel_says(pair):
     assert reader.drain(10) == []
 
 
-def stamped(sender, reader):
-    """A frame that is read 20 ms after it was sent: before and after it was sent, its time, in ns."""
-    reader.drain(1)
-    before_ns = time.monotonic_ns()
-    sender.send(classic(1, b""))
-    after_ns = time.monotonic_ns()
-    time.sleep(0.02)
-    [(_, time_ns)] = reader.drain(10)
-    return before_ns, after_ns, time_ns
-
-
 @pytest.mark.parametrize("step_s", [3600, -3600, 1e9])
 def test_a_stepped_wall_clock_leaves_the_time_between_last_look_and_now(pair, monkeypatch, step_s):
     sender, receiver = pair

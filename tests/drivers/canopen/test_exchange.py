@@ -33,15 +33,6 @@ def seen(bus, samples):
     return {bus.inputs[sample.channel].name: sample.value for sample in samples}
 
 
-def test_synchronous_samples_carry_the_time_of_their_sync(at, opened):
-    samples = run(opened, PARK, lambda samples: len(samples) >= 60)
-    by_time = {}
-    for sample in samples:
-        by_time.setdefault(sample.time_ns, set()).add(sample.channel)
-    whole = [channels for channels in by_time.values() if channels == set(range(6))]
-    assert len(whole) >= 5  # all six values of a SYNC were taken at one moment, though their frames came one by one
-
-
 def test_amplifier_makes_its_outputs_safe_when_we_are_gone(at, opened):
     assert opened.watchdog == "RPDO event timer of amplifier, 200 ms"
     run(opened, (50.0, 50.0, 50.0), lambda _: at.values.get("voltage_x") == 50.0)

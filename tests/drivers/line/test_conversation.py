@@ -266,22 +266,6 @@ def test_silence_counts_from_the_first_question_that_was_not_answered():
     assert time.monotonic() - begin_s >= 0.06
 
 
-def test_while_the_device_is_asked_who_it_is_a_late_line_does_not_end_the_waiting():
-    """More than one reply may be late; what was asked last comes last."""
-    delays = [0.0]
-    one, _ = framing(gcs_device(lambda: delays[0]), identity="Physik", drain_ms=2000.0)
-    begin(one)
-    delays[0] = 0.1  # the position after 0.1 s, the identity after 0.2 s
-    with pytest.raises(TransientError):
-        read(one, POSITION)
-    delays[0] = 0.0
-    time.sleep(0.12)
-    assert read(one, VOLTAGE) == []
-    assert one.counters["late_lines"] == 1
-    time.sleep(0.12)
-    assert read(one, VOLTAGE)[0] < 0
-
-
 def test_noise_before_a_reply_does_not_become_a_part_of_it():
     options = {
         "terminator": "LF",

@@ -41,19 +41,6 @@ def test_a_disabled_amplifier_bleeds_with_its_time_constant():
     assert volts(cell) == pytest.approx(60.0, abs=0.01)
 
 
-def test_an_open_enable_circuit_bleeds_whatever_is_asked_for():
-    cell = bench(faults=[{"channel": "enable", "kind": "value", "value": 0.0, "at_s": 0.05, "for_s": 0.04}])
-    cell.hold(499, 60.0, 1.0, 0.0, 0.0)
-    assert (cell.line("enable"), volts(cell)) == (1.0, pytest.approx(60.0, abs=0.01))
-    before = volts(cell)
-    cell.exchange(60.0, 1.0, 0.0, 0.0)
-    assert cell.line("enable") == 0.0
-    cell.hold(200, 60.0, 1.0, 0.0, 0.0)
-    assert volts(cell) == pytest.approx(before * np.exp(-1.0), rel=1e-3)
-    cell.hold(300, 60.0, 1.0, 0.0, 0.0)
-    assert (cell.line("enable"), volts(cell)) == (1.0, pytest.approx(60.0, abs=0.01))
-
-
 def test_feed_hold_retracts_the_tool():
     cell = bench(force={"start_s": 0.0, "static_N": 80.0, "tooth_N": 0.0, "noise_N": 0.0})
     cell.hold(2000, 0.0, 1.0, 0.0, 0.0)

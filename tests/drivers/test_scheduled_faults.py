@@ -58,17 +58,6 @@ def test_freeze_repeats_the_last_value_with_a_running_sequence():
     assert (bad["sequence"] == good["sequence"]).all()
 
 
-def test_thin_lets_only_each_so_many_th_sample_come():
-    """A device that sends at a third of the rate that is stated."""
-    thinned, good = played({**NOISY, "faults": [fault("strain_x", "thin", 3, for_s=None)]}, "strain_x")
-    came = (np.flatnonzero(np.diff(thinned["sequence"])) + 2).tolist()
-    assert came == [*range(2, AT), *range(AT + 2, 31, 3)]
-    assert (thinned["value"][AT + 1 :: 3] == good["value"][AT + 1 :: 3]).all()
-    assert (thinned["time_ns"][AT + 1 :: 3] == good["time_ns"][AT + 1 :: 3]).all()
-    with pytest.raises(ValidationError, match="each so many-th sample come, a whole number from 2, not 1"):
-        Options.model_validate_json(json.dumps({**NOISY, "faults": [fault("strain_x", "thin", 1)]}))
-
-
 def test_nan_and_status():
     both = [fault("strain_x", "nan"), fault("stage_x", "status")]
     bad, good = played({**NOISY, "faults": both}, "strain_x")

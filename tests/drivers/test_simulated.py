@@ -3,24 +3,14 @@
 import numpy as np
 import pytest
 from micromanip_drivers.simulated import mechanics
-from micromanip_drivers.simulated.noise import normal, uniform
 from micromanip_drivers.simulated.options import Plant
-from micromanip_drivers.simulated.records import AXIS_STATE
-from scipy import signal, stats
+from scipy import signal
 
-from micromanip.bus.registry import driver_class
-from micromanip.errors import ConfigError
-
-from .simulated_bench import NO_FORCE, PERIOD_NS, QUIET_PLANT, QUIET_TRACKER, STILL, Bench, quiet
+from .simulated_bench import NO_FORCE, PERIOD_NS, QUIET_PLANT, STILL, Bench, quiet
 
 PERIOD_S = PERIOD_NS * 1e-9
 
 # -- found, configured, opened -------------------------------------------------------------------------
-
-
-def test_an_unknown_driver_is_named_with_its_neighbour():
-    with pytest.raises(ConfigError, match="did you mean simulated"):
-        driver_class("simulatd")
 
 
 def test_exchange_before_open_and_after_close_returns_a_code():
@@ -112,16 +102,6 @@ def test_amplifier_slews_40_V_per_ms_inside_its_range(target):
     assert course[-1] == pytest.approx(target, abs=0.01)
     if target > 100.0:
         assert np.abs(np.diff(course)).max() == pytest.approx(4.0)
-
-
-def test_output_converter_has_16_bits_over_300_V():
-    bench = Bench(quiet())
-    step = 300.0 / 2**16
-    for volts in (0.3 * step, 0.7 * step, 77.123456):
-        bench.exchange(volts)
-        latched = float(bench.c["s"][0]["latched_V"])
-        assert abs(latched - volts) <= 0.5 * step + 1e-12
-        assert latched / step == pytest.approx(round(latched / step), abs=1e-6)
 
 
 # -- mechanics -------------------------------------------------------------------------------------------
@@ -225,34 +205,6 @@ def test_machining_force():
     assert smooth[175] == pytest.approx(80.0 * (1 - np.exp(-1.0)), abs=12.0)
 
 
-def test_a_spindle_that_slows_down_with_a_tool_that_runs_out():
-    """After the change everything turns at the new speed: tooth, its harmonic, and the spindle, a quarter of it."""
-    force = {"start_s": 0.0, "static_N": 0.0, "noise_N": 0.0, "harmonics": [0.3], "runout": 0.1}
-    force |= {"speed_percent": -2.0, "speed_after_s": 0.02, "speed_within_s": 0.05}
-    bench = Bench({"axes": ["x"], "force": force})
-    pushed = []
-    for _ in range(10_800):
-        bench.exchange(60.0)
-        pushed.append(float(bench.c["s"][0]["force_N"]))
-    t = PERIOD_S * np.arange(10_000)
-    for hertz, amplitude_N in ((196.0, 40.0), (392.0, 12.0), (49.0, 4.0), (200.0, 0.0)):
-        line = 2 * np.abs(np.mean(np.array(pushed[800:]) * np.exp(-2j * np.pi * hertz * t)))
-        assert line == pytest.approx(amplitude_N, abs=0.05)
-    assert np.abs(np.diff(pushed)).max() < 40.0 * 2 * np.pi * 330.0 * PERIOD_S, "the angle has no step"
-
-
-@pytest.mark.long
-def test_path_deviation():
-    bench = Bench(quiet(deviation={}, tracker={**QUIET_TRACKER, "latency_ms": 0.0, "rate_Hz": 100.0}))
-    path = bench.record(100_000, "deviation")[::100, 0]
-    t = 0.01 * np.arange(len(path)) + PERIOD_S
-    frequencies = np.array([0.11, 0.29, 0.83, 8.0])
-    angle = 2 * np.pi * frequencies * t[:, None]
-    fit, *_ = np.linalg.lstsq(np.hstack([np.sin(angle), np.cos(angle)]), path, rcond=None)
-    assert np.hypot(fit[:4], fit[4:]) == pytest.approx([130.0, 60.0, 30.0, 30.0], rel=0.02)
-    assert 200.0 < np.abs(path).max() <= 250.0
-
-
 def moved(volts, options):
     """How far (um) each stage of three goes when x is driven to `volts`, at the end of 0.8 s."""
     bench = Bench({**quiet(), "axes": ["x", "y", "z"], **options})
@@ -279,50 +231,4 @@ def test_the_flexure_pushes_the_other_axes_by_their_share():
     assert went[0] / alone[0] == pytest.approx(1.0, abs=0.005)
 
 
-def test_what_the_flexure_pushes_swings_with_its_own_mode():
-    """y is heavier and swings longer than x: after a step of x it is the mode of y that is left."""
-    heavy = {**QUIET_PLANT, "stage_kg": 24.0, "damping": 0.005}
-    bench = Bench({**quiet(), "axes": ["x", "y"], "flexure_coupling": 0.03, "variation": {"y": heavy}})
-    rows = []
-    for _ in range(10_000):
-        bench.exchange(60.0, 0.0)
-        rows.append(float(bench.signal("true_stage", "y")["value"]))
-    late = np.array(rows[2000:])
-    lines = np.abs(np.fft.rfft((late - late.mean()) * np.hanning(len(late)), 80_000))
-    a, _ = mechanics.continuous(Plant(**heavy))
-    own_Hz = np.abs(np.linalg.eigvals(a).imag) / (2 * np.pi)
-    assert np.argmax(lines) / 8.0 == pytest.approx(own_Hz[own_Hz > 1.0].min(), rel=0.01)
-
-
 # -- noise generator -------------------------------------------------------------------------------------
-
-
-def state(a, b):
-    s = np.zeros(1, AXIS_STATE)[0]
-    s["random"] = a, b
-    return s
-
-
-def test_uniform_is_xoroshiro128_plus():
-    """Against the published algorithm in unbounded integers."""
-    mask = (1 << 64) - 1
-
-    def rotate(x, k):
-        return ((x << k) | (x >> (64 - k))) & mask
-
-    s0, s1 = 0x0123456789ABCDEF, 0xFEDCBA9876543210
-    s = state(s0, s1)
-    for _ in range(200):
-        expected = ((s0 + s1) & mask) >> 11
-        s1 ^= s0
-        s0, s1 = rotate(s0, 24) ^ s1 ^ ((s1 << 16) & mask), rotate(s1, 37)
-        assert uniform(s) == expected / 2**53
-        assert (int(s["random"][0]), int(s["random"][1])) == (s0, s1)
-
-
-def test_normal_is_normal():
-    s = state(12345, 67890)
-    values = np.array([normal(s) for _ in range(20_000)])
-    assert stats.kstest(values, "norm").pvalue > 0.01
-    assert np.abs(np.corrcoef(values[1:], values[:-1])[0, 1]) < 0.02
-    assert np.abs(values).max() > 3.5

@@ -2,10 +2,6 @@
 
 import numpy as np
 import pytest
-from micromanip_drivers.simulated.driver import SimulatedCell
-from micromanip_drivers.simulated.options import Bus, Options
-
-from micromanip.errors import ConfigError
 
 from .simulated_bench import PERIOD_NS, Bench, quiet
 
@@ -67,15 +63,3 @@ def test_missed_cycles_send_what_was_written_before_them():
     assert float(bench.c["s"][0]["latched_V"]) == pytest.approx(10.0, abs=0.01)
     bench.exchange(20.0, periods=2)
     assert float(bench.c["s"][0]["latched_V"]) == pytest.approx(20.0, abs=0.01)
-
-
-@pytest.mark.parametrize(
-    ("wrong", "says"),
-    [
-        ({"input_rate_Hz": 20_000.0}, r"bus\.input_rate_Hz: 20000 is more than the loop's 10000 Hz"),
-        ({"output_latency_us": 50_000.0}, r"bus\.output_latency_us: 50000 us at 2000 Hz are 100 frames"),
-    ],
-)
-def test_what_no_bus_can_be(wrong, says):
-    with pytest.raises(ConfigError, match=says):
-        SimulatedCell(Options(bus=Bus(**{**BUS, **wrong})), PERIOD_NS)

@@ -5,7 +5,7 @@ import asyncio
 import pytest
 
 from micromanip.errors import DeviceUnavailable
-from micromanip.host import wires
+from micromanip.host import loop_links
 from micromanip.host.loop_links import follow
 
 
@@ -25,7 +25,7 @@ def test_it_waits_until_the_outputs_of_all_follow():
 
 
 def test_a_device_that_does_not_answer_is_told(monkeypatch):
-    monkeypatch.setattr(wires, "_ANSWERS_IN_S", 0.0)
+    monkeypatch.setattr(loop_links, "_ANSWERS_IN_S", 0.0)
     for counts, said in (({"lost": 3}, "lost 3"), ({"lost": 0}, "nothing came at all")):
         found = iter([{"cell": link("unknown", "down", **counts)}] * 3)
         with pytest.raises(DeviceUnavailable, match=f"driver cell: its device does not answer: {said}$"):
@@ -33,6 +33,6 @@ def test_a_device_that_does_not_answer_is_told(monkeypatch):
 
 
 def test_a_clock_that_can_not_be_followed_is_told_with_what_is_known(monkeypatch):
-    monkeypatch.setattr(wires, "_LOCKS_IN_S", 0.0)
+    monkeypatch.setattr(loop_links, "_LOCKS_IN_S", 0.0)
     with pytest.raises(DeviceUnavailable, match=r"driver cell: .* lock to its clock: clock_drift_ppb 900000$"):
         waited(iter([{"cell": link("at rest")}] * 3), steering="cell")

@@ -22,8 +22,6 @@ class OtherArguments(UdpStage):
 
 @broken("test_building_opens_nothing")
 class OpensWhenBuilt(UdpStage):
-    """Takes its socket too early."""
-
     def __init__(self, options, folder):
         super().__init__(options, folder)
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -33,8 +31,6 @@ class OpensWhenBuilt(UdpStage):
 
 
 class Forgiving(UdpStageOptions):
-    """Says that it forbids unknown keys, and drops them."""
-
     @model_validator(mode="before")
     @classmethod
     def drop(cls, data):
@@ -43,8 +39,6 @@ class Forgiving(UdpStageOptions):
 
 @broken("test_unknown_option_is_refused")
 class SwallowsTypingErrors(UdpStage):
-    """A wrong key passes."""
-
     Options = Forgiving
 
 
@@ -52,8 +46,6 @@ def inputs(**changed):
     """A driver whose second input is changed."""
 
     class Changed(UdpStage):
-        """Wrong input."""
-
         @property
         def inputs(self):
             first, second = super().inputs
@@ -63,7 +55,6 @@ def inputs(**changed):
 
 
 SameName = inputs(name="strain_x")
-EndlessRate = inputs(rate_hz=math.inf)
 UnknownLatency = inputs(latency_s=math.nan)
 
 
@@ -71,8 +62,6 @@ def tasks(check, *described):
     """A driver with these tasks."""
 
     class Changed(UdpStage):
-        """Wrong tasks."""
-
         @property
         def tasks(self):
             return list(described)
@@ -81,7 +70,6 @@ def tasks(check, *described):
 
 
 Unwritten = tasks("test_every_output_is_written_by_one_task", Task("voltages", 500.0, (0,)))
-Twice = tasks("test_every_output_is_written_by_one_task", Task("a", 500.0, (0, 1)), Task("b", 500.0, (1,)))
 Namesakes = tasks("test_tasks_have_names_and_rates", Task("v", 500.0, (0,)), Task("v", 500.0, (1,)))
 OtherRate = tasks("test_tasks_have_names_and_rates", Task("voltages", 250.0, (0, 1)))
 
@@ -90,29 +78,22 @@ def loads(*described):
     """A driver with these loads."""
 
     class Changed(UdpStage):
-        """Wrong loads."""
-
         def loads(self):
             return list(described)
 
     return broken("test_loads")(Changed)
 
 
-NoLoads = loads()
 Overloaded = loads(Load("link", 0.9, "too much"))
 
 
 @broken("test_device_and_watchdog_are_named")
 class Nameless(UdpStage):
-    """No device."""
-
     device = ""
 
 
 @broken("test_description_never_changes")
 class FindsChannelsWhenOpened(UdpStage):
-    """Knows its inputs only from the device."""
-
     @property
     def inputs(self):
         return super().inputs[: 1 if self.socket is None else 2]

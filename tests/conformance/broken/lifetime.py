@@ -12,8 +12,6 @@ from . import broken
 
 @broken("test_opened_100_times_leaves_nothing_behind")
 class LeaksDescriptors(UdpStage):
-    """A descriptor an open."""
-
     left: ClassVar = []
 
     def open(self):
@@ -29,8 +27,6 @@ class LeaksDescriptors(UdpStage):
 
 @broken("test_closing_twice_and_unopened")
 class ClosesOnce(UdpStage):
-    """Close assumes that it is open."""
-
     def close(self):
         self.socket.close()
         self.socket = None
@@ -38,8 +34,6 @@ class ClosesOnce(UdpStage):
 
 @broken("test_no_device_is_a_lost_link_within_a_second")
 class CallsItTransient(UdpStage):
-    """No device is no link, for good."""
-
     def open(self):
         try:
             super().open()
@@ -49,8 +43,6 @@ class CallsItTransient(UdpStage):
 
 @broken("test_closing_after_a_failed_open")
 class ForgetsWhatFailed(UdpStage):
-    """Its close knows nothing of an open that failed."""
-
     left: ClassVar = []
 
     def open(self):
@@ -70,8 +62,6 @@ class ForgetsWhatFailed(UdpStage):
 
 @broken("test_another_device_is_refused")
 class TakesAnyDevice(UdpStage):
-    """Does not look at the serial number."""
-
     def ask_who(self):
         super().ask_who()
         return self.options.serial_number
@@ -79,8 +69,6 @@ class TakesAnyDevice(UdpStage):
 
 @broken("test_opening_and_closing_move_nothing")
 class ZeroesWhenOpened(UdpStage):
-    """Makes its outputs safe by itself, with a step."""
-
     def open(self):
         super().open()
         self.perform(0, [0.0, 0.0], None)
@@ -88,8 +76,6 @@ class ZeroesWhenOpened(UdpStage):
 
 @broken("test_opening_and_closing_move_nothing")
 class ZeroesWhenClosed(UdpStage):
-    """Says farewell with a step."""
-
     def close(self):
         if self.socket is not None:
             with contextlib.suppress(LinkError):

@@ -11,8 +11,6 @@ from . import broken
 
 @broken("test_dead_device_is_a_lost_link")
 class NeverGivesUp(UdpStage):
-    """Calls it transient, for ever."""
-
     is_open = False
 
     def open(self):
@@ -40,8 +38,6 @@ class NeverGivesUp(UdpStage):
 
 @broken("test_reopened_after_a_lost_link")
 class Resentful(UdpStage):
-    """Can't forget that the link was lost."""
-
     lost = False
 
     def open(self):
@@ -66,8 +62,6 @@ class Resentful(UdpStage):
 
 @broken("test_closed_driver_raises_bus_errors_only")
 class NeedsToBeOpen(UdpStage):
-    """Stumbles over its own socket."""
-
     def send(self, datagram):
         self.socket.fileno()
         super().send(datagram)
@@ -75,8 +69,6 @@ class NeedsToBeOpen(UdpStage):
 
 @broken("test_flapping_device_raises_bus_errors_only")
 class BareErrors(UdpStage):
-    """Lets the operating system's error out."""
-
     def send(self, datagram):
         try:
             super().send(datagram)
@@ -86,8 +78,6 @@ class BareErrors(UdpStage):
 
 @broken("test_silent_device_is_no_bug")
 class DividesByNothing(UdpStage):
-    """Computes the rate of what came."""
-
     def receive(self, inbox, until_ns):
         heard_ns = self.heard_ns
         super().receive(inbox, until_ns)
@@ -97,8 +87,6 @@ class DividesByNothing(UdpStage):
 
 @broken("test_load_is_at_most_what_is_declared")
 class SendsTwice(UdpStage):
-    """Twice is safer."""
-
     def perform(self, task, values, inbox):
         super().perform(task, values, inbox)
         super().perform(task, values, inbox)
@@ -106,8 +94,6 @@ class SendsTwice(UdpStage):
 
 @broken("test_statistics_only_rise")
 class CountsAnew(UdpStage):
-    """Begins from zero with each open."""
-
     def open(self):
         self.counts = dict.fromkeys(self.counts, 0)
         super().open()
@@ -115,8 +101,6 @@ class CountsAnew(UdpStage):
 
 @broken("test_probe_finds_the_device")
 class FindsNothing(UdpStage):
-    """Looks, and says nothing."""
-
     def probe(self, seconds):
         list(super().probe(seconds))
         yield from ()
@@ -124,8 +108,6 @@ class FindsNothing(UdpStage):
 
 @broken("test_probe_writes_nothing")
 class ProbesByMoving(UdpStage):
-    """Tries whether something moves."""
-
     def probe(self, seconds):
         for answer in super().probe(seconds):
             self.send(wire.sealed(wire.VOLTAGES.pack(b"V", 100, 100)))

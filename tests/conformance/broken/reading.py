@@ -10,8 +10,6 @@ from . import broken
 
 
 class Changed(UdpStage):
-    """Passes on what was received, changed by `change`."""
-
     def receive(self, inbox, until_ns):
         own = Inbox()
         try:
@@ -24,8 +22,6 @@ class Changed(UdpStage):
 
 @broken("test_samples_come")
 class OneEyed(UdpStage):
-    """Never reads its second input."""
-
     def receive(self, inbox, until_ns):
         own = Inbox()
         super().receive(own, until_ns)
@@ -36,16 +32,12 @@ class OneEyed(UdpStage):
 
 @broken("test_receive_keeps_its_deadline_under_a_silent_device")
 class WaitsForever(UdpStage):
-    """Blocks until something comes."""
-
     def arrived(self, wait_s):
         return super().arrived(max(wait_s, 1.0))
 
 
 @broken("test_perform_does_not_block_under_a_silent_device")
 class AwaitsTheAnswer(UdpStage):
-    """Waits for a sign of life after each command."""
-
     def perform(self, task, values, inbox):
         super().perform(task, values, inbox)
         self.arrived(1.0)
@@ -53,8 +45,6 @@ class AwaitsTheAnswer(UdpStage):
 
 @broken("test_receive_returns_soon_after_the_first")
 class Collects(UdpStage):
-    """Goes on until its deadline, whatever has come."""
-
     def receive(self, inbox, until_ns):
         super().receive(inbox, until_ns)
         time.sleep(max(0, until_ns - time.monotonic_ns()) * 1e-9)
@@ -62,8 +52,6 @@ class Collects(UdpStage):
 
 @broken("test_golden_inputs")
 class WrongByteOrder(UdpStage):
-    """Takes the strains for little-endian."""
-
     def take(self, datagram, inbox):
         if datagram[:1] == b"S" and len(datagram) == wire.STRAINS.size + 4:
             body = datagram[:2] + datagram[5:1:-1] + datagram[9:5:-1]
@@ -73,8 +61,6 @@ class WrongByteOrder(UdpStage):
 
 @broken("test_garbage_gives_no_sample")
 class Credulous(UdpStage):
-    """Does not look at the checksum."""
-
     def take(self, datagram, inbox):
         body = datagram[:-4]
         return super().take(body + zlib.crc32(body).to_bytes(4, "big"), inbox)
@@ -82,8 +68,6 @@ class Credulous(UdpStage):
 
 @broken("test_partial_frames_give_no_sample")
 class FillsUp(UdpStage):
-    """Takes what is missing for zeros."""
-
     def take(self, datagram, inbox):
         if datagram[:1] == b"S" and 6 <= len(datagram) < wire.STRAINS.size + 4:
             body = datagram[: wire.STRAINS.size].ljust(wire.STRAINS.size, b"\0")
@@ -93,16 +77,12 @@ class FillsUp(UdpStage):
 
 @broken("test_gaps_of_the_counter_are_lost_samples")
 class IgnoresTheCounter(Changed):
-    """Loses samples without a word."""
-
     def change(self, sample):
         sample.lost = 0
 
 
 @broken("test_wrap_of_the_counter_is_no_gap")
 class NeverWraps(UdpStage):
-    """Takes the counter's wrap for nothing lost."""
-
     def take(self, datagram, inbox):
         if self.counter is not None and datagram[:1] == b"S" and datagram[1] < self.counter:
             self.counter = None
@@ -111,7 +91,5 @@ class NeverWraps(UdpStage):
 
 @broken("test_time_stamps")
 class WallClock(Changed):
-    """Time of day."""
-
     def change(self, sample):
         sample.time_ns = time.time_ns()

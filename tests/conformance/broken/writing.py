@@ -13,16 +13,12 @@ from . import broken
 
 @broken("test_golden_outputs")
 class CrossedAxes(UdpStage):
-    """Writes x to y."""
-
     def perform(self, task, values, inbox):
         super().perform(task, values[::-1], inbox)
 
 
 @broken("test_what_is_written_arrives")
 class SendsOnce(UdpStage):
-    """Sends nothing more after the first."""
-
     sent = False
 
     def perform(self, task, values, inbox):
@@ -33,37 +29,13 @@ class SendsOnce(UdpStage):
 
 @broken("test_what_is_said_of_a_write_is_true")
 class SaysHeld(UdpStage):
-    """Sends, and says that it did not."""
-
     def perform(self, task, values, inbox):
         super().perform(task, values, inbox)
         return Outcome.HELD
 
 
-@broken("test_what_is_said_of_a_write_is_true")
-class ConfirmsByItself(UdpStage):
-    """Holds the outputs back, and confirms them all the same."""
-
-    def perform(self, task, values, inbox):
-        return Outcome.SENT
-
-    def receive(self, inbox, until_ns):
-        super().receive(inbox, until_ns)
-        inbox.confirm(0)
-
-
-@broken("test_what_is_read_back_is_what_was_written")
-class ReadsBackSteps(UdpStage):
-    """Forgets the scale of what it reads back."""
-
-    def read_outputs(self):
-        return [60.0 / wire.V_PER_STEP, None]
-
-
 @broken("test_what_is_read_back_is_what_was_written")
 class MovesToReadBack(UdpStage):
-    """Asks by writing."""
-
     def read_outputs(self):
         self.perform(0, [0.0, 0.0], None)
         time.sleep(0.05)
@@ -72,24 +44,18 @@ class MovesToReadBack(UdpStage):
 
 @broken("test_value_that_is_no_number_is_refused")
 class NoNumberIsZero(UdpStage):
-    """Writes 0 V for what is no number: a step."""
-
     def perform(self, task, values, inbox):
         super().perform(task, [value if math.isfinite(value) else 0.0 for value in values], inbox)
 
 
 @broken("test_value_beyond_the_wire_is_refused")
 class Saturates(UdpStage):
-    """Writes the end of the range, in silence."""
-
     def perform(self, task, values, inbox):
         super().perform(task, [min(max(value, -163.84), 163.835) for value in values], inbox)
 
 
 @broken("test_value_beyond_the_wire_is_refused")
 class RefusesTooLate(UdpStage):
-    """Sends the good axis before it looks at the other."""
-
     def perform(self, task, values, inbox):
         try:
             super().perform(task, values, inbox)
@@ -101,8 +67,6 @@ class RefusesTooLate(UdpStage):
 
 @broken("test_latest_value_wins")
 class Queues(UdpStage):
-    """Keeps what it can't send yet, and sends all of it later."""
-
     def __init__(self, options, folder):
         super().__init__(options, folder)
         self.queue = []
@@ -119,8 +83,6 @@ class Queues(UdpStage):
 
 
 class HalvesDevice(WatchedDevice):
-    """Takes voltages byte by byte, too, and tells only where they are when it is asked."""
-
     def __init__(self, port):
         super().__init__(port)
         self.halves = bytearray(4)
@@ -137,8 +99,6 @@ class HalvesDevice(WatchedDevice):
 
 
 class HalvesPeer(UdpPeer):
-    """That device, of which only the last state is known."""
-
     kind = HalvesDevice
 
     def writes(self):
@@ -149,8 +109,6 @@ class HalvesPeer(UdpPeer):
 
 @broken("test_killed_in_mid_write", peer=lambda self: HalvesPeer())
 class WritesHalves(UdpStage):
-    """Sends the high byte, and then the low one."""
-
     def perform(self, task, values, inbox):
         steps = struct.pack(">hh", *(round(value / wire.V_PER_STEP) for value in values))
         for place, byte in enumerate(steps):
@@ -160,8 +118,6 @@ class WritesHalves(UdpStage):
 
 @broken("test_stopped_and_continued")
 class CatchesUp(UdpStage):
-    """Sends once for each period that has passed."""
-
     done_ns = 0
 
     def perform(self, task, values, inbox):

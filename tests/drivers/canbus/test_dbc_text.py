@@ -62,9 +62,7 @@ def test_what_nobody_asks_for_is_no_hindrance(machine):
     [
         ("Forgotten", r"machine\.dbc:10: .* Identifier 0x11e1a300 has more than 11 bits and is not marked as extended"),
         ("Beyond", r"machine\.dbc:13: .* Extended identifier 0x7ffffffe has more than 29 bits in message Beyond\.$"),
-        ("Unled", r"^receive.Unled: Unled is multiplexed"),
         ("Parts", r"^receive.Parts: Parts has 32 bytes, which classic CAN has not: for CAN FD .* ExtendedCAN_FD$"),
-        ("NoMessage", r"has no message NoMessage"),
     ],
 )
 def test_what_is_wrong_is_told_where_it_is_used(machine, name, words):

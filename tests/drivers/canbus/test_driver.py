@@ -125,11 +125,6 @@ def folder(tmp_path):
     ("keys", "words"),
     [
         ({"receive": {"plain": {"rate_hz": 1.0}}}, "receive.plain: test.dbc has no message plain; did you mean Plain?"),
-        ({"receive": {"Xyz": {"rate_hz": 1.0}}}, "receive.Xyz: test.dbc has no message Xyz; it has Plain, Muxed, Long"),
-        (
-            {"receive": {"Plain": {"rate_hz": 1.0, "counter": "cuont"}}},
-            "receive.Plain.counter: Plain has no signal cuont; did you mean count?",
-        ),
         (
             {"receive": {"Plain": {"rate_hz": 1.0, "counter": "count"}}},
             "receive.Plain.counter: Plain.count must be unsigned, with scale 1 and offset 0",
@@ -140,10 +135,6 @@ def folder(tmp_path):
             "Long has 24 bytes, which classic CAN has not: for CAN FD give it VFrame",
         ),
         ({"receive": {"Twin": {"rate_hz": 1.0}}}, "Twin and Twin2 both have the identifier 0x4 in test.dbc"),
-        (
-            {"receive": {"Counter": {"rate_hz": 1.0, "counter": "only"}}},
-            "receive.Counter: Counter has no signals but its counter and status",
-        ),
         (
             {"receive": {"Plain": {"rate_hz": 1.0}}, "send": {"Plain": {"rate_hz": 1.0}}},
             "send.Plain: Plain is received",
@@ -178,18 +169,9 @@ def test_a_file_that_can_not_be_used(tmp_path, text, words):
 
 
 WIDE = DBC.replace("BO_ 1 Plain: 8", "BO_ 1 Plain: 16").replace("count : 16", "count : 96")
-BRS = 'BA_DEF_ BO_ "CANFD_BRS" STRING;\nBA_DEF_DEF_ "CANFD_BRS" "1";\nBA_ "CANFD_BRS" BO_ 1 "yes";\n'
 NONSENSE = [
     (DBC.replace("value : 0|16@1+ (1,0)", "value : 0|16@1+ (0,0)", 1), "value has scale 0 and offset 0"),
-    (DBC.replace("value : 0|16@1+ (1,0)", "value : 0|16@1+ (1e400,0)", 1), "value has scale inf and offset 0"),
-    (DBC.replace("(1,0) [0|0]", "(0.001,1e308) [0|1]", 1), "value has scale 0.001 and offset 1e.308"),
     (WIDE.replace("value : 0|16", "value : 0|80", 1), "value has 80 bits, more than 64"),
-    (
-        DBC.replace("value : 0|16", "value : 24|24", 1) + "SIG_VALTYPE_ 1 value : 1;\n",
-        "floating-point number of 24 bits",
-    ),
-    (DBC + BRS, "CANFD_BRS is neither 0 nor 1"),
-    (DBC.replace("value : 0|16", "value : 56|16", 1), "value does not fit"),
     (DBC.replace("16|8@1-", "8|8@1-"), "overlapping"),
 ]
 

@@ -10,7 +10,7 @@ from micromanip_drivers.canbus.driver import CanBus, CanBusOptions
 
 from micromanip.bus.errors import LinkError
 from micromanip.bus.inbox import Inbox
-from micromanip.testbus.faults import BusOff, ErrorPassive
+from micromanip.testbus.faults import BusOff
 
 from .hub_in_thread import BITRATE, DATA_BITRATE, bench
 
@@ -80,13 +80,6 @@ def test_bus_off_is_a_lost_link_and_opening_again_recovers(at, bus):
     at.send(0x101, sensors(strain_y=1.0), **FD)
     assert dict(received(bus, len(bus.inputs)))["Sensors.strain_y"].value == pytest.approx(1.0)
     assert bus.statistics()["bus_off"] == 1
-
-
-def test_error_passive_is_counted_and_no_reason_to_stop(at, bus):
-    at.inject(ErrorPassive())
-    at.send(0x101, sensors(), **FD)
-    assert received(bus, len(bus.inputs))
-    assert bus.statistics()["error_passive"] == 1
 
 
 def test_the_wrong_bit_rate_is_seen_at_once():

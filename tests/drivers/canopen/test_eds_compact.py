@@ -3,18 +3,6 @@
 from micromanip_drivers.canopen.dictionary import Dictionary
 
 SHORT = """\
-[1000]
-ParameterName=Device type
-DataType=0x0007
-AccessType=ro
-DefaultValue=0
-CompactSubObj=0
-[1003]
-ParameterName=Errors
-ObjectType=0x08
-DataType=0x0007
-AccessType=ro
-CompactSubObj=254
 [1016]
 ParameterName=Heartbeats
 ObjectType=0x08
@@ -29,16 +17,6 @@ NrOfEntries=2
 [1016Name]
 NrOfEntries=1
 2=of the second
-[1018]
-ParameterName=Identity
-ObjectType=0x09
-SubNumber=1
-CompactSubObj=0
-[1018sub0]
-ParameterName=Entries
-DataType=0x0005
-AccessType=const
-DefaultValue=0
 [1600]
 ParameterName=Mapping
 ObjectType=0x09
@@ -64,5 +42,4 @@ def test_parts_that_are_not_listed_are_there(tmp_path):
     assert [found.value(0x1016, k) for k in (0, 1, 2, 11, 12)] == [12, 0x3012C, 5, 5, 8], "set to, by default, octal"
     assert [found.variable(0x1016, k).name for k in (1, 2)] == ["Heartbeats_1", "of the second"]
     assert found.find("of the second").subindex == 2
-    assert (found.value(0x1003), found.has(0x1003, 254), found.has(0x1003, 255)) == (254, True, False)
     assert (found.has(0x1600, 4), found.has(0x1016, 13)) == (False, False)

@@ -7,7 +7,6 @@ import pytest
 from micromanip.bus.errors import DeviceFault, IdentityMismatch, LinkError
 from micromanip.bus.inbox import Inbox
 from micromanip.emulation.can.canopen_node import OPERATIONAL, PRE_OPERATIONAL
-from micromanip.emulation.can.canopen_objects import Abort, Objects
 
 from .cell import AMPLIFIER, EDS, SENSOR, cell, run, wait_for
 
@@ -32,29 +31,6 @@ def opened(at):
 
 def seen(bus, samples):
     return {bus.inputs[sample.channel].name: sample.value for sample in samples}
-
-
-def test_synchronous_samples_carry_the_time_of_their_sync(at, opened):
-    samples = run(opened, PARK, lambda samples: len(samples) >= 60)
-    by_time = {}
-    for sample in samples:
-        by_time.setdefault(sample.time_ns, set()).add(sample.channel)
-    whole = [channels for channels in by_time.values() if channels == set(range(6))]
-    assert len(whole) >= 5  # all six values of a SYNC were taken at one moment, though their frames came one by one
-
-
-def test_missing_answers_are_counted(at, opened):
-    run(opened, PARK, lambda samples: len(samples) >= 12)
-    sync = next(i for i, task in enumerate(opened.tasks) if task.name == "SYNC")
-    answers, missed = at.nodes["sensor"].on_frame, []
-    at.nodes["sensor"].on_frame = lambda frame, time_ns: (
-        missed.append(time_ns) if frame.identifier == 0x80 else answers(frame, time_ns)
-    )
-    for i in range(3):
-        opened.perform(sync, PARK, Inbox())
-        wait_for(lambda count=i + 1: len(missed) >= count)
-    at.nodes["sensor"].on_frame = answers
-    run(opened, PARK, lambda samples: sum(sample.lost for sample in samples if sample.channel == 0) >= 3)
 
 
 def test_amplifier_makes_its_outputs_safe_when_we_are_gone(at, opened):
@@ -154,21 +130,6 @@ def test_emergency_and_its_end(at, opened):
     run(opened, PARK, lambda samples: len(samples) >= 6)
 
 
-def test_emergency_that_was_taken_back_at_once_is_counted_only(at, opened):
-    run(opened, PARK, lambda samples: len(samples) >= 6)
-
-    def blink():
-        at.nodes["amplifier"].emergency(0x3110)
-        at.nodes["amplifier"].clear_emergency()
-
-    at.do(blink)
-    heard = []
-    while heard.count(0x080 + AMPLIFIER) < 2:
-        heard.append(at.at.device.heard.get(timeout=5.0)[0].identifier)
-    at.do(lambda: None)  # both frames are there when the driver looks
-    run(opened, PARK, lambda _: opened.statistics()["emergencies"] == 2)
-
-
 def test_another_device_with_that_number():
     with cell(amplifier=False) as at:
         at.add("amplifier", AMPLIFIER, EDS / "tracker.eds")
@@ -223,14 +184,3 @@ def test_nothing_is_ever_stored(at, opened):
     opened.close()
     opened.open()
     assert [node.objects.stores for node in at.nodes.values()] == [0, 0]
-
-
-def test_probe_tells_a_node_that_refuses_from_one_that_is_silent(at, monkeypatch):
-    def refuse(self, index, subindex):
-        raise Abort(0x06020000)
-
-    monkeypatch.setattr(Objects, "upload", refuse)
-    found = {answer.name: answer for answer in at.driver().probe(1.0)}
-    assert not any(answer.is_value for answer in found.values())
-    assert found["node 6"].note.startswith("amplifier in the configuration; refuses to read 1000sub0 (")
-    assert "0x06020000" in found["node 6"].note

@@ -102,18 +102,6 @@ def test_sync0_begins_on_the_grid_of_whole_periods():
     assert slaves.ask(OP | ERROR) == (OP, 0)
 
 
-def test_a_clock_that_begins_to_drift_does_not_leap():
-    slaves = Slaves().stations()
-    first, now_ns = slaves.line.applications[0], slaves.now_ns + 10**9
-    controller = slaves.line.controllers[0]
-    shown_ns = system_ns(controller, now_ns)
-    first.drift(250.0, now_ns)
-    assert system_ns(controller, now_ns) == pytest.approx(shown_ns, abs=2)
-    assert system_ns(controller, now_ns + 10**9) - shown_ns == pytest.approx(10**9 + 250_000, abs=3)
-    first.drift(0.0, now_ns + 10**9)
-    assert system_ns(controller, now_ns + 2 * 10**9) - shown_ns == pytest.approx(2 * 10**9 + 250_000, abs=4)
-
-
 @pytest.mark.compiled_only
 def test_the_way_through_the_line_is_no_error_of_the_clock():
     """A frame that is 3 us on its way there, 30 us in the line, as its ports have told, and 3 us on its way back."""

@@ -17,17 +17,9 @@ from micromanip_drivers.ethercat.scan import FIRST_STATION, Slave
 
 from micromanip.bus.errors import BusError, DeviceFault, LinkError
 from micromanip.bus.ethercat.coe import COE, SDO_RESPONSE
-from micromanip.bus.ethercat.esi import read_esi
-from micromanip.bus.ethercat.frames import Datagram, framed, unframed
-from micromanip.bus.ethercat.registers import FPRD, FPWR
-from micromanip.emulation.ethercat.controller import ESC, MEMORY_BYTES
-from micromanip.emulation.ethercat.line import Line
-from micromanip.emulation.ethercat.terminal import MAILBOX_BYTES, MAILBOX_IN, MAILBOX_OUT
-from micromanip.errors import ConfigError
+from micromanip.bus.ethercat.frames import Datagram
 from micromanip.rt.records import SIGNAL
-from tests.bus.test_esi import ONE, mutated
-from tests.emulation.ethercat.terminals import AMPLIFIER, GAUGE
-from tests.emulation.ethercat.test_line import Bench as Slaves
+from tests.bus.test_esi import mutated
 
 from .bench import PERIOD_NS, options
 
@@ -99,42 +91,6 @@ def test_garbage_at_both_ends_of_a_ring(count):
     assert np.all(np.delete(c["socket"]["received"], k, axis=0) == 0xA5)
     assert {name: c["gate"][name].tobytes() for name in before} == before
     assert np.all(signals["sequence"] == 0)
-
-
-def conversation():
-    """Frames of a master that brings slaves to OP, as they were sent."""
-    slaves, said = Slaves(), []
-    passed = slaves.line.passed
-
-    def heard(frame, now_ns):
-        said.append(frame)
-        return passed(frame, now_ns)
-
-    slaves.line.passed = heard
-    slaves.operate()
-    mail = struct.pack("<HHBBHBHB4x", 10, 0, 0, 0x13, 2 << 12, 0x40, 0x1018, 1).ljust(MAILBOX_BYTES, b"\0")
-    for address, command, data in ((MAILBOX_OUT, FPWR, mail), (MAILBOX_IN, FPRD, bytes(MAILBOX_BYTES))):
-        said.append(framed([Datagram(command, (0x1001, address), data)]))
-    return said
-
-
-def test_garbage_at_the_slaves(count):
-    """A line of three, of which the middle one is served: the memories of its neighbours in the array are canaries."""
-    chance, frames = random.Random(2), conversation()
-    line, now_ns = Line([AMPLIFIER, GAUGE]), 10**12
-    for application in line.applications:
-        application.switch_on(now_ns)
-    identity = line.controllers["memory"][:, :2].copy()
-    for _ in range(count):
-        now_ns += 1000
-        data = garbage(chance, *frames)
-        back = line.passed(data, now_ns)
-        assert back is None or len(back) == len(data)
-        list(unframed(data if back is None else back))
-    assert np.array_equal(line.controllers["memory"][:, :2], identity), "what no master may write"
-    assert np.all(line.controllers["powered"] == 1)
-    assert np.all(line.controllers["writable"].sum(axis=1) < MEMORY_BYTES)
-    assert ESC["memory"].shape == (MEMORY_BYTES,)
 
 
 class Babbler:
@@ -211,13 +167,3 @@ def test_a_slave_that_babbles_is_not_listened_to_for_ever(monkeypatch):
     slave = Slave(FIRST_STATION, 1, 2, 3, 4, (0x1000, 48), (0x1080, 48))
     with pytest.raises(LinkError, match="the mailbox of terminal amplifier does not answer"):
         Mailbox(Emergencies(random.Random(5)), slave, "amplifier").read(0x1018, 1)
-
-
-def test_garbage_in_an_esi_file(count, tmp_path):
-    chance, file, refused, cases = random.Random(6), tmp_path / "device.xml", 0, max(1, count // 20)
-    for _ in range(cases):
-        file.write_bytes(garbage(chance, ONE.encode()))
-        said = refusal_of(lambda: read_esi(file), ConfigError)
-        assert "\n" not in said
-        refused += bool(said)
-    assert 0 < refused < cases

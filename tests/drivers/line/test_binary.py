@@ -187,11 +187,6 @@ def taken(one, port, *wires):
     return [sample for sample in inbox if sample.channel == 0]
 
 
-def test_frames_that_come_together(stream):
-    samples = taken(*stream, strains(1, x=10_000) + strains(2, x=20_000), strains(5, x=30_000))
-    assert [(sample.value, sample.lost) for sample in samples] == [(1.0, 0), (2.0, 0), (3.0, 2)]
-
-
 def test_repeated_and_overtaken_frames_are_not_fresh(stream):
     one, port = stream
     samples = taken(one, port, strains(1), strains(1), strains(3), strains(2), strains(4))
@@ -238,23 +233,6 @@ def test_bytes_without_frames_are_a_wrong_baud_rate():
     one, _ = framing(lambda data: [(0.0, bytes(range(1, 60)))], FRAMING["binary"])
     with pytest.raises(LinkError, match=r"sends \d+ bytes, and no frame is in them: are baud rate"):
         begin(one)
-
-
-def test_probe_on_the_wire():
-    device = Board(PtyWire())
-    device.start()
-    try:
-        device.set_input("strain_y", 12.5)
-        line = Line(Line.Options.model_validate(device.options), None)
-        answers = {answer.name: answer for answer in line.probe(0.3)}
-        line.close()
-    finally:
-        device.kill()
-    assert answers["identity"].values["serial_number"] == 1234
-    assert answers["identity"].note == "the device of the configuration"
-    assert answers["strains"].values["strain_y"] == pytest.approx(12.5)
-    assert 300 < answers["strains"].values["frames_per_s"] < 1500
-    assert device.written == []
 
 
 def test_echo_of_a_two_wire_line():

@@ -161,19 +161,6 @@ def test_a_frame_that_stands_still_is_given_up_by_python():
         assert float(at.inbox[0]["signal"]["value"][0]) == 2.0
 
 
-def test_a_frame_in_more_chunks_than_there_is_room_for_is_python_s():
-    options = Binary.model_validate(BOARD.model_dump() | {"length": None})
-    options.receive["strains"].__dict__["bytes"] = 60
-    with Spoken(options, True) as at:
-        body = strains(1, 7.0)[:-1] + bytes(40)
-        whole = body + bytes((options.crc.function(body[2:]),))
-        at.begin(whole)
-        codes = [at.arrives(whole[k : k + 1]) for k in range(len(whole))]
-        assert (codes[0], max(codes)) == (0, 1)
-        assert float(at.inbox[0]["signal"]["value"][0]) == 7.0
-        assert at.arrives(whole) == 0, "afterwards compiled code goes on"
-
-
 def test_what_the_system_takes_in_part_goes_out_whole():
     """The rest of it is Python's to send, and nothing goes before."""
     with Spoken(BOARD, True) as at:
@@ -185,23 +172,3 @@ def test_what_the_system_takes_in_part_goes_out_whole():
         at.receive_in_python()
         assert at.heard() == first[8:]
         assert at.send([0.0] * 3) == UNCONFIRMED
-
-
-def test_where_python_is_needed_each_time_there_are_no_compiled_functions():
-    """A device that is asked, one that says who it is in frames of the same kind, and one whose frames are too long."""
-    asked = FRAMING["binary"]["send"]["voltages"] | {"reply": "strains"}
-    same_kind = FRAMING["binary"]["identity"] | {"kind": 0x10}
-    beyond = FRAMING["binary"]["crc"] | {"first": 30}
-    for changed in (
-        {"send": {"voltages": asked}},
-        {"identity": same_kind},
-        {"crc": beyond},
-        {"receive": {"strains": long_message()}, "length": None},
-    ):
-        options = Binary.model_validate(BOARD.model_dump() | changed)
-        with Spoken(options, False) as at:
-            assert at.framing.steady() is None
-
-
-def long_message():
-    return FRAMING["binary"]["receive"]["strains"] | {"bytes": 1500}

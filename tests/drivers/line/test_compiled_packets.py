@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from micromanip_drivers.line.stream import StreamFraming
-from micromanip_drivers.line.stream_options import DeviceTime, Stream
+from micromanip_drivers.line.stream_options import Stream
 
 from .compiled_line import Spoken
 
@@ -110,10 +110,3 @@ def test_whole_packets_never_reach_python():
         for _ in range(30):
             assert ours.arrives(layout.packet()) == 0
         assert int(ours.record["frames"]) > 10
-
-
-def test_a_devices_clock_is_followed_in_python():
-    layout = Layout(random.Random(7))
-    clock = DeviceTime(at=5, type="uint8", unit_s=1e-3)
-    with Spoken(layout.options.model_copy(update={"time": clock}), False, StreamFraming) as one:
-        assert one.framing.steady() is None

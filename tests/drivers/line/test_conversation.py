@@ -106,25 +106,6 @@ def test_a_late_reply_is_never_taken_for_that_of_another_question(identity):
     assert one.counters["late_lines"] > 5
 
 
-def test_the_answer_to_an_earlier_who_are_you_does_not_put_a_later_question_in_order():
-    """The reply is later than a drain, so it is asked twice; the second answer comes after the next question."""
-    delays = []
-    one, _ = framing(gcs_device(lambda: delays.pop(0) if delays else 0.0), WITHOUT_ERRORS)
-    begin(one)
-    delays[:] = [0.025, 0.0, 0.008, 0.004]  # position, who, who once more, voltage
-    values = {POSITION: [], VOLTAGE: []}
-    task, end_s = POSITION, time.monotonic() + 0.2
-    while time.monotonic() < end_s:
-        try:
-            values[task] += read(one, task)
-        except TransientError:
-            task = VOLTAGE if task == POSITION else POSITION
-        time.sleep(0.0002)
-    assert len(values[VOLTAGE] + values[POSITION]) > 20
-    assert all(value > 1000 for value in values[POSITION])
-    assert all(value < 0 for value in values[VOLTAGE])
-
-
 @pytest.mark.parametrize("lost", [1, 2])
 def test_answers_that_were_lost_hold_the_questions_back_for_a_while_only(lost):
     device, eaten = gcs_device(), []
@@ -142,28 +123,6 @@ def test_answers_that_were_lost_hold_the_questions_back_for_a_while_only(lost):
             time.sleep(0.0005)
     assert eaten[0] == b"VOL? 1\n"
     assert all(b"IDN" in one for one in eaten[1:])
-    assert values[0] < 0
-
-
-@pytest.mark.live
-def test_a_device_that_says_who_it_is_is_not_silent():
-    """It has lost the first two askings, so a drain of silence must follow its answer; the link is not lost by that."""
-    device, eaten = gcs_device(), []
-    one, _ = framing(
-        lambda data: (eaten.append(data) or []) if len(eaten) < 3 else device(data),
-        identity="Physik",
-        silence_ms=104.0,
-        drain_ms=40.0,
-    )
-    eaten[:] = [b""] * 3
-    begin(one)
-    eaten.clear()
-    with pytest.raises(TransientError, match="no reply"):
-        read(one, VOLTAGE)
-    values, end_s = [], time.monotonic() + 1.0
-    while not values and time.monotonic() < end_s:
-        values = read(one, VOLTAGE)
-        time.sleep(0.0005)
     assert values[0] < 0
 
 
@@ -307,22 +266,6 @@ def test_silence_counts_from_the_first_question_that_was_not_answered():
     assert time.monotonic() - begin_s >= 0.06
 
 
-def test_while_the_device_is_asked_who_it_is_a_late_line_does_not_end_the_waiting():
-    """More than one reply may be late; what was asked last comes last."""
-    delays = [0.0]
-    one, _ = framing(gcs_device(lambda: delays[0]), identity="Physik", drain_ms=2000.0)
-    begin(one)
-    delays[0] = 0.1  # the position after 0.1 s, the identity after 0.2 s
-    with pytest.raises(TransientError):
-        read(one, POSITION)
-    delays[0] = 0.0
-    time.sleep(0.12)
-    assert read(one, VOLTAGE) == []
-    assert one.counters["late_lines"] == 1
-    time.sleep(0.12)
-    assert read(one, VOLTAGE)[0] < 0
-
-
 def test_noise_before_a_reply_does_not_become_a_part_of_it():
     options = {
         "terminator": "LF",
@@ -332,13 +275,3 @@ def test_noise_before_a_reply_does_not_become_a_part_of_it():
     begin(one)
     port.coming.append((time.monotonic_ns(), b"1"))
     assert read(one, 0) == [5.0]
-
-
-@pytest.mark.parametrize("idn", [None, "ÿûÿý Physik Instrumente"])
-def test_a_probe_says_that_nobody_says_who_it_is(idn):
-    """A terminal server that negotiates puts bytes before the first answer: what is no text is no answer."""
-    device, _ = framing(gcs_device(idn=idn), identity="Physik")
-    first = next(device.probe(0.0))
-    assert (first.name, first.values) == ("*IDN?", {})
-    assert first.note == "no answer in 50 ms that is a line of text"
-    assert not first.is_value

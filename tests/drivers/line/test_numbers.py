@@ -48,18 +48,6 @@ def test_golden_numbers(kind, order, wire, number):
     assert written[2:] == data
 
 
-@given(st.sampled_from(sorted(SIZES)), st.sampled_from(["little", "big"]), st.data())
-def test_what_is_written_is_read(kind, order, data):
-    one = codec(kind, order)
-    if kind.startswith("float"):
-        number = data.draw(st.floats(width=32 if kind == "float32" else 64, allow_nan=False, allow_infinity=False))
-    else:
-        number = data.draw(st.integers(int(one.low), int(one.high)))
-    wire = bytearray(SIZES[kind])
-    one.write(wire, number)
-    assert one.read(wire) == number
-
-
 @example(5.6e306, "int16", 0.03125, 0.0)  # infinite in steps of the scale
 @given(st.floats(), st.sampled_from(sorted(SIZES)), st.floats(1e-6, 1e6), st.floats(-1e3, 1e3))
 def test_every_value_is_sent_as_it_is_or_refused(value, kind, scale, offset):

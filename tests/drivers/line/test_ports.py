@@ -137,24 +137,6 @@ def connected(server, silence_ms=200.0):
         port.close()
 
 
-def test_tcp_nobody_answers(server):
-    """A queue of connections that is full: the next ones get no answer at all."""
-    with socket.socket() as full:
-        full.bind(("127.0.0.1", 0))
-        full.listen(0)
-        address = full.getsockname()
-        with contextlib.ExitStack() as waiting:
-            for _ in range(4):
-                one = waiting.enter_context(socket.socket())
-                one.setblocking(False)
-                one.connect_ex(address)
-            port = TcpConnection(TcpPort(host=address[0], port=address[1]), 200.0)
-            begin_s = time.monotonic()
-            with pytest.raises(LinkError, match=r"no answer within 0\.2 s; is it switched on"):
-                port.open(soon(0.2))
-            assert time.monotonic() - begin_s < 1.0
-
-
 def test_half_open_connection_of_one_who_only_writes(server):
     """What is not acknowledged for so long ends the connection: here by a window that stays shut."""
     with connected(server, silence_ms=100.0) as (_, port):

@@ -2,13 +2,11 @@
 
 import contextlib
 import itertools
-import random
 import time
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from micromanip_drivers.line.driver import Line
 from micromanip_drivers.line.framing import Silence
 from micromanip_drivers.line.line_time import LineTime
 from micromanip_drivers.line.port_options import TcpPort
@@ -80,20 +78,6 @@ def test_any_cutting_gives_the_same_samples(sizes, places):
     assert {sample.lost for sample in samples} <= {0}
 
 
-def test_garbage_and_cut_packets_give_no_value_without_a_checksum_too():
-    draw = random.Random(3)
-    one, port = begun(packet(0, 5, 5))
-    count, good = 2, 0
-    for _ in range(300):
-        garbage = draw.choice((draw.randbytes(draw.randint(1, 60)), packet(count, 9, 9)[: draw.randint(1, 55)]))
-        wire = packet(count, 5, 5)
-        samples = taken(one, port, garbage + wire + packet(count + 2, 5, 5))
-        assert {round(sample.value * 1e5) for sample in samples} <= {5}
-        good += bool(samples)
-        count += 4
-    assert good > 290
-
-
 def test_packet_of_another_device_is_no_sample():
     """Somebody plugged another sensor to the same converter; or noise that looks like a packet."""
     one, port = begun(packet(0, 5))
@@ -133,23 +117,3 @@ def test_datagrams_doubled_lost_and_out_of_order():
     samples = taken(one, port, wires[1], wires[1], wires[3], wires[2], wires[6], wires[7][:-1], wires[7])
     assert [(round(sample.value / 1000), sample.lost) for sample in samples] == [(1, 0), (3, 1), (6, 2), (7, 0)]
     assert one.counters["not_fresh"] == 2
-
-
-def line(options):
-    return Line(Line.Options.model_validate(options), None)
-
-
-def test_probe_shows_values_and_the_wrong_device():
-    device = CapacitiveSensor(TcpWire())
-    device.start()
-    device.serial_number = 7
-    device.set_input("strain_z", 2.5)
-    driver = line(device.options)
-    try:
-        *_, answer = driver.probe(0.2)
-    finally:
-        driver.close()
-        device.kill()
-    assert answer.values["strain_z"] == pytest.approx(2.5)
-    assert answer.values["serial_number"] == 7
-    assert answer.note == "serial_number 7, the configuration says 4711"

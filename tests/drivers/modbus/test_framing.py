@@ -51,13 +51,9 @@ def test_answers_to_other_requests_are_dropped_and_counted():
     ("frame", "why"),
     [
         ("0001 0001 0007 11 0304000a0102", "header"),
-        ("0001 0000 0001 11", "header"),
-        ("0001 0000 00ff 11", "header"),
         ("0001 0000 0007 12 0304000a0102", "unit 18"),
         ("0001 0000 0007 11 0404000a0102", "begins with 04 04"),
-        ("0001 0000 0005 11 0302000a", "begins with 03 02"),
         ("0001 0000 0006 11 0304000a01", "5 bytes instead of 6"),
-        ("0001 0000 0008 11 0304000a010203", "7 bytes instead of 6"),
         ("0001 0000 0004 11 830202", "begins with 83 02"),
     ],
 )

@@ -76,8 +76,9 @@ def test_nothing_is_sent_on_a_serial_line_while_late_answers_are_waited_for():
     assert time.monotonic() - begin > 0.038
 
 
-def test_over_tcp_the_late_answer_itself_ends_the_silence():
-    scripted = Scripted(serial=False, drain_ms=600)
+@BOTH
+def test_the_late_answer_itself_ends_the_silence_once(serial):
+    scripted = Scripted(serial=serial, drain_ms=600)
     scripted.unit.said[2] = late(0.03)
     with pytest.raises(TransientError):
         scripted.turn()
@@ -104,13 +105,6 @@ def test_exceptions(serial, code, error, said):
     with pytest.raises(error, match=rf"u \(unit 1\), function 3, 5: exception {code}, .*{said}"):
         scripted.turn()
     assert scripted.turn() == [3.0], "the next one is asked for at once"
-
-
-def test_the_answer_to_another_function_is_none():
-    scripted = Scripted(serial=False)
-    scripted.unit.said[2] = instead(bytes.fromhex("04 02 0007"))
-    with pytest.raises(TransientError, match="begins with 04 02 instead of 03 02"):
-        scripted.turn()
 
 
 def test_a_wrong_transaction_number_is_never_believed():
@@ -179,16 +173,6 @@ def test_two_units_on_one_line_never_get_each_others_answers(serial):
             time.sleep(0.002)
     assert values == [asked + 1]
     assert [scripted.driver.inputs[sample.channel].name for sample in scripted.inbox] == ["b.value"]
-
-
-def test_on_a_serial_line_a_late_answer_ends_the_silence_once():
-    scripted = Scripted(serial=True, drain_ms=600)
-    scripted.unit.said[2] = late(0.03)
-    with pytest.raises(TransientError, match="no answer"):
-        scripted.turn()
-    time.sleep(0.02)
-    assert scripted.turn() == [3.0]
-    assert scripted.driver.statistics()["late"] == 1
 
 
 def test_after_a_second_time_out_in_a_row_the_silence_is_waited_for():

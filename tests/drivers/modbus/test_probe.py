@@ -48,18 +48,6 @@ def test_a_register_under_every_order(unit, capsys):
     assert unit.do(unit.devices.report)["outputs"]["voltage_x"]["samples"] == 0
 
 
-def test_a_register_that_is_not_there_is_said_and_the_others_are_shown(unit, capsys, tmp_path):
-    missing = {"function": 4, "rate_hz": 1, "read": {"missing": {"address": 777, "type": "uint16"}}}
-    keys_of(unit.config)["units"]["cell"]["tasks"]["more"] = missing
-    file = tmp_path / "more.yaml"
-    file.write_text(yaml.safe_dump(unit.config, sort_keys=False), encoding="utf-8")
-    code, said = probed(capsys, file, "modbus", "--seconds", "0.1", "--json")
-    assert code == 0
-    answers = {answer["name"]: answer for answer in json.loads(said.out)["answers"]}
-    assert "exception 2, illegal address" in answers["cell.missing"]["note"]
-    assert "bytes big, words big" in answers["cell.strain_y"]["values"]
-
-
 def test_a_device_that_answers_with_exceptions_only(unit, capsys, tmp_path):
     """Of another device's registers none is there: something answers, and nothing was read."""
     tasks = keys_of(unit.config)["units"]["cell"]["tasks"]

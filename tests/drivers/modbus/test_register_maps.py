@@ -1,6 +1,5 @@
 """Register maps of any kind: planned into transactions, asked of a simulated unit, and read back as they are."""
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from micromanip_drivers.modbus.options import ModbusOptions
@@ -10,7 +9,6 @@ from micromanip_drivers.modbus.task_options import REGISTERS
 from micromanip.emulation.modbus.register import DeviceRegister
 from micromanip.emulation.modbus.server import answer
 from micromanip.emulation.modbus.unit import HOLDING, ModbusUnit
-from micromanip.errors import ConfigError
 
 WORDS = [kind for kind in REGISTERS if kind not in ("coil", "bits")]
 KEYS = {"tcp": {"host": "h", "port": 502}, "timeout_ms": 20, "response_ms": 1}
@@ -84,14 +82,3 @@ def test_what_is_written_is_what_the_unit_gets(found, data):
         request = exchange.request(wanted)
         assert answer(unit, request, 0) == exchange.answer_head(request)
     assert memory.values == wanted
-
-
-@given(register_maps(), st.data())
-def test_registers_that_overlap_are_refused(found, data):
-    name = data.draw(st.sampled_from(sorted(found)))
-    address, kind = found[name]
-    other = data.draw(st.sampled_from(WORDS))
-    at = data.draw(st.integers(max(0, address - REGISTERS[other] + 1), address + REGISTERS[kind] - 1))
-    read = {n: {"address": a, "type": k} for n, (a, k) in found.items()} | {"new": {"address": at, "type": other}}
-    with pytest.raises(ConfigError, match=r"units\.u\.tasks\.t\.read\.\w+: overlaps with units\.u\.tasks\.t\.read\."):
-        plans({"t": {"function": 3, "rate_hz": 1, "read": read}})

@@ -19,8 +19,8 @@ _CAN = (
     ("start: {lift_s: 0.2, ", "start: {lift_s: 0.3, "),
     ("ramp_s: 0.2}", "ramp_s: 0.3}"),
     ("max_age_us: 200000, range_um: [-30, 150]", "max_age_us: null"),
-    ("  amplifier_ok_x: {driver: can0, channel: Sensors.amplifier_ok_x, max_age_us: 1000000}\n", ""),
-    ("switches: {amplifier_enable: {driver: can0, channel: Voltages.amplifier_enable}}\n", ""),
+    ("  amplifier_ok_x: {driver: cell, channel: Sensors.amplifier_ok_x, max_age_us: 1000000}\n", ""),
+    ("switches: {amplifier_enable: {driver: cell, channel: Voltages.amplifier_enable}}\n", ""),
     ("range_V: [-20, 150], slew_V_per_ms: 2,", "range_V: [-20, 100], slew_V_per_ms: 0.5,"),
     ("mode: strain", "mode: voltage"),
 )

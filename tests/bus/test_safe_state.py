@@ -123,6 +123,13 @@ def test_the_loop_lives_or_is_dead_by_the_age_of_what_it_wrote(device):
     assert device.state.state == SAFE_RAMP
 
 
+def test_at_whatever_time_it_is_followed(device):
+    device.turn(40.0)
+    assert device.state.state == RESTING
+    device.state.values([0.0, 1.0, 0.0, 9.0], 7 * DEAD_NS, 8 * DEAD_NS)
+    assert device.state.state == FOLLOWING
+
+
 def test_outputs_at_rest_stay_there_when_the_loop_dies(device):
     device.turn(40.0)
     device.turn(40.0)
@@ -212,6 +219,11 @@ def test_the_voltages_rest_at_a_safe_value_of_their_own():
     assert not device.state.rests_with([0.0, 0.0, 0.0, 0.0])
 
 
+def test_each_output_has_a_period():
+    with pytest.raises(ValueError, match="shorter"):
+        SafeState(OUTPUTS, [PERIOD_S], RAMP_S, DEAD_NS)
+
+
 def test_a_break_in_the_middle_of_the_ramp_costs_nothing(device):
     device.follow(80.0)
     device.state.leave()
@@ -271,6 +283,11 @@ def test_who_takes_over_sends_the_last_value_again(device, arrived):
     assert device.state.state == RESTING
 
 
+def test_so_it_does_on_the_way_up(device):
+    device.state.remember([-15.0, 1.0, 0.0, None])
+    assert device.volts() == -15.0
+
+
 def test_what_was_remembered_is_known_and_what_was_not_is_not(device):
     assert all(map(math.isnan, device.state.last))
     device.state.remember([60.0, None, 0.0, None])
@@ -285,6 +302,15 @@ def test_what_is_read_back_counts_more_than_what_was_remembered(device):
     device.state.read_back([30.0, None, None, None])
     assert device.state.last[VOLT] == 30.0
     assert device.volts() == pytest.approx(30.0, abs=0.01)
+
+
+def test_what_is_read_back_is_known(device):
+    device.state.read_back([0.0, None, None, None])
+    assert device.state.last[VOLT] == 0.0
+    device.follow(40.0)
+    device.state.read_back([43.0, None, None, None])
+    assert device.state.last[VOLT] == 43.0
+    assert device.volts(90.0) == 53.0
 
 
 def test_from_what_is_read_back_and_not_expected_a_ramp_begins_anew(device):

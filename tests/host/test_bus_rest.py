@@ -8,7 +8,7 @@ import pytest
 
 from micromanip.bus import device_lock, output_writer
 from micromanip.bus.driver import BusDriver, BusOptions, Channel, Outcome, Task
-from micromanip.bus.errors import DeviceFault, IdentityMismatch, LinkError, TransientError
+from micromanip.bus.errors import DeviceFault, IdentityMismatch, LinkError, OutputRefused, TransientError
 from micromanip.bus.last_given import LastGiven
 from micromanip.bus.safe_state import LAST_SWITCH, SWITCH, UNUSED, VOLTAGE, SafeOutput
 from micromanip.host.safe import bus_rest
@@ -173,6 +173,12 @@ def test_the_feed_is_held_at_once_and_the_amplifier_stays_on_until_the_voltages_
     assert len(cut) < len(lines), "it was on before"
 
 
+def test_what_writes_nothing_is_done_too():
+    bus = Bus(voltage_x=80.0)
+    rested(bus)
+    assert sum(task == 0 for task, _ in bus.written) > 10, "without SYNC no node takes its outputs over"
+
+
 def test_what_it_was_given_last_counts_where_the_device_cannot_be_asked(tmp_path):
     memory = LastGiven.open("bench", NAMES, tmp_path)
     memory.write([80.0, 10.0, 1.0, 1.0, 0.0])
@@ -246,6 +252,41 @@ def test_one_failing_task_leaves_the_others_tried(error, failing):
     assert str(error) in failed[0]
 
 
+def test_a_failure_is_told_with_the_last_voltage():
+    bus = Bus(voltage_x=80.0)
+    bus.raises[1] = DeviceFault("unit 3: illegal address")
+    failed, _ = rested(bus)
+    assert failed[0] == "voltage_x (safe: 0 V) can't be called safe: unknown, last 80 V; unit 3: illegal address"
+    assert (
+        failed[1]
+        == "amplifier_enable (safe: 0) can't be called safe: unknown, last 1; it waits for the voltages to be at rest"
+    )
+
+
+def test_without_any_knowledge_that_is_told_too():
+    bus = Bus()
+    bus.asked = False
+    bus.raises["open"] = LinkError("no route")
+    failed, _ = rested(bus)
+    assert failed[0] == "voltage_x (safe: 0 V) can't be called safe: nobody knows what it has; no route"
+    assert len(failed) == 4, "what nobody uses is not told"
+    assert bus.written == []
+    assert bus.opened > 2
+
+
+def test_why_the_link_is_gone_is_told_of_all():
+    bus = Bus(voltage_x=80.0)
+    bus.raises[2] = LinkError("reset by the device")
+    bus.raises["open"] = [None, *[LinkError("no answer")] * 1000]
+    failed, _ = rested(bus)
+    assert [line.rpartition("; ")[2] for line in failed] == [
+        "no answer",
+        "reset by the device",
+        "no answer",
+        "it waits for the voltages to be at rest",
+    ]
+
+
 def test_a_link_that_comes_back_is_used():
     bus = Bus(voltage_x=80.0)
     bus.raises["open"] = [LinkError("busy"), None]
@@ -295,6 +336,13 @@ def test_errors_that_come_and_go_do_no_harm():
     assert rested(bus)[0] == []
     assert bus.has == SAFE
     assert max(steps([80.0, *bus.course("voltage_x")])) <= STEP_V * (1 + 1e-9)
+
+
+def test_a_value_that_the_wire_refuses():
+    bus = Bus(voltage_x=80.0)
+    bus.raises[1] = OutputRefused("voltage_x: out of the wire's range")
+    failed, _ = rested(bus)
+    assert failed[0].endswith("unknown, last 80 V; voltage_x: out of the wire's range")
 
 
 def test_a_device_that_takes_everything_and_does_something_else():
@@ -371,6 +419,13 @@ def test_what_broke_the_link_is_tried_again_however_long_the_others_take():
     bus.raises[1] = [LinkError("reset")]
     assert rested(bus, ramp_s=8.0)[0] == []
     assert bus.has == pytest.approx(SAFE)
+
+
+def test_a_problem_that_is_over_is_not_told():
+    bus = Bus(voltage_x=80.0)
+    bus.raises[1] = [TransientError("late"), None]
+    bus.outcome[1] = [None, *[Outcome.HELD] * 100_000]
+    assert rested(bus)[0][0].endswith("; it was not acknowledged")
 
 
 def test_a_task_is_given_up_after_three_seconds_and_two_turns():

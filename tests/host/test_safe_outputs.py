@@ -120,6 +120,17 @@ def test_it_goes_by_what_last_ran_and_says_so(config, tmp_path, capsys):
     assert ended(config, "--from-file") == 78
 
 
+def test_what_was_left_and_can_not_be_used_is_a_warning(config, tmp_path, capsys):
+    write(Source.read(config), {}, tmp_path / "micromanip")
+    (snapshot,) = (tmp_path / "micromanip" / "park").iterdir()
+    snapshot.chmod(0o666)
+    assert ended(config, "--json") == 0
+    said = capsys.readouterr()
+    warning = f"{snapshot} can be written by others"
+    assert said.err == f"WARNING: {warning}\n"
+    assert json.loads(said.out)["warnings"] == [warning]
+
+
 def test_refused_while_a_controller_has_the_device(config, capsys):
     with DeviceLocks(["bench"]):
         assert ended(config) == 1
@@ -232,6 +243,14 @@ def test_one_driver_keeps_no_other_one_from_rest(config, driver, monkeypatch):
     assert x.startswith("driver half: voltage_x (safe: 0 V) can't be called safe: unknown, last 80 V; ")
     assert y.startswith("driver half: ")
     assert x != y
+
+
+def test_notes_name_their_driver(config):
+    bus = Bus()
+    bus.asked = False
+    report = make_safe(planned(config, {"bus": bridge(bus)}, {"bus": OUTPUTS}))
+    assert report.failed == []
+    assert report.notes == ["driver bus: nobody knows what voltage_x, voltage_y had: the first value is the safe one"]
 
 
 def test_what_has_no_outputs_is_not_opened_and_not_called_safe(config):

@@ -1,13 +1,16 @@
 """A bus driver whose compiled functions do all that they can, and Python what these leave, as in a worker."""
 
 import ctypes
+import math
 import select
+import struct
 import time
 
 import numpy as np
 
 from micromanip.bus.driver import Outcome
-from micromanip.rt.steady.records import INBOX, UNCONFIRMED
+from micromanip.bus.errors import OutputRefused
+from micromanip.rt.steady.records import INBOX, NOTHING_SENT, UNCONFIRMED
 
 _FUNCTION = ctypes.CFUNCTYPE(
     ctypes.c_int32, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64
@@ -23,6 +26,36 @@ def call_send(functions, values, task=0):
     """Send `values` by one task; what the function says."""
     values = np.array(values, float)
     return _FUNCTION(functions.send)(functions.context.ctypes.data, values.ctypes.data, 0, time.monotonic_ns(), task)
+
+
+def bits(values):
+    """IEEE 754 patterns; a number that is none is one pattern, whatever the processor makes of its payload."""
+    return [b"nan" if math.isnan(value) else struct.pack("<d", value) for value in values]
+
+
+def drawn_value(draw, field, codes):
+    """A value of `field`: a code or beside one, at the ends of `codes`, or what is not to be sent; None: a float."""
+    if draw.random() < 0.1:
+        return draw.choice([math.nan, math.inf, -math.inf, 1e300, -1e300])
+    if codes is None:
+        return draw.choice([0.0, -0.0, draw.gauss(0, 1), draw.gauss(0, 1e-6), draw.uniform(-6e4, 6e4)])
+    low, high = map(int, codes)
+    code = draw.choice([low, high, low - 1, high + 1, draw.randint(low, high)])
+    return (code + draw.choice([0.0, 0.5, -0.5, 0.25])) * field.scale + field.offset
+
+
+def assert_sent_alike(draw, fields, python, send, heard, taken=0):
+    """Values drawn for `fields`, each (field, codes): `python` gives the bytes, or refuses; compiled code as well."""
+    for _ in range(6):
+        values = [drawn_value(draw, field, codes) for field, codes in fields]
+        try:
+            expected = python(values)
+        except OutputRefused:
+            assert send(values) == NOTHING_SENT
+            assert not heard()
+            continue
+        assert send(values) == taken
+        assert heard() == expected
 
 
 class CompiledTurns:

@@ -1,8 +1,6 @@
 """Compiled functions and Python say the same of every frame, bit for bit; what is out of the ordinary is Python's."""
 
-import math
 import random
-import struct
 from types import SimpleNamespace
 
 import can
@@ -15,12 +13,12 @@ from micromanip_drivers.canbus.options import Received, Sent
 from micromanip_drivers.canbus.received_message import ReceivedMessage
 from micromanip_drivers.canbus.sent_message import SentMessage
 
-from micromanip.bus.errors import OutputRefused
 from micromanip.bus.inbox import Inbox
 from micromanip.errors import ConfigError
 from micromanip.rt.records import MAX_OUTPUTS
 from micromanip.rt.steady.records import NOTHING_SENT
 
+from ..compiled_turns import assert_sent_alike, bits
 from .compiled_socket import compiled
 from .layouts import messages
 
@@ -55,11 +53,6 @@ def frame(message, data, **flags):
     )
 
 
-def bits(values):
-    """IEEE 754 patterns; a number that is none is one pattern, whatever the processor makes of its payload."""
-    return [b"nan" if math.isnan(value) else struct.pack("<d", value) for value in values]
-
-
 def interesting(draw, length):
     """Bytes at random, or such that the ends of ranges come up."""
     return draw.choice([draw.randbytes(length), bytes(length), b"\xff" * length, b"\x80" + bytes(length - 1)])
@@ -85,28 +78,9 @@ def test_any_values_are_packed_the_same_or_refused_the_same(message, seed):
         ours = sent(message)
     except ConfigError:  # a signal that can't be at rest: nothing is ever sent
         assume(False)
+    fields = [(field, None if field.floating else (field.low, field.high)) for field in ours.fields]
     with compiled([], [ours]) as at:
-        for _ in range(6):
-            values = [drawn_value(draw, field) for field in ours.fields]
-            try:
-                expected = build_can_frame(ours.frame(values))
-            except OutputRefused:
-                assert at.send(values) == NOTHING_SENT
-                assert at.heard() is None
-                continue
-            assert at.send(values) == 0
-            assert at.heard() == expected
-
-
-def drawn_value(draw, field):
-    """Within the range, at its ends, between two codes, and what is not to be sent."""
-    low, high = field.range
-    if draw.random() < 0.15:
-        return draw.choice([math.nan, math.inf, -math.inf, low - abs(field.scale), high + abs(field.scale), 1e300])
-    if field.floating:
-        return draw.choice([0.0, -0.0, low, high, draw.gauss(0, 1), draw.gauss(0, 1e-6), draw.uniform(-6e4, 6e4)])
-    codes = draw.choice([field.low, field.high, draw.randint(int(field.low), int(field.high))])
-    return (codes + draw.choice([0.0, 0.5, -0.5, 0.25])) * field.scale + field.offset
+        assert_sent_alike(draw, fields, lambda values: build_can_frame(ours.frame(values)), at.send, at.heard)
 
 
 def counting():

@@ -4,6 +4,8 @@ import time
 
 from micromanip_drivers.line.port import Port
 
+from micromanip.bus.errors import BusError
+
 
 class ScriptedPort(Port):
     """`answer` gives (delay in s, bytes) for every chunk that is sent; the device answers in order."""
@@ -46,3 +48,16 @@ class ScriptedPort(Port):
 
     def _write(self, descriptor, data):
         raise NotImplementedError
+
+
+def raised(call, passing=(), seconds=3.0):
+    """The first bus error, but those that are `passing`, of calling it again and again; None if there was none."""
+    end_s = time.monotonic() + seconds
+    while time.monotonic() < end_s:
+        try:
+            call()
+        except passing:
+            time.sleep(0.001)
+        except BusError as problem:
+            return problem
+    return None

@@ -16,9 +16,8 @@ from micromanip.bus.driver import Outcome
 from micromanip.bus.errors import IdentityMismatch, LinkError, TransientError
 from micromanip.bus.inbox import Inbox
 
-from .again import raised
 from .board import FRAMING, Board, frame
-from .scripted_port import ScriptedPort
+from .scripted_port import ScriptedPort, raised
 from .wires import PtyWire
 
 COUNTER = {"at": 4, "type": "uint16", "byte_order": "little"}

@@ -16,12 +16,11 @@ from micromanip.settings.wiring.single_driver import driver_to_probe
 from ..changed_options import DELETE, put
 from .board import FRAMING
 from .gcs_controller import FRAMING as GCS
-from .sensors import SENSOR, TRACKER
+from .sensors import SENSOR
 
 BOARD = {"serial": {"device": "/dev/ttyUSB0", "baud": 4_000_000}, **FRAMING}
 PIEZO = {"tcp": {"host": "192.168.0.10", "port": 50000}, **GCS}
 GAP = {"tcp": {"host": "192.168.0.30", "port": 10001}, **SENSOR}
-LASER = {"udp": {"host": "192.168.0.40", "port": 5000, "listen": 7000}, **TRACKER}
 
 
 def examples(module):

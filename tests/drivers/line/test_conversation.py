@@ -13,9 +13,8 @@ from micromanip_drivers.line.port_options import TcpPort
 from micromanip.bus.errors import DeviceFault, LinkError, TransientError
 from micromanip.bus.inbox import Inbox
 
-from .again import raised
 from .gcs_controller import IDN
-from .scripted_port import ScriptedPort
+from .scripted_port import ScriptedPort, raised
 
 pytestmark = pytest.mark.live  # replies around a time-out of some milliseconds
 
@@ -30,16 +29,6 @@ GCS = {
     "write": {"command": {"command": "SVA", "rate_hz": 100, "cyclic_safe": True, "fields": {"voltage": {"item": "1"}}}},
 }
 POSITION, VOLTAGE, COMMAND = 0, 1, 2
-WITHOUT_ERRORS = {
-    "terminator": "LF",
-    "identity": {"request": "*IDN?", "pattern": "Physik"},
-    "reply_ms": 4.0,
-    "drain_ms": 12.0,
-    "read": {
-        "position": {"request": "POS? 1", "reply": ["1={strain}"], "rate_hz": 100, "fields": {"strain": {}}},
-        "voltage": {"request": "VOL? 1", "reply": ["1={monitor}"], "rate_hz": 100, "fields": {"monitor": {}}},
-    },
-}
 
 
 def gcs_device(delay=lambda: 0.0, error="0", idn=IDN):

@@ -13,7 +13,7 @@ from micromanip_drivers.line.udp_port import UdpDatagrams
 
 from micromanip.bus.errors import LinkError, TransientError
 
-from .again import raised
+from .scripted_port import raised
 from .wires import PtyWire, free_port
 
 

@@ -56,14 +56,13 @@ _BUDGET_S, _COHERENCE_S = 4.0, 1.0
     help="Tooth-passing frequency in Hz that the outer loop cancels  [default: as the axis has it, or as it is seen]",
 )  # fmt: skip
 @click.option("--seed", type=Quantity("Seed"), default=1, show_default=True, help="Of the excitations.")
-@click.option("--operator", help="Who stands behind it, for the report  [default: the one logged in]")
 @click.option("--live", is_flag=True, help="Through the running loop also on a simulation, in real time.")
 @click.option("--yes", is_flag=True, help="Don't ask before a real stage moves.")
 @socket_option
 @json_option
 def command(
     config: Path, only: str, folder: Path, bandwidth_Hz: float | None, noise_um: float | None, tooth_Hz: float | None,
-    seed: int, operator: str | None, live: bool, yes: bool, socket_path: Path, as_json: bool,
+    seed: int, live: bool, yes: bool, socket_path: Path, as_json: bool,
 ) -> None:  # fmt: skip
     """Identify an axis, design its controllers, try them on a fresh experiment, and report.
 
@@ -107,7 +106,7 @@ def command(
                 partial(_budgeted, prepared, seed, virtual=not live and prepared.wiring.virtual),
             )
             bar.say("report")
-            facts = _provenance(prepared, config, chosen, operator, seed)
+            facts = _provenance(prepared, config, chosen, seed)
             axes, missing = write_results(prepared, found, facts, folder, run)
     seconds = time.monotonic() - began
     if as_json:
@@ -187,7 +186,7 @@ def _silent(_: str) -> None:
     pass
 
 
-def _provenance(prepared: Prepared, config: Path, chosen: list[str], operator: str | None, seed: int) -> dict[str, str]:
+def _provenance(prepared: Prepared, config: Path, chosen: list[str], seed: int) -> dict[str, str]:
     """Where a report comes from: simulated or hardware, which version, when, by whom, with which sensors."""
     drivers = {name: prepared.wiring.drivers[name] for name in prepared.configuration.drivers}
     devices = {name: driver.device or prepared.configuration.drivers[name].driver for name, driver in drivers.items()}
@@ -205,7 +204,7 @@ def _provenance(prepared: Prepared, config: Path, chosen: list[str], operator: s
         else "simulated, nothing real moved",
         "configuration": f"{config} ({prepared.source.hash[:8]})",
         "time": f"{datetime.datetime.now(datetime.UTC):%Y-%m-%dT%H:%M:%SZ}",
-        "operator": operator or _logged_in(),
+        "operator": _logged_in(),
         "version": f"micromanip {version('micromanip')}",
         "rate": f"{prepared.configuration.loop.rate_hz:g} Hz",
         "seed": str(seed),

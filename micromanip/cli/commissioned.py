@@ -35,7 +35,6 @@ def write_results(
     The tuning comes first: it is small, and what the axis was moved for. Raises where even that finds no room. One that
     does not pass is not called tuned.
     """
-    from micromanip.design.commission.history import earlier_reports
     from micromanip.design.commission.report import write_report
     from micromanip.settings.schema.axis import Commissioned
     from micromanip.settings.tuning_hash import tuning_hash
@@ -51,14 +50,13 @@ def write_results(
         )
         for name, axis in axes.items()
     }
-    earlier = earlier_reports(folder, REPORT, [each.axis for each in found.evidence])
     tuned = tuned_text(prepared, found.configuration, noted)
     named = TUNED if found.passed else REJECTED
     if found.axes:
         keep(lambda file: write_atomically(file, tuned), run / named)
     missing = None
     steps: tuple[Callable[[], None], ...] = (
-        lambda: write_report(run / REPORT, "Commissioning report", facts, found.evidence, hashes, earlier),
+        lambda: write_report(run / REPORT, "Commissioning report", facts, found.evidence, hashes),
         lambda: publish(folder, run, (PREVIOUS, REPORT, TUNED, REJECTED)),
     )
     for step in steps:

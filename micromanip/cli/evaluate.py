@@ -30,11 +30,10 @@ from .results import Pictures, out_option, provenance
 )
 @click.option("--seed", type=Quantity("Seed"), help="Seed of the simulation's noise, instead of the configuration's.")
 @out_option("the figures", default=Path("out/evaluate"), show_default=True)
-@click.option("--own-pid", is_flag=True, help="Each axis' own PID instead of the one tuning that reproduces the paper.")
 @click.option("--figures/--no-figures", default=True, show_default=True, help="Draw the figures.")
 @json_option
 def command(
-    config: Path, only: str | None, seed: int | None, folder: Path, own_pid: bool, figures: bool, as_json: bool,
+    config: Path, only: str | None, seed: int | None, folder: Path, figures: bool, as_json: bool,
 ) -> None:  # fmt: skip
     """Run configurations A (PID), B (+ affine inverse) and C (+ tanh inverse) at 1, 5 and 10 Hz.
 
@@ -56,16 +55,15 @@ def command(
         show_compiling(bar.console.print)
         experiment = VirtualExperiment(prepared)
         configuration = with_models(prepared.configuration, experiment, bar.console.print)
-        known = any(axis.commissioned or axis.actuator for axis in configuration.axes.values())
-        tuned = known and not own_pid
-        total = (21 if tuned else 15) + (4 * len(shown) if figures else 0)
+        tuned = any(axis.commissioned or axis.actuator for axis in configuration.axes.values())
+        total = (21 if tuned else 15) + (3 * len(shown) if figures else 0)
         numbers = itertools.count(1)
 
         def progress() -> None:
             bar.say(f"experiment or figure {next(numbers)} of {total}")
 
-        runs = evaluate(configuration, experiment, own_pid, tuned, progress=progress)
-        quick = evaluate_fast(configuration, experiment, own_pid, tuned, progress=progress)
+        runs = evaluate(configuration, experiment, tuned=tuned, progress=progress)
+        quick = evaluate_fast(configuration, experiment, tuned, progress=progress)
         if figures:
             from micromanip.design.figures import draw_all
 
@@ -83,7 +81,6 @@ def command(
                 "rows": rows,
                 "feedforward_alone": alone,
                 "fast": fast,
-                "own_pid": own_pid,
                 "seed": seed,
                 "figures": [str(file) for file in written],
             }

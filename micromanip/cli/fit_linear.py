@@ -14,7 +14,6 @@ from .echo import echo
 from .options import Quantity, StrictCommand, emit_json, json_option
 from .progress import steps
 from .recording_options import echo_sources, recording_options
-from .results import Pictures, out_option
 
 
 @click.command(
@@ -41,12 +40,11 @@ from .results import Pictures, out_option
 @click.option(
     "--validate", type=click.Path(path_type=Path), help="Recording with the same columns that is not fitted to."
 )
-@out_option("the figures")
 @json_option
 def command(
     files: tuple[Path, ...], inputs: str, outputs: str, time_name: str | None, cut: tuple[float, float] | None,
     rate_hz: float | None, dt: float | None, order: int | None, split: float, validate: Path | None,
-    folder: Path | None, as_json: bool,
+    as_json: bool,
 ) -> None:  # fmt: skip
     """Fit a linear model to FILE (CSV or other text, .mat, .npy, .npz, HDF5, Parquet), each an experiment.
 
@@ -68,22 +66,14 @@ def command(
     records = [load_linear(file, wanted, len(driven)) for file in files]
     held_out = load_linear(validate, replace(wanted, cut=None), len(driven)) if validate else None
     echo_sources([*records, *([held_out] if held_out else [])])
-    with Pictures(folder) as pictures, steps() as bar:
+    with steps() as bar:
         bar.say("fitting")
-        result = fit_records(records, held_out, order, split, bar.say)
-        if folder is not None:
-            from micromanip.design.linear.figures import draw_linear
-
-            bar.say("drawing")
-            pictures.draw(lambda where: draw_linear(result, where))
-        written = pictures.put()
-    report = result.report() | {"figures": [str(path) for path in written]}
+        report = fit_records(records, held_out, order, split, bar.say).report()
     read = [note for record in records for note in record.notes]
     if as_json:
         emit_json(report | {"notes": [*read, *report["notes"]]})
     else:
         _print(report, seen, "held out" if split < 1.0 else "not fitted to")
-    pictures.require_written()
 
 
 def _arx1(figures: dict[str, Any], output: int) -> str:
@@ -118,5 +108,3 @@ def _print(report: dict[str, Any], outputs: list[str], held_out: str) -> None:
             echo(f"  pole {pole[0]:.5f} {pole[1]:+.5f}j: {hertz:.4g} Hz, damping {damping:.4f}")
     for order, error in report["tried"].items():
         echo(f"  tried order {order}: {error:.3f} % on the part left out")
-    if report["figures"]:
-        echo(f"{len(report['figures'])} figures in {Path(report['figures'][0]).parent}/")

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 )  # fmt: skip
 @json_option
 def report(file: Path, to: Path | None, as_json: bool) -> None:
-    """A recording of ours as one page: error, spectrum, voltage left, hysteresis loop, step response, timing, marks.
+    """A recording of ours as one page: error, spectrum, voltage left, hysteresis loop, timing, marks.
 
     With --json its figures, too: those of `compare` for one run.
     """
@@ -41,12 +41,10 @@ def report(file: Path, to: Path | None, as_json: bool) -> None:
         run = RecordedRun(telemetry, bar.say)
         bar.say("drawing")
         figures = run_figures(run)
-        responses = {axis: run.axis[axis].steps.response() for axis in run.axes}
-        page = run_report(run, figures, responses)
+        page = run_report(run, figures)
     _warn(run)
     write_new_page(to, page)
     document = {"report": str(to), "run": figures.document()}
-    document["step_response"] = {axis: found.document() for axis, found in responses.items()}
     emit_answer(document, lambda _: echo(f"{to}, {len(page) / 1e3:.0f} kB"), as_json)
 
 

@@ -161,7 +161,6 @@ def evaluate(
 def evaluate_fast(
     configuration: Configuration,
     experiment: Experiment,
-    own_pid: bool = False,
     tuned: bool = False,
     progress: Callable[[], None] = lambda: None,
 ) -> list[Run | Faulted]:
@@ -174,7 +173,7 @@ def evaluate_fast(
         for frequency_hz in paper.FAST_HZ:
             sine = (frequency_hz, paper.FAST_UM, FAST_WINDOW_S)
             try:
-                found += _played(configuration, experiment, (config,), own_pid, [sine], progress)
+                found += _played(configuration, experiment, (config,), False, [sine], progress)
             except CheckFailed as problem:
                 found.append(Faulted(config, frequency_hz, str(problem)))
                 progress()

@@ -1,4 +1,4 @@
-"""Excitation signals: the multisine (13), the shrinking triangle of figure 2, random turning points, seeded noise."""
+"""Excitation signals: the multisine (13), the shrinking triangle of figure 2, random turning points."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import itertools
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 Array = NDArray[np.float64]
 
@@ -88,12 +87,3 @@ def random_turns(low: float, high: float, slew_per_s: float, rate_hz: float, sec
         pieces.append(here + way * (0.5 - 0.5 * np.cos(np.pi * np.arange(1, steps + 1) / steps)))
         here, count = there, count + steps
     return np.concatenate(pieces)[:samples]
-
-
-def band_noise(rms: float, cutoff_hz: float, rate_hz: float, samples: int, seed: int) -> Array:
-    """Seeded noise below `cutoff_hz` (two first-order low passes), so that no slew limit distorts it."""
-    pole = np.exp(-2.0 * np.pi * cutoff_hz / rate_hz)
-    white = np.random.default_rng(seed).standard_normal(samples)
-    once = lfilter([1.0 - pole], [1.0, -pole], white)
-    coloured = lfilter([1.0 - pole], [1.0, -pole], once)
-    return np.asarray(coloured * (rms / coloured.std()), dtype=np.float64)

@@ -10,7 +10,6 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from micromanip.rt.records import MAX_AXES
-from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.schema.reference import File
 
@@ -19,8 +18,6 @@ from .canvas import panels, save
 from .evaluation import Run
 from .excitation import shrinking_triangle
 from .experiment import Experiment, with_axes, with_reference
-from .hysteresis import predict
-from .tuning import record_hysteresis
 
 _COLOURS = {"A": "tab:blue", "B": "tab:red", "C": "tab:green"}
 
@@ -38,30 +35,6 @@ def hysteresis_loops(configuration: Configuration, experiment: Experiment, axis:
     panel.plot(rows["axis"]["voltage_V"][:, axis], rows["axis"]["strain_um"][:, axis], lw=0.8)
     panel.set(xlabel="voltage, V", ylabel="displacement at the strain gauge, um")
     panel.grid(alpha=0.3)
-    return figure
-
-
-def model_and_data(configuration: Configuration, experiment: Experiment, axis: int) -> Figure:
-    """Figure 5: the fitted model beside a fresh recording, over time and as a loop."""
-    name = list(configuration.axes)[axis]
-    model = configuration.axes[name].hysteresis
-    columns = record_hysteresis(configuration, experiment, name, seed=2)
-    seconds, voltage, measured = columns["t_s"], columns["voltage_V"], columns["strain_um"]
-    figure, (top, bottom) = panels(2, f"Hysteresis model and measurement, axis {name}", 1.6)
-    top.plot(seconds, measured, label="measured", lw=1.0)
-    if isinstance(model, PrandtlIshlinskii):
-        predicted = predict(model, voltage, float(seconds[1]))
-        rms = float(np.sqrt(np.mean((predicted - measured)[1000:] ** 2)))
-        top.plot(
-            seconds, predicted, "--", lw=1.0, label=f"model, {len(model.weights)} plays, residual {rms:.2f} um rms"
-        )
-        bottom.plot(voltage[1000:], predicted[1000:], "tab:orange", lw=0.7, zorder=3, label="model")
-    bottom.plot(voltage[1000:], measured[1000:], lw=1.2, alpha=0.6, label="measured")
-    top.set(xlabel="time, s", ylabel="displacement, um")
-    bottom.set(xlabel="voltage, V", ylabel="displacement, um")
-    for panel in (top, bottom):
-        panel.legend()
-        panel.grid(alpha=0.3)
     return figure
 
 
@@ -104,7 +77,6 @@ def draw_all(
     rate = configuration.loop.rate_hz
     drawings: list[tuple[str, Callable[[], Figure]]] = [
         ("figure2_hysteresis", lambda: hysteresis_loops(configuration, experiment, axis)),
-        ("figure5_model", lambda: model_and_data(configuration, experiment, axis)),
         ("figure8_control_error", lambda: control_errors(runs, axis, rate)),
         ("figure9_input_output", lambda: input_output(runs, axis)),
     ]

@@ -13,7 +13,6 @@ from micromanip.errors import CheckFailed
 from micromanip.recordings import Telemetry
 from micromanip.rt.states import TRACKING
 
-from .deconvolution import StepSpectra
 from .run_sums import Array, BlockMeans, Counts, Envelope, Picked, Sections, Spectra
 
 BANDS_Hz = ((0.0, 10.0), (10.0, 100.0), (100.0, 1000.0), (1000.0, 5000.0))
@@ -24,7 +23,7 @@ _LEAST_CYCLES = 1000
 """In a section: a p99.9 of fewer is its maximum."""
 TIMING_PERCENT = (50.0, 99.9)
 _CELL = ("cycle", "periods", "state", "fault", "lateness_ns", "compute_ns")
-_AXIS = ("path_error_um", "voltage_V", "strain_um", "setpoint_um")
+_AXIS = ("path_error_um", "voltage_V", "strain_um")
 _TOGETHER = 64
 """Pieces of a file that are worked on at a time: some 30,000 rows."""
 
@@ -50,7 +49,6 @@ class AxisSums:
     squares: BlockMeans
     spectra: Spectra
     sections: Mapping[float, Mapping[str, Sections]]
-    steps: StepSpectra
     loop: Picked
     samples: int = 0
     sum_of_squares: float = 0.0
@@ -99,7 +97,6 @@ class RecordedRun:
                     each_s: {"error": Sections(length, _greatest), "left": Sections(length, _least)}
                     for each_s, length in lengths.items()
                 },
-                StepSpectra(rate_Hz),
                 Picked(2),
             )
             for name in self.axes
@@ -181,7 +178,7 @@ class RecordedRun:
         left = [self._left(axis, each["voltage_V"]) for axis, each in zip(self.axes, columns, strict=True)]
         self.left.add(cycle, np.array(left))
         for name, each, left_V in zip(self.axes, columns, left, strict=True):
-            _add_axis(self.axis[name], each, cycle, tracks, left_V)
+            _add_axis(self.axis[name], each, tracks, left_V)
 
     def _left(self, axis: str, voltage_V: Array) -> Array:
         """Voltage to the nearer end of the range; NaN where that is not known."""
@@ -200,9 +197,7 @@ class RecordedRun:
         states += found
 
 
-def _add_axis(
-    axis: AxisSums, part: Mapping[str, Array], cycle: NDArray[np.int64], tracks: NDArray[np.bool_], left_V: Array
-) -> None:
+def _add_axis(axis: AxisSums, part: Mapping[str, Array], tracks: NDArray[np.bool_], left_V: Array) -> None:
     error = part["path_error_um"][tracks]
     error = error[np.isfinite(error)]
     if len(error):
@@ -216,8 +211,6 @@ def _add_axis(
     for sections in axis.sections.values():
         sections["error"].add(np.abs(error))
         sections["left"].add(left)
-    known = tracks & np.isfinite(part["setpoint_um"]) & np.isfinite(part["strain_um"])
-    axis.steps.add(cycle[known], part["setpoint_um"][known], part["strain_um"][known])
     axis.loop.add(np.array([part["voltage_V"], part["strain_um"]]))
 
 

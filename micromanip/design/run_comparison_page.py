@@ -25,7 +25,6 @@ from .run_report import (
     facts,
     remarks,
 )
-from .run_steps import steps_part
 
 _MOST_TEXT = 160
 _METHOD = (
@@ -44,7 +43,6 @@ def comparison_page(
     changes: Sequence[dict[str, Any]],
 ) -> str:
     """The page of two runs. `found` is what `judged` says of them, `changes` the keys in which they differ."""
-    axes = drawn.shared_axes(runs)
     parts = [
         _heads(runs, figures),
         _differences(found),
@@ -53,7 +51,6 @@ def comparison_page(
         section("Spectrum of the path error", ABOUT_SPECTRUM, drawn.densities(runs)),
         section("Voltage left", ABOUT_HEADROOM, drawn.headroom(runs)),
         section("Hysteresis loop", ABOUT_LOOPS, drawn.loops(runs)),
-        steps_part(axes, [{axis: run.axis[axis].steps.response() for axis in axes} for run in runs]),
         section("Timing", ABOUT_TIMING, drawn.timing(runs)),
         *(remarks(f"Marks of {letter}", run) for letter, run in zip(drawn.LETTERS, runs, strict=True)),
     ]

@@ -5,7 +5,7 @@ They are thinned to what can be seen: of each column of pixels the least and the
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,6 @@ from matplotlib.figure import Figure
 
 from micromanip.rt.states import STATE_NAMES
 
-from .deconvolution import StepResponse
 from .page import COLOURS, GREY, INK, drawing
 from .recorded_run import RecordedRun
 
@@ -85,26 +84,6 @@ def loops(runs: Sequence[RecordedRun]) -> Figure:
             panel.plot(voltage, strain, color=colour, linewidth=0.5, alpha=0.8, label=LETTERS[number])
         panel.set(title=axis, xlabel="voltage, V", ylabel="gauge, um" if place == 0 else "")
     if len(runs) > 1:
-        _legend(panels[0, 0])
-    return figure
-
-
-def steps(axes: Sequence[str], found: Sequence[Mapping[str, StepResponse]]) -> Figure:
-    """Step responses with their bands, a panel an axis; `found` has those of each run by axis."""
-    figure, panels = drawing(columns=len(axes))
-    for place, (panel, axis) in enumerate(zip(panels[0], axes, strict=True)):
-        for number, responses in enumerate(found):
-            one = responses[axis]
-            if one.problem is not None:
-                continue
-            colour = COLOURS[place if len(found) == 1 else number]
-            shown_ms = 1e3 * one.t_s
-            panel.fill_between(shown_ms, one.low, one.high, color=colour, alpha=0.3, linewidth=0)
-            panel.plot(shown_ms, one.response, color=colour, linewidth=0.8, label=LETTERS[number])
-        panel.axhline(1.0, color=GREY, linewidth=0.5, linestyle=":")
-        panel.set(title=axis, xlabel="time, ms", ylabel="gauge over set-point" if place == 0 else "")
-    _one_scale(panels[0])
-    if len(found) > 1:
         _legend(panels[0, 0])
     return figure
 

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Mapping
 
 from . import run_drawings as drawn
-from .deconvolution import StepResponse
 from .page import page, section, table
 from .recorded_run import RecordedRun
 from .run_figures import RunFigures
-from .run_steps import steps_part
 
 ABOUT_ERRORS = (
     "While tracking, least and greatest value. The bar: blue arming, green tracking, yellow holding, red fault."
@@ -22,8 +19,8 @@ ABOUT_TIMING = "Share of cycles that took longer."
 _MOST_TOLD = 5
 
 
-def run_report(run: RecordedRun, figures: RunFigures, steps: Mapping[str, StepResponse]) -> str:
-    """The page; `steps` are the step responses by axis. CheckFailed where the recording is damaged."""
+def run_report(run: RecordedRun, figures: RunFigures) -> str:
+    """The page. CheckFailed where the recording is damaged."""
     telemetry = run.telemetry
     parts = [
         _summary(run, figures),
@@ -31,7 +28,6 @@ def run_report(run: RecordedRun, figures: RunFigures, steps: Mapping[str, StepRe
         section("Spectrum of the path error", ABOUT_SPECTRUM, drawn.densities([run])),
         section("Voltage left", ABOUT_HEADROOM, drawn.headroom([run])),
         section("Hysteresis loop", ABOUT_LOOPS, drawn.loops([run])),
-        steps_part(run.axes, [steps]),
         section("Timing", ABOUT_TIMING, drawn.timing([run])),
         remarks("Marks", run),
         f"<details><summary>Configuration, sha256 {html.escape(telemetry.sha256[:16])}</summary>"

@@ -78,7 +78,6 @@ def test_json_has_the_documented_keys(csv, capsys):
     assert report["poles_Hz"][0] == pytest.approx(abs(np.log(POLES[0])) / (2 * np.pi * DT), rel=0.01)
     assert report["dt_s"] == pytest.approx(DT)
     assert report["validation"] is None
-    assert report["figures"] == []
     assert min(report["coherence"]) > 0.8
     A, B, C, K = (np.array(report[name]) for name in "ABCK")
     assert (A.shape, B.shape, C.shape, K.shape) == ((6, 6), (6, 2), (2, 6), (6, 2))

@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 from micromanip.design.describing import (
     actuator_operator,
     amplitudes_up_to,
-    closed_form,
     gain_map,
     gains,
     harmonics,
@@ -46,22 +45,17 @@ def models(draw):
 
 
 @given(models(), st.floats(0.05, 80.0), st.floats(-40.0, 90.0))
-def test_closed_form_agrees_with_quadrature(m, amplitude, offset):
-    exact = closed_form(m, np.array([amplitude]))[0]
-    assert abs(harmonics(inverse_operator(m), amplitude, offset).gain - exact) < 1e-8 * abs(exact)
-
-
-def test_closed_form_is_22_to_24_as_printed():
-    m = model("identity")
+def test_quadrature_is_22_to_24_as_printed(m, amplitude, offset):
+    """Identity and affine shaping, at any offset; an affine one divides by its slope."""
     operator = inverse_operator(m)
-    for amplitude in (2.0, 5.0, 9.0, 30.0, 100.0):
-        moving = operator.thresholds < amplitude
-        q, rho = operator.thresholds[moving] / amplitude, operator.weights[moving]
-        theta = np.pi - np.arcsin(1.0 - 2.0 * q)
-        a1 = 1.5 * np.pi + 0.5 * np.sin(2 * theta) + 2.0 * (2.0 * q - 1.0) * np.cos(theta) - theta
-        b1 = -1.5 + 0.5 * np.cos(2 * theta) + 2.0 * (1.0 - 2.0 * q) * np.sin(theta)
-        printed = 1.0 / m.alpha + rho @ a1 / np.pi + 1j * rho @ b1 / np.pi
-        assert closed_form(m, np.array([amplitude]))[0] == pytest.approx(printed, abs=1e-13)
+    moving = operator.thresholds < amplitude
+    q, rho = operator.thresholds[moving] / amplitude, operator.weights[moving]
+    theta = np.pi - np.arcsin(1.0 - 2.0 * q)
+    a1 = 1.5 * np.pi + 0.5 * np.sin(2 * theta) + 2.0 * (2.0 * q - 1.0) * np.cos(theta) - theta
+    b1 = -1.5 + 0.5 * np.cos(2 * theta) + 2.0 * (1.0 - 2.0 * q) * np.sin(theta)
+    slope = m.coefficients[0] if m.shaping == "affine" else 1.0
+    printed = (1.0 / m.alpha + rho @ a1 / np.pi + 1j * rho @ b1 / np.pi) / slope
+    assert abs(harmonics(operator, amplitude, offset).gain - printed) < 1e-8 * abs(printed)
 
 
 @pytest.mark.parametrize("shaping", SHAPINGS)
@@ -133,7 +127,6 @@ def test_a_good_model_has_no_singularity(shaping):
     found = verdict(model(shaping), 5.0, 75.0)
     assert found.problems == ()
     assert found.jump < 1e-9
-    assert found.least_partial_sum == pytest.approx(1.0)
     assert 0 < found.gain_range_V_per_um[0] < found.gain_range_V_per_um[1]
 
 
@@ -142,7 +135,6 @@ def test_beyond_the_end_of_tanh_there_is_no_inverse():
     found = verdict(model("tanh"), 5.0, high + 5.0)
     assert any("go beyond what the shaping can reach" in text for text in found.problems)
     assert any("no inverse for a sine of" in text for text in found.problems)
-    assert found.least_headroom < 0.0
 
 
 def test_attainable_range_is_that_of_a_long_course():
@@ -158,7 +150,3 @@ def test_bad_input_is_refused():
     for amplitude in (0.0, -1.0, np.nan, np.inf):
         with pytest.raises(ValueError, match="must be positive and finite"):
             harmonics(operator, amplitude)
-    with pytest.raises(ValueError, match="hold for identity and affine shaping, not for tanh"):
-        closed_form(model("tanh"), np.array([1.0]))
-    with pytest.raises(ValueError, match="amplitudes must be positive"):
-        closed_form(model("affine"), np.array([0.0]))

@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 from micromanip.design.excitation import (
     IDENTIFICATION_HZ,
     IDENTIFICATION_SHARE,
-    band_noise,
     multisine,
     random_turns,
     shrinking_triangle,
@@ -72,14 +71,6 @@ def test_shrinking_triangle(low, high):
     assert centre - corners[2::2] == pytest.approx(half * (1.0 - np.arange(turns) / turns))
     inner = np.delete(np.arange(1, len(wave) - 1), np.arange(samples - 1, len(wave) - 2, samples))
     assert np.abs(np.diff(wave, 2)[inner - 1]).max() < 1e-9 * half
-
-
-@given(rms=st.floats(0.01, 100.0), cutoff=st.floats(20.0, 1000.0), seed=st.integers(0, 100))
-def test_band_noise_has_its_rms_and_seed(rms, cutoff, seed):
-    noise = band_noise(rms, cutoff, 10_000.0, 4000, seed)
-    assert noise.std() == pytest.approx(rms)
-    assert np.array_equal(noise, band_noise(rms, cutoff, 10_000.0, 4000, seed))
-    assert not np.allclose(noise, band_noise(rms, cutoff, 10_000.0, 4000, seed + 1))
 
 
 @given(low=st.floats(-100.0, 100.0), span=st.floats(1.0, 200.0), slew=st.floats(50.0, 1e6), seed=st.integers(0, 1000))

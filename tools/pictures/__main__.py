@@ -18,7 +18,7 @@ from scipy.signal import find_peaks
 from micromanip.control.outer_gains import outer_gains
 from micromanip.design.evaluation import evaluate
 from micromanip.design.experiment import with_axes, with_reference
-from micromanip.design.figures import control_errors, hysteresis_loops, model_and_data
+from micromanip.design.figures import control_errors, hysteresis_loops
 from micromanip.rt.laws.hysteresis import play
 from micromanip.settings.check import Prepared, prepare
 from micromanip.settings.schema.reference import Hold, Step
@@ -168,10 +168,6 @@ def drawings() -> Iterator[tuple[str, Figure]]:
     prepared = prepare(ROOT / "config" / "simulated.yaml")
     configuration, experiment = prepared.configuration, VirtualExperiment(prepared)
     yield "hysteresis", hysteresis_loops(configuration, experiment, 0)
-    model = model_and_data(configuration, experiment, 0)
-    model.axes[0].set_ylim(top=145.0)
-    model.axes[0].legend(loc="upper center", fontsize="small", ncols=2)
-    yield "model", model
     runs = evaluate(configuration, experiment)
     yield "control_error", control_errors(runs, 0, configuration.loop.rate_hz)
     yield "creep", creep(prepared)

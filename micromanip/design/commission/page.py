@@ -10,7 +10,6 @@ from ..criterion import Criterion
 from . import verdict
 from .drawing import figure_json, style
 from .evidence import Evidence, Plot, Section
-from .history import Earlier, before, compared
 from .verdict import Verdict
 
 _SIGNS = {Verdict.PASS: "✓", Verdict.FAIL: "✗", Verdict.NONE: "–"}
@@ -49,46 +48,6 @@ def criteria_table(evidence: Evidence) -> str:
         for c in sorted(evidence.criteria, key=lambda c: c.passed)
     ]
     return _table(f"Criteria of axis {evidence.axis}", ("Criterion", "Verdict", "Found", "Limit"), rows)
-
-
-def earlier(axes: Sequence[Evidence], reports: Sequence[Earlier]) -> str:
-    """What is other than in the report before of each axis, and all earlier reports; nothing where there is none."""
-    if not reports:
-        return ""
-    tables = []
-    for evidence in axes:
-        then = before(evidence.axis, reports)
-        if then is None:
-            continue
-        rows = [
-            (
-                escape(each.name),
-                badge(_verdict(each.now)) if each.now else "not judged",
-                _found(each.now),
-                _found(each.before),
-            )
-            for each in compared(evidence, then)
-        ]
-        caption = f"Axis {evidence.axis}, beside the report of {then.when}"
-        tables.append(_table(caption, ("Criterion", "Verdict", "Now", "Before"), rows))
-    history = [
-        (
-            f"{escape(report.when)}, axis {escape(axis)}",
-            badge(Verdict.PASS if criteria and all(c.passed for c in criteria) else Verdict.FAIL),
-            f"{sum(c.passed for c in criteria)} of {len(criteria)}",
-            f"<code>{escape(report.hashes.get(axis, 'none'))}</code>",
-        )
-        for report in reports
-        for axis, criteria in report.criteria.items()
-    ]
-    tables.append(
-        _table("Earlier reports in this folder", ("Report", "Verdict", "Criteria met", "Tuning hash"), history)
-    )
-    return f"<details><summary>Compared with the report before, and history</summary>{''.join(tables)}</details>\n"
-
-
-def _found(criterion: Criterion | None) -> str:
-    return "not judged" if criterion is None else escape(criterion.value)
 
 
 def axis_part(evidence: Evidence, of_hash: str | None, ids: Iterator[int]) -> str:

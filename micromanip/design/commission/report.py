@@ -13,7 +13,6 @@ from micromanip.settings.write import write_atomically
 
 from . import page, verdict
 from .evidence import Evidence
-from .history import Earlier, findings_json
 
 
 def write_report(
@@ -22,16 +21,15 @@ def write_report(
     facts: Mapping[str, str],
     axes: Sequence[Evidence],
     hashes: Mapping[str, str],
-    earlier: Sequence[Earlier] = (),
 ) -> None:
     """Write `file`, whole or not at all: the verdict, then the evidence of each of `axes`.
 
     `facts` are names and values that stand below the verdict (time, configuration, version), `hashes` the
-    :func:`~micromanip.settings.tuning_hash.tuning_hash` of each axis by name, `earlier` the reports before this one,
-    the newest first. The same arguments make the same bytes. Raises OSError where the file can't be written,
+    :func:`~micromanip.settings.tuning_hash.tuning_hash` of each axis by name. The same arguments make the same bytes.
+    Raises OSError where the file can't be written,
     ValueError where a curve's x and y differ in length.
     """
-    write_atomically(file, _rendered(title, facts, axes, hashes, earlier))
+    write_atomically(file, _rendered(title, facts, axes, hashes))
 
 
 def _rendered(
@@ -39,7 +37,6 @@ def _rendered(
     facts: Mapping[str, str],
     axes: Sequence[Evidence],
     hashes: Mapping[str, str],
-    earlier: Sequence[Earlier],
 ) -> str:
     found, numbers = verdict.overall(axes), count(1)
     return Template(_template("report.html")).substitute(
@@ -51,8 +48,6 @@ def _rendered(
         facts=page.facts(facts),
         axes_table=page.axes_table(axes, hashes),
         criteria="".join(page.criteria_table(evidence) for evidence in axes if evidence.criteria),
-        earlier=page.earlier(axes, earlier),
-        findings=findings_json(facts.get("time", ""), axes, hashes),
         parts="".join(page.axis_part(evidence, hashes.get(evidence.axis), numbers) for evidence in axes),
         script=_template("report.js"),
     )

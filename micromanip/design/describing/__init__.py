@@ -1,10 +1,8 @@
 """Describing function of the hysteresis model and its inverse (section 4.6, equations (18)-(24)).
 
-closed_form(model, amplitude_um)                        # (22)-(24): identity and affine shaping
 harmonics(inverse_operator(model), amplitude, offset)   # (18)-(21): any shaping, any offset
 """
 
-from .closed_form import closed_form
 from .limit_cycles import LimitCycle, limit_cycles
 from .operator import actuator_operator, inverse_operator
 from .quadrature import Harmonics, gains, harmonics
@@ -19,7 +17,6 @@ __all__ = [
     "Verdict",
     "actuator_operator",
     "amplitudes_up_to",
-    "closed_form",
     "gain_map",
     "gains",
     "harmonics",

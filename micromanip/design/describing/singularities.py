@@ -8,7 +8,7 @@ import numpy as np
 
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii, Range, attainable_um
 
-from .operator import Array, Operator, inverse_operator
+from .operator import Operator, inverse_operator
 from .quadrature import harmonics
 from .sweep import GainMap
 
@@ -24,16 +24,9 @@ class Verdict:
     """``problems`` in words, none where the inverse is regular over the whole range; and the figures behind them."""
 
     attainable_um: Range
-    least_partial_sum: float
-    least_headroom: float
     gain_range_V_per_um: Range
     jump: float
     problems: tuple[str, ...]
-
-
-def partial_sums(model: PrandtlIshlinskii) -> Array:
-    """``alpha, alpha + rho_1, ..``: slopes of the model with ever more plays moving; the inverse needs all positive."""
-    return model.alpha + np.concatenate([[0.0], np.cumsum(model.weights)])
 
 
 def judge(model: PrandtlIshlinskii, range_um: Range, gain: GainMap) -> Verdict:
@@ -56,7 +49,7 @@ def judge(model: PrandtlIshlinskii, range_um: Range, gain: GainMap) -> Verdict:
         )
     finite = size[np.isfinite(size)]
     if not len(finite):
-        return Verdict(reach, float(partial_sums(model).min()), -np.inf, (np.nan, np.nan), np.nan, tuple(problems))
+        return Verdict(reach, (np.nan, np.nan), np.nan, tuple(problems))
     if finite.max() > STEEP * np.median(finite):
         i, j = np.unravel_index(np.nanargmax(size), size.shape)
         problems.append(
@@ -68,8 +61,6 @@ def judge(model: PrandtlIshlinskii, range_um: Range, gain: GainMap) -> Verdict:
         problems.append(f"N jumps by {100.0 * jump:.2g} % between neighbouring amplitudes")
     return Verdict(
         reach,
-        float(partial_sums(model).min()),
-        float(gain.headroom[tried].min()),
         (float(finite.min()), float(finite.max())),
         jump,
         tuple(problems),

@@ -42,7 +42,6 @@ class HysteresisFit:
     max_um: float
     rms_std_um: float
     cost: float
-    parameter_std: Array
     stroke_um: float
     spikes: Flags
     delay_samples: float = 0.0
@@ -224,18 +223,12 @@ def _judged(
     spikes: Flags,
 ) -> HysteresisFit:
     """The model and its errors; `x` and `y` are about zero, which is at `middle`."""
-    predicted, jacobian = replace(structure, shaping=structure.shaping.about_zero()).value(x, v)
-    error, jacobian = (predicted - y)[used], jacobian[used]
+    predicted, _ = replace(structure, shaping=structure.shaping.about_zero()).value(x, v)
+    error = (predicted - y)[used]
     x = structure.shifted(x, middle)
     blocks = np.array([np.mean(block**2) for block in np.array_split(error, _BLOCKS)])
     rms = float(np.sqrt(np.mean(error**2)))
     rms_std = float(blocks.std() / np.sqrt(_BLOCKS) / (2 * rms)) if rms > 0 else 0.0
-    # neighbouring residuals are alike: only every so many of them counts as a measurement of its own
-    centred = error - error.mean()
-    spectrum = np.abs(np.fft.rfft(centred, 2 * len(centred))) ** 2
-    correlation = np.fft.irfft(spectrum)[: len(centred)]
-    alike = 1.0 + 2.0 * float(np.abs(correlation[1 : len(centred) // 10]).sum() / max(correlation[0], 1e-300))
-    covariance = np.linalg.pinv(jacobian.T @ jacobian) * rms**2 * alike
     return HysteresisFit(
         structure,
         x,
@@ -244,7 +237,6 @@ def _judged(
         float(np.abs(error).max()),
         rms_std,
         cost,
-        np.sqrt(np.maximum(np.diag(covariance), 0.0)),
         float(np.ptp(y[used])),
         spikes,
     )

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from micromanip.design.commission.evidence import Curve, Evidence, Plot, Section, Table
-from micromanip.design.commission.history import compared, earlier_reports
 from micromanip.design.commission.report import write_report
 from micromanip.design.criterion import Criterion
 
@@ -110,7 +109,7 @@ def test_every_text_is_escaped(written):
     axis = Evidence(NASTY, (criterion,), (Section(NASTY, NASTY, {NASTY: NASTY}, (plot,), (table,)),))
     page = written(axis, title=NASTY, facts={NASTY: NASTY}, hashes={NASTY: NASTY})
     assert [attributes for tag, attributes in page.elements if tag == "b"] == []
-    assert [tuple(attributes) for attributes, _ in page.scripts] == [("type", "data-plot"), ("type", "id"), ()]
+    assert [tuple(attributes) for attributes, _ in page.scripts] == [("type", "data-plot"), ()]
     assert page.words.count(NASTY) >= 22
     (label,) = [attributes["aria-label"] for _, attributes in page.elements if "aria-label" in attributes]
     assert NASTY in label
@@ -151,39 +150,6 @@ def test_plots_hold_the_curves(written):
     np.testing.assert_allclose(x[1:], np.log10(T[1:]), atol=1e-4)
     places = [attributes["data-plot"] for attributes, _ in page.scripts if "data-plot" in attributes]
     assert len({*places}) == 3
-
-
-def test_the_report_before_is_compared_and_listed(written, tmp_path):
-    for when, value, passed in (("2026-01-01", "7.0 dB", True), ("2026-02-02", "5.0 dB", False)):
-        (tmp_path / f"{when}-x").mkdir()
-        then = Evidence("x", (replace(MET, value=value, passed=passed), MISSED), ())
-        write_report(tmp_path / f"{when}-x" / "report.html", "Then", {"time": when}, [then], {"x": "beef"})
-    (tmp_path / "2025-01-01-x").mkdir()
-    (tmp_path / "2025-01-01-x" / "report.html").write_text("of a version that carried nothing")
-    known = earlier_reports(tmp_path, "report.html", ["x"])
-    assert [each.when for each in known] == ["2026-02-02", "2026-01-01"]
-    assert earlier_reports(tmp_path, "report.html", ["y"]) == []
-    now = Evidence("x", (MET, MISSED), ())
-    assert [each.name for each in compared(now, known[0])] == ["gain margin"], "what is as before is not told"
-    file = tmp_path / "now.html"
-    write_report(file, "Now", {"time": "2026-03-03"}, [now], {"x": "cafe"}, known)
-    page = Page(file)
-    assert "gain margin ✓ PASS 8.1 dB 5.0 dB" in page.words
-    assert "2026-01-01, axis x ✗ FAIL 1 of 2 beef" in page.words
-    assert "history" not in written(now).words, "the first report has none"
-
-
-def test_a_failing_disk_leaves_the_earlier_report(tmp_path, monkeypatch):
-    file = tmp_path / "report.html"
-    file.write_text("earlier")
-
-    def full(*_):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("os.fsync", full)
-    with pytest.raises(OSError, match="No space"):
-        write_report(file, "Commissioning", {}, [Evidence("x", (MET,), (SECTION,))], {})
-    assert file.read_text() == "earlier"
 
 
 def test_the_same_evidence_gives_the_same_bytes(tmp_path):

@@ -110,6 +110,16 @@ def test_the_ring_is_followed_without_gaps_over_a_websocket(gateway):
     assert "micromanip_up 1.0" in gateway.get("/metrics", "observe")
 
 
+def test_it_is_handed_out_again_and_again_without_a_leak(cell):
+    with Client(cell.socket) as client:
+        client.status()
+        before = cell.descriptors
+        for _ in range(50):
+            for descriptor in client.telemetry()[1]:
+                os.close(descriptor)
+        until(lambda: cell.descriptors <= before + 1, "descriptors of the host are left open")
+
+
 def test_neither_misses_the_other(cell, gateway):
     with Client(cell.socket) as client:
         gateway.process.send_signal(signal.SIGSTOP)
@@ -133,13 +143,3 @@ def test_neither_misses_the_other(cell, gateway):
         again.process.wait(60)
         again.kill()
         again.release()
-
-
-def test_it_is_handed_out_again_and_again_without_a_leak(cell):
-    with Client(cell.socket) as client:
-        client.status()
-        before = cell.descriptors
-        for _ in range(50):
-            for descriptor in client.telemetry()[1]:
-                os.close(descriptor)
-        until(lambda: cell.descriptors <= before + 1, "descriptors of the host are left open")

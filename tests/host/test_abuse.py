@@ -60,7 +60,7 @@ def test_wrong_commands_for_the_state(cell):
             client.reset()
         with pytest.raises(CheckFailed, match=r"^arm refused: the state is TRACKING: arming begins in READY"):
             client.arm()
-        with pytest.raises(UsageError, match="unknown verb 'stop'; known are arm, audit, configuration, diff, "):
+        with pytest.raises(UsageError, match="unknown verb 'stop'; known are analyse_live, arm, "):
             client.request("stop")
         assert client.status()["state"] == "TRACKING"
 

@@ -93,7 +93,6 @@ def test_loop_killed_while_tracking(run):
         lines = [line for line in cell.said.splitlines() if "X-104" in line]
         assert len(lines) == 1
         assert "X-104 the loop process was killed by signal 9. Likely: " in lines[0]
-        assert "Look for the cause" in lines[0]
         assert "driver cell: outputs at their safe value" in cell.said
         assert driver["safe"] == 1
         assert not driver["s"]["latched_V"].any()
@@ -120,7 +119,6 @@ def test_loop_that_stands_still(run):
     lines = [line for line in cell.said.splitlines() if "X-105" in line]
     assert len(lines) == 1
     assert "X-105 the loop has stood still for " in lines[0]
-    assert "Look at the driver" in lines[0]
     assert "X-104" not in cell.said  # it was no accident
     (file,) = trips(folder(cell))
     assert "Black box: " in cell.said

@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from micromanip.errors import UsageError, system_error
+from micromanip.errors import UsageError
 
 from .echo import echo
 from .options import Quantity, StrictCommand, emit_answer, json_option
-from .results import require_new
 
 if TYPE_CHECKING:
     from micromanip.host.readiness.answer import Answer
@@ -21,16 +20,13 @@ if TYPE_CHECKING:
 _STYLES = {"good": "green", "poor": "yellow", "bad": "bold red", "unknown": "dim"}
 
 
-@click.command(
-    "check", cls=StrictCommand, epilog="Example: sudo micromanip system check config/simulated.yaml --out machine.html"
-)
+@click.command("check", cls=StrictCommand, epilog="Example: sudo micromanip system check config/simulated.yaml")
 @click.argument("config", type=click.Path(path_type=Path), metavar="[CONFIG]", required=False)
 @click.option("--seconds", type=Quantity("Seconds", least=1, most=3600), default=5.0, show_default=True,
               help="Length of each of the six runs.")  # fmt: skip
 @click.option("--no-run", is_flag=True, help="Look at the settings only; nothing is run.")
-@click.option("--out", "--to", "out", type=click.Path(path_type=Path), help="New file: the answer as one page of HTML.")
 @json_option
-def command(config: Path | None, seconds: float, no_run: bool, out: Path | None, as_json: bool) -> None:
+def command(config: Path | None, seconds: float, no_run: bool, as_json: bool) -> None:
     """Say whether this machine keeps the deadlines of the loop of CONFIG, and what would mend what does not.
 
     Without CONFIG: a loop at 10 kHz on the last CPU, with the limits of hardware. The loop is run with a simulated cell
@@ -43,8 +39,6 @@ def command(config: Path | None, seconds: float, no_run: bool, out: Path | None,
     from micromanip.host.readiness.finding import Machine
     from micromanip.host.readiness.timed import measure
 
-    if out is not None:
-        require_new(out, "--out")
     (loop, interfaces), machine = _loop(config), Machine()
     findings, timed = looked_at(machine, loop, interfaces), None
     if not no_run:
@@ -53,11 +47,6 @@ def command(config: Path | None, seconds: float, no_run: bool, out: Path | None,
         if not any(finding.name == "loop's CPU" and finding.verdict == "bad" for finding in findings):
             timed = measure(loop, loop.cpu, seconds, lambda line: echo(line, err=True))
     answer = Answer(machine_and_loop(machine, loop), findings, timed)
-    if out is not None:
-        try:
-            out.write_text(_page(answer), encoding="utf-8")
-        except OSError as problem:
-            raise system_error(problem, out) from problem
     emit_answer(answer.document(), lambda _: _show(answer), as_json)
     if answer.ready is False:
         raise SystemExit(1)
@@ -76,17 +65,6 @@ def _loop(config: Path | None) -> tuple[Loop, list[str]]:
     prepared = prepare(config)
     named = (device.partition(" ") for device in sorted(prepared.wiring.devices))
     return prepared.configuration.loop, [interface for kind, _, interface in named if kind == "ethercat"]
-
-
-def _page(answer: Answer) -> str:
-    from micromanip.design.readiness_page import readiness_page
-    from micromanip.host.readiness.timed import survival
-
-    timed = answer.timed
-    if timed is None:
-        return readiness_page(answer.document(), {}, {}, [])
-    lines = timing_lines(timed.document())
-    return readiness_page(answer.document(), survival(timed.at_rest), survival(timed.under_load), lines)
 
 
 def _show(answer: Answer) -> None:

@@ -22,7 +22,6 @@ from micromanip.errors import CheckFailed
 
 from . import file_header as header
 from .blocks import BlockCodec
-from .foreign_mcap import read_foreign
 from .mcap_places import ATTACHMENT, CHANNEL, CHUNK, MESSAGE, METADATA, SCHEMA, declared, places, records_in
 from .table import Table
 from .telemetry import Piece, Rows, Telemetry
@@ -35,17 +34,9 @@ _ZIP, _MOST_UNPACKED = b"PK", 100_000_000
 _WHY = "it is damaged, or another version of micromanip recorded it"
 
 
-class NotOursError(CheckFailed):
-    """A whole MCAP file of another program."""
-
-
 def read_mcap(file: Path) -> Table:
-    """The columns of a recording, or of messages that another program wrote. CheckFailed where it is damaged."""
-    try:
-        telemetry = open_mcap(file)
-    except NotOursError:
-        return read_foreign(file)
-    return telemetry.table()
+    """The columns of a recording. CheckFailed where it is damaged, or of another program."""
+    return open_mcap(file).table()
 
 
 def open_mcap(file: Path) -> Telemetry:
@@ -78,7 +69,10 @@ def open_mcap(file: Path) -> Telemetry:
                 marks += map(json.loads, _messages(inside, channels.marks))
     codec = channels.codec
     if codec is None or not about:
-        raise NotOursError(f"{file}: an MCAP file without telemetry of ours, topic {header.BLOCKS_TOPIC}")
+        raise CheckFailed(
+            f"{file}: an MCAP file of another program, without the topic {header.BLOCKS_TOPIC}; "
+            "export its messages as CSV or Parquet"
+        )
     if about.get("format") != header.FORMAT:
         raise CheckFailed(f"{file}: its format is {about.get('format')!r}; this version reads format {header.FORMAT}")
 

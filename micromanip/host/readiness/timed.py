@@ -16,12 +16,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from micromanip.errors import CheckFailed, DeviceUnavailable
 from micromanip.host.statistics import durations
-from micromanip.rt.histogram import lower_edge
 from micromanip.settings.check import Prepared
 from micromanip.settings.schema.model import Loop
 
@@ -124,17 +120,6 @@ def condition_document(condition: Condition) -> dict[str, Any]:
         if counts is None
         else {name: cyclictest.percentile(counts, share) for name, share in _PERCENTILES.items()},
     }
-
-
-def survival(condition: Condition) -> dict[str, tuple[NDArray[Any], NDArray[Any]]]:
-    """Lateness (us) and share of cycles that were later, of the loop and of cyclictest; up to the latest seen."""
-    loop = {lower_edge(i): int(n) for i, n in enumerate(condition.loop.lateness) if n}
-    return {name: _survival(c) for name, c in (("loop", loop), ("cyclictest", condition.reference)) if c}
-
-
-def _survival(counts: dict[int, int]) -> tuple[NDArray[Any], NDArray[Any]]:
-    us, numbers = (np.array(column, float) for column in zip(*sorted(counts.items()), strict=True))
-    return us * 1e-3, numbers[::-1].cumsum()[::-1] / numbers.sum()
 
 
 def refuse_beside_a_controller(root: Path = Path("/")) -> None:

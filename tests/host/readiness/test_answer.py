@@ -64,21 +64,13 @@ def test_beside_a_controller_nothing_is_run(tmp_path, module):
         timed.refuse_beside_a_controller(tmp_path)
 
 
-def test_the_settings_alone_as_a_page_and_as_json(tmp_path, capsys):
-    page = tmp_path / "page.html"
+def test_the_settings_alone_as_json(capsys):
     with contextlib.suppress(SystemExit):  # as an ordinary user it is not ready
-        main(["system", "check", "--no-run", "--out", str(page), "--json"])
+        main(["system", "check", "--no-run", "--json"])
     document = json.loads(capsys.readouterr().out)
     assert document["timed"] is None
     assert document["ready"] is (False if any(f["verdict"] == "bad" for f in document["findings"]) else None)
     assert document["machine"]["loop"]["cpu"] == max(os.sched_getaffinity(0))
-    text = page.read_text()
-    assert document["machine"]["kernel"] in text
-    assert all(finding["name"].replace("'", "&#x27;") in text for finding in document["findings"])
-    with pytest.raises(SystemExit) as refused:
-        main(["system", "check", "--no-run", "--out", str(page)])
-    assert refused.value.code == 64
-    assert page.read_text() == text
 
 
 def test_load_ends_with_who_asked_for_it():
@@ -103,12 +95,6 @@ def test_the_loop_is_run_and_every_cycle_is_counted(monkeypatch, capsys):
         )  # read one after the other
         assert condition.loop.lateness_max_ns > 0
         assert condition.loop.compute_max_ns > 0
-        curves = timed.survival(condition)
-        assert curves.keys() >= {"loop"}
-        for late_us, share in curves.values():
-            assert share[0] == pytest.approx(1)
-            assert (np.diff(share) < 0).all()
-            assert (np.diff(late_us) > 0).all()
     assert json.loads(json.dumps(found.document()))["under_load"]["cycles"] == found.under_load.loop.cycles
     said = capsys.readouterr().out.splitlines()
     assert "the loop beside 2 busy processes, 0.5 s" in said

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from micromanip.cli.results import Pictures, publish, run_folder
-from micromanip.errors import DeviceUnavailable
+from micromanip.errors import DeviceUnavailable, PermissionDenied, UsageError, system_error
 
 from .command import code_of
 
@@ -128,3 +128,32 @@ def test_a_recording_that_finds_no_room_is_kept_elsewhere(tmp_path, monkeypatch,
     kept = Path(said.rsplit("it is kept in ", 1)[1])
     assert kept.read_text().startswith("t_s,voltage_V,")
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("number", "kind"),
+    [
+        (errno.EACCES, PermissionDenied),
+        (errno.EPERM, PermissionDenied),
+        (errno.EROFS, PermissionDenied),
+        (errno.ENOENT, UsageError),
+        (errno.EISDIR, UsageError),
+        (errno.ENOSPC, DeviceUnavailable),
+        (errno.EDQUOT, DeviceUnavailable),
+        (errno.EFBIG, DeviceUnavailable),
+        (errno.EIO, DeviceUnavailable),
+        (errno.ECONNREFUSED, DeviceUnavailable),
+    ],
+)
+def test_what_the_system_refuses_is_no_bug(number, kind, monkeypatch, capsys):
+    problem = OSError(number, os.strerror(number), "/some/file")
+    assert type(system_error(problem)) is kind
+
+    def refused(*_):
+        raise problem
+
+    monkeypatch.setattr("micromanip.settings.check.prepare", refused)
+    assert code_of("check", FACTORY) == kind.exit_code
+    said = capsys.readouterr().err
+    assert said.startswith(f"micromanip: /some/file: {os.strerror(number)}")
+    assert len(said.splitlines()) == 1

@@ -11,6 +11,7 @@ from micromanip.emulation.line.pseudo_terminal import PseudoTerminal
 from micromanip.errors import DeviceUnavailable
 
 BAUD = 115200
+BYTE_NS = 1e10 / BAUD
 
 
 class Bench:
@@ -65,6 +66,17 @@ def make(tmp_path, closing):
 @pytest.fixture
 def bench(make):
     return make()
+
+
+@pytest.mark.parametrize(("half_duplex", "bytes_before"), [(False, 50), (True, 150)])
+def test_directions_share_a_line_only_on_rs485(make, half_duplex, bytes_before):
+    bench = make(half_duplex=half_duplex)
+    client = bench.open()
+    os.write(client, b"q" * 50)
+    began_ns = bench.loop.time_ns
+    bench.port.send(b"a" * 100)
+    bench.until(lambda: bench.heard)
+    assert bench.heard[0][0] - began_ns == pytest.approx(bytes_before * BYTE_NS, rel=0.05)
 
 
 @pytest.mark.parametrize("kind", ["file", "link", "dangling"])

@@ -1,16 +1,13 @@
 """Where results go: tried before anything moves, nothing older replaced, and a full disk loses as little as it can."""
 
-import contextlib
 import errno
-import json
 import os
-import resource
 import stat
 from pathlib import Path
 
 import pytest
 
-from micromanip.cli.results import Pictures, publish, results_folder, run_folder
+from micromanip.cli.results import Pictures, publish, run_folder
 from micromanip.errors import DeviceUnavailable, PermissionDenied, UsageError, system_error
 
 from .command import code_of
@@ -46,15 +43,6 @@ def test_a_place_that_takes_nothing_is_refused_before_the_work(command, place, c
     (line,) = capsys.readouterr().err.strip().splitlines()
     assert line.startswith(f"micromanip: --out {place}: ")
     assert "bug" not in line
-
-
-def test_a_folder_that_was_made_for_nothing_is_removed(tmp_path):
-    with results_folder(tmp_path / "a" / "b"):
-        assert (tmp_path / "a" / "b").is_dir()
-    assert list(tmp_path.iterdir()) == []
-    with results_folder(tmp_path / "a" / "b"):
-        (tmp_path / "a" / "b" / "result").touch()
-    assert (tmp_path / "a" / "b" / "result").exists()
 
 
 def test_identify_replaces_no_recording(tmp_path, capsys):
@@ -105,15 +93,6 @@ def test_what_somebody_changed_is_set_aside(tmp_path):
     assert (tmp_path / "tuned.yaml").read_text() == "second"
 
 
-def test_a_run_that_came_to_nothing_leaves_nothing(tmp_path):
-    run_of(tmp_path, tuned="first")
-    before = files_in(tmp_path)
-    with run_folder(tmp_path, "x", wanted="tuned.yaml") as run:
-        (run / "previous.yaml").touch()
-    assert files_in(tmp_path) == before
-    assert not run.exists()
-
-
 def test_a_disk_that_fills_while_drawing_keeps_what_is_whole(tmp_path):
     """The results that are no pictures are the command's to print first."""
 
@@ -129,32 +108,6 @@ def test_a_disk_that_fills_while_drawing_keeps_what_is_whole(tmp_path):
     with pytest.raises(DeviceUnavailable, match=r"^the figures are not complete: --out .*: No space left on device"):
         pictures.require_written()
     assert files_in(tmp_path) == {"out/whole.png": b"whole"}
-
-
-@contextlib.contextmanager
-def no_file_above(size):
-    """No file may become larger than `size` bytes: every user's full disk."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
-
-
-@pytest.mark.long
-def test_a_report_that_finds_no_room_does_not_cost_the_tuning(commissioned, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("micromanip.design.commission.cell.commission_cell", lambda *_: commissioned.found)
-    out = tmp_path / "out"
-    with no_file_above(60_000):
-        code = code_of("commission", FACTORY, "--axis", "y", "--out", out, "--json")
-    done = capsys.readouterr()
-    assert code == 69, done.err
-    report = json.loads(done.out)
-    (line,) = [line for line in done.err.splitlines() if line.startswith("micromanip: ")]
-    assert line.startswith(f"micromanip: not everything is written, the tuning is {report['run']}/tuned.yaml: ")
-    assert code_of("check", out / "tuned.yaml") == 0
-    assert not (out / "report.html").exists()
 
 
 def test_a_recording_that_finds_no_room_is_kept_elsewhere(tmp_path, monkeypatch, capsys):
@@ -174,16 +127,6 @@ def test_a_recording_that_finds_no_room_is_kept_elsewhere(tmp_path, monkeypatch,
     assert f"{tmp_path / 'out' / 'x_multisine.csv'}: No space left on device" in said
     kept = Path(said.rsplit("it is kept in ", 1)[1])
     assert kept.read_text().startswith("t_s,voltage_V,")
-    assert not (tmp_path / "out").exists()
-
-
-def test_an_experiment_that_was_not_recorded_moves_on_to_nothing(tmp_path, monkeypatch, capsys):
-    """Through the running loop the rows come from a recording, on a disk of its own."""
-    failed = {"faults": [], "recording": {"message": "experiment.mcap: No space left on device"}}
-    monkeypatch.setattr("micromanip.host.daemon.serve", lambda *_: failed)
-    assert code_of(*WRITERS["identify"], "--live", "--out", tmp_path / "out") == 1
-    said = capsys.readouterr().err
-    assert "the experiment was not recorded: experiment.mcap: No space left on device" in said
     assert not (tmp_path / "out").exists()
 
 

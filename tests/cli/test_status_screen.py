@@ -4,14 +4,12 @@ import asyncio
 import threading
 
 import pytest
-from textual.widgets import Static
 
 from micromanip.cli.status_screen import Question, StatusScreen
 
 from .command import code_of
-from .played import FAULT, Played, status
+from .played import Played, status
 
-WIDTHS = [40, 120]
 VERBS = {"a": "arm", "h": "hold", "d": "disarm", "r": "reset"}
 
 
@@ -45,33 +43,6 @@ def played_on(controller, script, width=120, height=60):
             await script(pilot, see)
 
     asyncio.run(play())
-
-
-@pytest.mark.parametrize("width", WIDTHS)
-def test_state_values_and_error_are_shown_status(played, width):
-    async def script(pilot, see):
-        await see("T R A C K I N G")
-        values = "51.250", "66.500", "66.000", "100.000", "50.000", "-0.250"
-        screen = await see(*values, "r reset", "q quit")
-        for figure in ("0.125", "0.375", "0.500", "1.250"):
-            assert figure in screen
-        assert "…" not in screen, "nothing is cut"
-
-    played_on(played, script, width, height=100)
-
-
-@pytest.mark.parametrize("width", WIDTHS)
-def test_a_fault_is_red_and_has_its_next_step(played, width):
-    played.status = status("FAULT", [FAULT])
-
-    async def script(pilot, see):
-        await see("F A U L T", "X-201 axis x", "next: Look at the gauge")
-        bar = pilot.app.query_one("#state", Static)
-        assert bar.styles.background.hex == "#C01818"
-        colour = pilot.app.query_one("#faults", Static).styles.color
-        assert colour.r > 1.3 * max(colour.g, colour.b), "red, in the colours of the theme"
-
-    played_on(played, script, width)
 
 
 @pytest.mark.long  # draws some thirty screens

@@ -1,15 +1,6 @@
 """Devices on lines of their own, in virtual time, as a plain program at the other end sees them."""
 
-import contextlib
-import json
-import os
-import select
 import socket
-import time
-
-from testbus.virtual_bus import VirtualLoop
-
-from micromanip.emulation.devices import Devices
 
 CELL = """\
 schema_version: 2
@@ -82,6 +73,60 @@ BOARD = """\
 """
 """A board that speaks in binary frames, for `driver` of ``write_cell``."""
 
+GCS = """\
+    {port}
+    silence_ms: 500
+    watchdog: outputs to 0 V
+    ascii:
+      preset: gcs
+      identity: Physik Instrumente.*E-727
+      read:
+        strains:
+          command: POS?
+          rate_hz: 100
+          fields: {{strain_x: {{item: "1"}}, strain_y: {{item: "2", scale: 0.5, offset: 1.0}}}}
+      write:
+        voltages:
+          command: SVA
+          rate_hz: 100
+          cyclic_safe: true
+          fields:
+            voltage_x: {{item: "1", range: [-20, 120]}}
+            voltage_y: {{item: "2", range: [-20, 120]}}
+"""
+CAPACITIVE = """\
+    tcp: {{host: 127.0.0.1, port: {port}}}
+    silence_ms: 100
+    stream:
+      magic: 4d 45 41 53
+      header_bytes: 32
+      identity: {{serial_number: {{at: 8, type: int32, byte_order: little, value: 4711}}}}
+      status: {{at: 20, type: uint32, byte_order: little, good: [0]}}
+      blocks: {{at: 24, type: uint16, byte_order: little, most: 8}}
+      counter: {{at: 28, type: uint32, byte_order: little, counts: samples}}
+      rate_hz: 4000
+      block_bytes: 8
+      fields:
+        strain_x: {{at: 0, type: int32, byte_order: little, scale: 1.0e-5}}
+        strain_y: {{at: 4, type: int32, byte_order: little, scale: 1.0e-5}}
+"""
+TRACKER = """\
+    udp: {{host: 127.0.0.1, port: {port}, listen: {listen}}}
+    silence_ms: 100
+    stream:
+      magic: 4c 54
+      header_bytes: 16
+      counter: {{at: 4, type: uint32, byte_order: big, counts: packets}}
+      time: {{at: 8, type: uint64, byte_order: big, unit_s: 1.0e-6}}
+      rate_hz: 1000
+      block_bytes: 16
+      crc: {{name: crc32.iso_hdlc, byte_order: big}}
+{more}
+      fields:
+        strain_x: {{at: 0, type: float64, byte_order: big, scale: 1000.0}}
+        strain_y: {{at: 8, type: float64, byte_order: big, scale: 1000.0}}
+"""
+
 
 def signal(name, channel=None):
     """A line of the section signals."""
@@ -103,106 +148,3 @@ def free_port(kind=socket.SOCK_STREAM):
     with socket.socket(socket.AF_INET, kind) as taken:
         taken.bind(("127.0.0.1", 0))
         return taken.getsockname()[1]
-
-
-class Bench:
-    """The played device of a configuration, and whoever connects to it."""
-
-    def __init__(self, file, **options):
-        self.devices = Devices(file, loop=VirtualLoop(), **options)
-        self.played = self.devices.emulated["device"]
-        self.devices.start()
-        self._closing = contextlib.ExitStack()
-
-    @property
-    def loop(self):
-        return self.devices.loop
-
-    @property
-    def cell(self):
-        return self.devices.cell
-
-    def run(self, seconds):
-        self.loop.run(self.loop.time_ns + round(seconds * 1e9))
-
-    def until(self, condition, within_s=5.0):
-        """Let virtual time pass, in small steps, until `condition` holds: the kernel needs real time of its own."""
-        give_up = time.monotonic() + within_s
-        while not condition():
-            assert time.monotonic() < give_up, "it does not come"
-            self.run(0.0002)
-
-    def open(self, device):
-        """A serial port, as a file descriptor."""
-        fileno = os.open(device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-        self._closing.callback(os.close, fileno)
-        self.run(0.01)
-        return Client(self, fileno)
-
-    def connect(self, port, receive_buffer=None):
-        """A TCP connection."""
-        link = self._closing.enter_context(socket.socket(socket.AF_INET, socket.SOCK_STREAM))
-        if receive_buffer is not None:
-            link.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_buffer)
-        link.connect(("127.0.0.1", port))
-        self.run(0.001)
-        return Client(self, link.fileno())
-
-    def order(self, **command):
-        """A line of JSON; its answer."""
-        return self.devices.command(json.dumps(command))
-
-    def figures(self):
-        return self.devices.report()["devices"]["device"]
-
-    def close(self):
-        self._closing.close()
-        self.devices.close()
-
-
-class Client:
-    """A plain program at the other end of a line."""
-
-    def __init__(self, bench, fileno):
-        self._bench, self.fileno, self.got = bench, fileno, b""
-
-    def read(self):
-        """What is there now."""
-        data = b""
-        while select.select([self.fileno], [], [], 0)[0]:
-            part = os.read(self.fileno, 65536)
-            if not part:
-                break
-            data += part
-        return data
-
-    def write(self, data):
-        """Send bytes; the device has them soon."""
-        before = self._bench.figures()["bytes_received"]
-        os.write(self.fileno, data)
-        self._bench.until(lambda: self._bench.figures()["bytes_received"] >= before + len(data))
-
-    def read_bytes(self, count):
-        """So many bytes, as virtual time passes."""
-        self._bench.until(lambda: self._gather() >= count)
-        data, self.got = self.got[:count], self.got[count:]
-        return data
-
-    def ask(self, line, end=b"\n", lines=1):
-        """Send a line of text, and read so many."""
-        self.write(line + end)
-        self._bench.until(lambda: self._gather() and self.got.count(b"\n") >= lines)
-        data, self.got = self.got, b""
-        return data
-
-    def silence(self, seconds=0.02):
-        """Whatever comes meanwhile."""
-        self._bench.run(seconds)
-        time.sleep(0.02)
-        self._gather()
-        data, self.got = self.got, b""
-        return data
-
-    def _gather(self):
-        self.got += self.read()
-        return len(self.got)

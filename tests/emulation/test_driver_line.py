@@ -17,9 +17,7 @@ from micromanip.bus.inbox import Inbox
 from micromanip.emulation.devices import Devices
 from micromanip.settings.text.source import Source
 
-from .lines import BOARD, ELSEWHERE, OUTPUTS, free_port, write_cell
-from .test_gcs_controller import GCS
-from .test_stream_device import CAPACITIVE, TRACKER
+from .lines import BOARD, CAPACITIVE, ELSEWHERE, GCS, OUTPUTS, TRACKER, free_port, write_cell
 
 pytestmark = pytest.mark.realtime  # a device that stands still is a lost link
 

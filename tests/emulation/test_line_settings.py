@@ -8,9 +8,7 @@ from testbus.virtual_bus import VirtualLoop
 from micromanip.emulation.devices import Devices
 from micromanip.errors import ConfigError, DeviceUnavailable
 
-from .lines import BOARD, free_port, write_cell
-from .test_gcs_controller import GCS
-from .test_stream_device import CAPACITIVE
+from .lines import BOARD, CAPACITIVE, GCS, free_port, write_cell
 
 WRONG = {
     "two ports": (

@@ -7,8 +7,7 @@ import pytest
 
 from micromanip.emulation.devices import Devices
 
-from .lines import free_port, write_cell
-from .test_gcs_controller import GCS
+from .lines import GCS, free_port, write_cell
 
 pipython = pytest.importorskip("pipython", reason="PIPython is not installed: pip install PIPython")
 

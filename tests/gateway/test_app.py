@@ -114,19 +114,6 @@ def test_foreign_pages_and_names_are_refused(app, host, origin):
     assert app.refused == 2
 
 
-@pytest.mark.parametrize(
-    ("address", "public"),
-    [
-        ("https://Cell.Example/", "https://cell.example"),
-        ("https://cell.example:443", "https://cell.example"),
-        ("http://cell.example:8080", "http://cell.example:8080"),
-        ("https://[2001:DB8::1]", "https://[2001:db8::1]"),
-    ],
-)
-def test_a_proxy_s_address_is_written_as_browsers_write_it(address, public):
-    assert Origins.behind(address).public == public
-
-
 def test_behind_a_proxy_and_with_tls_other_names_are_ours():
     assert Origins(public="https://cell.example").is_ours("cell.example", "https://cell.example")
     assert not Origins(public="https://cell.example").is_ours(HOST, f"http://{HOST}")

@@ -77,34 +77,6 @@ def signed_in(browser, address, path):
         browser.until(f"{known}.includes('ana')")
 
 
-def pressed(browser, key, text="", shift=False):
-    """A key of a real keyboard."""
-    codes = {"Tab": 9, "Enter": 13, " ": 32, "ArrowLeft": 37, "ArrowRight": 39}
-    told = {"key": key, "windowsVirtualKeyCode": codes.get(key, ord(key[0].upper())), "modifiers": 8 if shift else 0}
-    browser("Input.dispatchKeyEvent", type="keyDown", **told, **({"text": text} if text else {}))
-    browser("Input.dispatchKeyEvent", type="keyUp", **told)
-
-
-IN_FOCUS = """(() => {
-  const found = document.activeElement, { x, y, width, height } = found.getBoundingClientRect();
-  const seen = document.elementFromPoint(x + width / 2, y + height / 2);
-  if (found === document.body) return ["", true];  // between the last and the first
-  const isSeen = getComputedStyle(found).outlineStyle === "solid" && (found === seen || found.contains(seen));
-  return [found.dataset.order ?? (found.id || found.value || found.textContent.trim()), isSeen];
-})()"""
-
-
-def tabbed_to(browser, wanted):
-    """Press the tabulator until `wanted` has the focus; all that had it on the way was seen to have it."""
-    for _ in range(80):
-        pressed(browser, "Tab")
-        name, is_seen = browser.value(IN_FOCUS)
-        assert is_seen, f"the focus on {name} is not seen"
-        if name == wanted:
-            return
-    raise AssertionError(f"the tabulator does not lead to {wanted}")
-
-
 def in_order(browser, address):
     assert browser.errors == []
     assert len(browser.asked) > 5
@@ -151,55 +123,6 @@ def test_the_cell_page_shows_values_and_a_fault_with_its_next_step(browser, addr
             assert browser.value("document.documentElement.scrollWidth <= innerWidth"), f"{state} fits at {width}"
     in_order(browser, address)
     played.cell.status, played.cell.problem = status(), None
-
-
-def test_the_keyboard_alone_arms_and_reads_the_scope(browser, address, played, monkeypatch):
-    """By tabulator, enter and the keys that the page names; a field is chosen by the key that also freezes."""
-    asked = []
-
-    async def order(verb, name):
-        asked.append((verb, name))
-
-    monkeypatch.setattr(played.cell, "order", order)
-    signed_in(browser, address, "/")
-    browser.until("document.querySelectorAll('.axis').length === 2")
-    for then in ("no", "yes"):
-        tabbed_to(browser, "arm")
-        pressed(browser, "Enter", "\r")
-        browser.until("document.activeElement.value === 'no'")
-        if then == "yes":
-            tabbed_to(browser, "yes")
-        pressed(browser, "Enter", "\r")
-        browser.until("!document.getElementById('question').open")
-    browser.until("document.getElementById('said').textContent === 'arm: done'")
-    assert asked == [("arm", "ana")]
-
-    for part in np.split(rows(np.arange(20_000), x_strain_um=60.0), 20):
-        played.play(part)
-        played.cell.source.read()
-    signed_in(browser, address, "/scope")
-    browser.until("window.scopeFrames.length > 0")
-    tabbed_to(browser, "freeze")
-    pressed(browser, "Enter", "\r")
-    browser.until("document.getElementById('freeze').textContent === 'Live'")
-    tabbed_to(browser, "plots")
-    read = "[...document.querySelectorAll('#readout th')].map((each) => each.textContent)"
-    pressed(browser, "a", "a")
-    assert browser.value(read)[5] == "A −500 ms"
-    pressed(browser, "ArrowRight", shift=True)
-    assert browser.value(read)[5] == "A −495 ms"
-    tabbed_to(browser, "x.stage_um")
-    for key, text in ((" ", " "), ("Enter", "\r"), ("Enter", "\r")):
-        before = browser.value("document.activeElement.checked")
-        pressed(browser, key, text)
-        assert browser.value("document.activeElement.checked") != before
-    assert browser.value("document.getElementById('freeze').textContent") == "Live"
-    browser("Emulation.setDeviceMetricsOverride", width=390, height=900, deviceScaleFactor=1, mobile=False)
-    narrow = "document.querySelector('.readout').scrollWidth <= document.querySelector('.readout').clientWidth"
-    assert browser.until(f"document.querySelectorAll('#readout td').length > 9 && {narrow}")
-    browser("Emulation.setDeviceMetricsOverride", width=1280, height=900, deviceScaleFactor=1, mobile=False)
-    browser.value("localStorage.removeItem('fields')")
-    in_order(browser, address)
 
 
 def test_the_scope_triggers_at_the_cycle_and_reads_the_sine(browser, address, played):

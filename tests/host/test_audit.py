@@ -84,13 +84,6 @@ def test_full_disk(trail, said, monkeypatch):
     assert "the disk is full" in said[0]
 
 
-def test_what_is_not_an_entry_is_passed_over(trail):
-    trail.file.parent.mkdir(parents=True)
-    trail.file.write_bytes(b'nonsense\n[1]\n{"verb": "arm"}\n\xff\xfe\n')
-    note(trail, ALICE, "arm")
-    assert [entry["user"] for entry in trail.last(9)["entries"]] == ["alice"]
-
-
 def test_peer_is_told_by_the_kernel():
     ours, theirs = socket.socketpair(socket.AF_UNIX)
     with ours, theirs:
@@ -127,32 +120,6 @@ def test_huge_values_do_not_push_out_what_was_there(trail):
     assert entries[2]["reason"].endswith("... (cut off, 60002 characters)")
     told = [entry for entry in entries[1:] if "repeated" not in entry]
     assert len(told) + sum(entry.get("repeated", 0) for entry in entries) == 1000
-
-
-def test_what_was_accepted_is_kept_whole_as_far_as_it_is_sensible(trail):
-    weights = [0.123456789] * 60
-    note(trail, ALICE, "set", [{"key": "axes.x.hysteresis.weights", "old": weights, "new": [0.5] * 1000}])
-    (entry,) = trail.last(1)["entries"]
-    assert entry["changes"][0]["old"] == weights
-    assert entry["changes"][0]["new"].endswith("... (cut off, 5000 characters)")
-
-
-def test_the_same_refusal_is_counted(trail):
-    """A client that asks again and again has one line, and one with the number; others are not hidden by it."""
-    bob = Peer("bob", 1001, 43)
-    trail._repeats = Repeats(clock=lambda: now[0])
-    now = [0.0]
-    for k in range(50):
-        note(trail, ALICE, "arm", reason="the state is FAULT")
-        if k % 25 == 0:
-            note(trail, bob, "arm", reason="the state is FAULT")
-    asyncio.run(trail._write_repeats())
-    assert [(e["user"], e.get("repeated")) for e in trail.last(9)["entries"]] == [("alice", None), ("bob", None)]
-    now[0] = 61.0
-    asyncio.run(trail._write_repeats())
-    assert [(e["user"], e.get("repeated")) for e in trail.last(9)["entries"][2:]] == [("alice", 49), ("bob", 1)]
-    note(trail, ALICE, "arm", reason="the state is FAULT")
-    assert "repeated" not in trail.last(1)["entries"][0]
 
 
 @given(st.lists(st.tuples(st.integers(0, 3), st.integers(0, 30)), max_size=300))
@@ -192,19 +159,6 @@ def test_a_burst_pushes_out_itself(tmp_path):
     assert len(days_of(files)) == 32
     assert sum(file.stat().st_size for file in tmp_path.iterdir()) <= 12_000
     assert "2026-04-01 0999" in next(f for f in files.newest_first() if "04-01" in f.name).read_text()
-
-
-def test_days_that_are_over_for_long_go_first(tmp_path):
-    files = AuditFiles(tmp_path, Keeping(most_bytes=20_000, part_bytes=2_000, days=90))
-    for k in range(200):
-        written_on(files, date(2026, 1, 1) + timedelta(days=k), 1)
-    assert len(days_of(files)) > 90, "there is room for them"
-    for k in range(200, 204):
-        written_on(files, date(2026, 1, 1) + timedelta(days=k), 18)
-    left = days_of(files)
-    assert sum(file.stat().st_size for file in tmp_path.iterdir()) <= 20_000
-    assert {f"{date(2026, 1, 1) + timedelta(days=k)}" for k in range(120, 204)} <= left
-    assert "2026-01-01" not in left
 
 
 def test_each_line_is_on_the_disk(trail, monkeypatch):

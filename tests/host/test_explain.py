@@ -10,7 +10,6 @@ import yaml
 from click.testing import CliRunner
 
 from micromanip.cli.main import cli
-from micromanip.errors import CheckFailed, UsageError
 from micromanip.host.trips.evidence import error_um, observations
 from micromanip.host.trips.report import lines, story
 from micromanip.host.trips.store import file_name
@@ -50,19 +49,6 @@ def test_a_pause_is_measured_by_what_is_usual_on_the_channel():
     stage[::10] = 3  # the stage comes every 10 cycles
     stage[BEFORE - 199 : BEFORE - 150] = 1
     assert seen(rows) == [(-19.0, "x", "capacitive sensor: no good sample for 4.0 ms")]
-
-
-def test_lines_that_change():
-    rows = tracking_rows()
-    rows["lines"] = 1 | 2 | 8
-    rows["lines"][BEFORE:] = 2 | 8 | 16
-    rows["lines"][BEFORE + 100 :] = 2 | 4 | 16
-    assert seen(rows) == [
-        (0.0, None, "enable went off"),
-        (0.0, None, "feed-hold asked of the machine"),
-        (10.0, None, "tool retracted"),
-        (10.0, None, "amplifier switched off"),
-    ]
 
 
 def test_story_has_trip_states_axes_and_configuration(tmp_path):
@@ -164,43 +150,3 @@ def test_list(shelf):
     assert "is no black box, or it is damaged" in entries[0]["message"]
     told = run("list", "--trips", folder).stdout.splitlines()
     assert told[1:] == [f"{names[0][:-4]}  X-201 happened", f"{names[1][:-4]}  X-104 happened"]
-
-
-@pytest.mark.parametrize("suffix", [".png", ".svg"])
-def test_plot(shelf, tmp_path, suffix):
-    folder, _ = shelf
-    assert run("show", "--trips", folder, "--plot", tmp_path / f"trip{suffix}").exit_code == 0
-    content = (tmp_path / f"trip{suffix}").read_bytes()
-    assert content.startswith(b"\x89PNG" if suffix == ".png" else b"<?xml")
-
-
-def test_a_trip_of_a_sensor_shows_that_sensor():
-    from micromanip.host.trips.report import draw
-
-    rows = tracking_rows()
-    rows["axis"]["strain_um"][rows["cycle"] >= TRIP - 40, 0] = 12.5  # the gauge jumps, and is stuck
-    figure = draw(box(rows))
-    gauge = figure.axes[-1]
-    assert gauge.get_ylabel() == "gauge, um"
-    shown = next(line for line in gauge.lines if line.get_label() == "gauge x")
-    assert shown.get_ydata().min() == 12.5
-    assert [line.get_label() for line in gauge.lines][-1] == "setpoint"
-    assert figure.get_suptitle() == "X-201 axis x  2026-03-14T10:15:02.250+00:00"
-    assert figure.get_supxlabel() == "cell.yaml (00000000)"
-    stage = draw(box(rows, number=STAGE_INVALID, axis="y")).axes[-1]
-    assert stage.get_ylabel() == "stage sensor, um"
-    assert "stage sensor y" in [line.get_label() for line in stage.lines]
-    assert len(draw(box(rows, number=OVERRUNS, axis=None)).axes) == 4
-
-
-def test_wrong_usage_is_one_sentence(shelf):
-    folder, _ = shelf
-    for arguments, kind, words in (
-        (["1999"], UsageError, "there is no trip 1999"),
-        (["--plot", "a.pdf"], UsageError, "must end with .png or .svg"),
-        (["--plot", "/nowhere/a.png"], UsageError, "can't be written: No such file or directory; "),
-        ([file_name(9 * 10**17, "X-102", None)], CheckFailed, "is no black box, or it is damaged"),
-    ):
-        outcome = run("show", "--trips", folder, *arguments)
-        assert isinstance(outcome.exception, kind), (arguments, outcome.output)
-        assert words in str(outcome.exception)

@@ -205,27 +205,6 @@ def test_what_is_damaged_beside_the_rows_is_left_out_and_told(recorded, tmp_path
         telemetry.sure_configuration() if name == "configuration.yaml" else Recorded(telemetry)
 
 
-def test_a_name_that_is_damaged_is_told_as_far_as_it_can_be_read(recorded, tmp_path):
-    file, rows = recorded
-    content = bytearray(file.read_bytes())
-    for byte in range(4):  # its length
-        content[content.index(b"state.npy") - 4 + byte] = 0xFF
-    (tmp_path / "damaged.mcap").write_bytes(content)
-    (told,) = open_telemetry(tmp_path / "damaged.mcap").damaged
-    assert told.startswith("state.npy")
-    assert all_rows(tmp_path / "damaged.mcap").tobytes() == rows.tobytes()
-
-
-def test_a_set_of_parameters_takes_little(recorded):
-    """100 kB in memory, most of them room that is not used; read by NumPy alone."""
-    with recorded[0].open("rb") as stream:
-        found = {each.name: each.data for each in make_reader(stream).iter_attachments()}
-    packed = found["parameters-3.npz"]
-    (values,) = np.load(io.BytesIO(packed)).values()
-    assert (values["version"].tolist(), values.dtype.itemsize) == ([3], CELL_PARAMETERS.itemsize)
-    assert len(packed) < CELL_PARAMETERS.itemsize / 10
-
-
 def test_another_program_s_mcap_is_told(tmp_path):
     from mcap.writer import Writer
 

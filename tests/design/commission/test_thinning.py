@@ -9,21 +9,6 @@ from micromanip.design.commission.thinning import thinned
 seeds = st.integers(0, 2**32 - 1)
 
 
-@given(seeds, st.integers(20, 2000), st.integers(0, 6000), st.booleans())
-def test_few_points_in_their_order_and_never_another_one(seed, most, length, log_x):
-    rng = np.random.default_rng(seed)
-    x, y = np.sort(rng.uniform(-0.1, 100.0, length)), rng.normal(size=length)
-    y[rng.uniform(size=length) < rng.choice([0.0, 0.01])] = np.nan
-    if rng.uniform() < 0.3:
-        rng.shuffle(x)
-    few_x, few_y = thinned(x, y, most, log_x)
-    assert len(few_x) == len(few_y) <= most
-    assert len(few_x) >= min(length, 2)
-    pairs = iter(zip(x.tolist(), y.tolist(), strict=True))
-    for pair in zip(few_x.tolist(), few_y.tolist(), strict=True):
-        assert any(np.array_equal(pair, other, equal_nan=True) for other in pairs)
-
-
 @given(seeds, st.integers(3000, 20_000))
 def test_peaks_survive(seed, length):
     rng = np.random.default_rng(seed)
@@ -40,16 +25,6 @@ def test_peaks_survive(seed, length):
     for i in range(199):
         assert few_y[of_few == i].max() == y[piece == i].max()
         assert few_y[of_few == i].min() == y[piece == i].min()
-
-
-@given(seeds)
-def test_a_loop_keeps_its_extremes_in_both_directions(seed):
-    rng = np.random.default_rng(seed)
-    angle = np.linspace(0.0, 6 * np.pi, 30_000) + rng.uniform(0, 2 * np.pi)
-    x, y = np.cos(angle) * np.exp(-angle / 20), np.sin(angle + 0.3)
-    few_x, few_y = thinned(x, y, 500)
-    assert (few_x.min(), few_x.max(), few_y.min(), few_y.max()) == (x.min(), x.max(), y.min(), y.max())
-    assert np.hypot(np.diff(few_x), np.diff(few_y)).max() < 0.2  # still a curve
 
 
 def test_a_gap_stays_a_gap():

@@ -46,7 +46,7 @@ def command(
     """Variance of the path error by cause; a bound that no causal controller can beat; what other sensors would give.
 
     Of a configuration (.yaml) it is computed from the models; a simulated cell is also played, in virtual time, for
-    what no linear model shows. Of a recording it is what the recorded signals show. docs/budget.md explains it.
+    what no linear model shows. Of a recording it is what the recorded signals show. docs/analyse.md explains it.
     """
     from .results import Pictures
 

@@ -63,7 +63,7 @@ def command(
     """Judge the control of each axis before it runs: is the inverse regular, are the loops stable, with what margin?
 
     A simulated cell's actuator is recorded in virtual time; on real hardware nothing moves, and the strain loop is
-    not judged. Exit code 1 where a criterion fails. docs/analysis.md explains the figures.
+    not judged. Exit code 1 where a criterion fails. docs/analyse.md explains the figures.
     """
     from micromanip.design.analysis import analyse_axis
     from micromanip.design.criteria import criteria, notes, report

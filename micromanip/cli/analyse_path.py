@@ -51,7 +51,7 @@ def command(
     """Which stretches of PATH ask for more than the stage has; exit code 1 where one does.
 
     PATH is a table of the robot's deviation (t_s, deviation_<axis>_um), or a recording: what the tracker saw in it.
-    docs/preview.md explains it.
+    docs/analyse.md explains it.
     """
     from micromanip.design.preview.preview import preview_of
     from micromanip.design.preview.seen import seen_path

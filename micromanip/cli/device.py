@@ -32,7 +32,7 @@ def list_(as_json: bool) -> None:
 
     Each is loaded and its class is looked at; nothing is opened, no hardware is needed. Exit code 1 if one of them
     can't be loaded or does not keep its contract. `loads` is no more than that: `run` compiles it, and what it does on
-    its bus is for its author's conformance tests to show (docs/bus-drivers.md).
+    its bus is for its author's conformance tests to show (docs/write-a-driver.md).
     """
     from micromanip.bus.inspection import inspected
 
@@ -48,7 +48,7 @@ def list_(as_json: bool) -> None:
 
 def _print_drivers(found: list[Inspected]) -> None:
     if not found:
-        echo("no driver is installed: install the package of one into this environment (docs/drivers.md)")
+        echo("no driver is installed: install the package of one into this environment (docs/write-a-driver.md)")
     width = max((len(driver.name) for driver in found), default=0)
     for driver in found:
         verdict = "BROKEN" if driver.problems else "loads"

@@ -44,15 +44,20 @@ def view(file: Path, listen: str, as_json: bool) -> None:
 )
 @click.argument("file", type=click.Path(path_type=Path), metavar="FILE")
 @click.option(
-    "--to", "--out", "to", required=True, type=click.Path(path_type=Path), help="New file: .h5, .parquet, .csv or .mat."
+    "--to",
+    "--out",
+    "to",
+    required=True,
+    type=click.Path(path_type=Path),
+    help="New file: .csv, .mat, .npz, .h5 or .parquet.",
 )
 @click.option("--cut", type=Cut(), help="This part only, FROM:TO in seconds from the first cycle.")
 @click.option("--signals", help="These columns only, between commas; without the axis, those of all axes.")
 @json_option
 def export(file: Path, to: Path, cut: tuple[float, float] | None, signals: str | None, as_json: bool) -> None:
-    """Write a recording of ours, MCAP or HDF5, to another format; every number keeps its bits.
+    """Write a recording to another format; every number keeps its bits.
 
-    To .h5 without --signals it becomes what `run --record FILE.h5` would have written.
+    .h5 and .parquet need the extra `formats`.
     """
     from micromanip.recordings import open_telemetry
     from micromanip.recordings.export import export as export_to

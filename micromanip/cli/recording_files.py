@@ -50,7 +50,7 @@ def view(file: Path, listen: str, as_json: bool) -> None:
     required=True,
     type=click.Path(path_type=Path),
     help="New file: .csv, .mat, .npz, .h5 or .parquet.",
-)
+)  # fmt: skip
 @click.option("--cut", type=Cut(), help="This part only, FROM:TO in seconds from the first cycle.")
 @click.option("--signals", help="These columns only, between commas; without the axis, those of all axes.")
 @json_option

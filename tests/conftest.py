@@ -58,8 +58,8 @@ def pytest_addoption(parser):
 def pytest_configure(config):
     for marker in (
         "compiled_only: needs compiled code, left out under NUMBA_DISABLE_JIT=1",
-        "live: on real processes, links or clocks, which it waits for; left out of `make check`",
-        "long: computes for seconds; left out of `make check`",
+        "live: on real processes, links or clocks, which it waits for; left out of `make check`, tried again alone",
+        "long: computes for seconds; left out of `make check`, tried again alone",
         "many_cycles: takes seconds as plain Python, and runs so in `make thorough` only",
         "thorough: one more case of what another one shows; left out of `make test`, which `make thorough` is for",
         "realtime: live, and a stall of this machine by some milliseconds makes it fail",

@@ -209,20 +209,13 @@ def test_another_program_s_mcap_is_told(tmp_path):
     from mcap.writer import Writer
 
     file = tmp_path / "robot.mcap"
-    for data, told in (
-        (b'{"name": "arm"}', r"messages of JSON with numbers in it; it has /pose \(json without numbers\)"),
-        (b"{", "it is cut off, damaged, or no MCAP with messages of JSON"),
-        (b'{"x": 1' + 400 * b"0" + b"}", "it is cut off, damaged, or no MCAP with messages of JSON"),
-        (100_000 * b"[", "it is cut off, damaged, or no MCAP with messages of JSON"),
-    ):
-        with file.open("wb") as stream:
-            writer = Writer(stream)
-            writer.start()
-            channel = writer.register_channel("/pose", "json", 0)
-            writer.add_message(channel, 0, data, 0)
-            writer.finish()
-        with pytest.raises(CheckFailed, match=rf"robot.mcap: .*{told}"):
-            read_table(file)
+    with file.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        writer.add_message(writer.register_channel("/pose", "json", 0), 0, b'{"x": 1}', 0)
+        writer.finish()
+    with pytest.raises(CheckFailed, match=r"robot.mcap: an MCAP file of another program"):
+        read_table(file)
 
 
 def test_a_recording_replaces_nothing(tmp_path):

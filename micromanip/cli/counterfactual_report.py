@@ -18,13 +18,12 @@ def predict_tuning(file: Path, config: Path, cut: tuple[float, float] | None, as
     from micromanip.replay.counterfactual import DRAWS, FIGURES, SETTLE_S, Rerun, predict
     from micromanip.replay.fitting import fit_models
     from micromanip.replay.window import take_window, tooth_caveats
+    from micromanip.settings.check import prepare
     from micromanip.settings.tuning_hash import changes_since
 
     show_compiling()
     telemetry = open_recording(file)
     _, recorded = recorded_configuration(telemetry)
-    from micromanip.settings.check import prepare
-
     tuned = prepare(config)
     require_comparable(recorded, tuned.configuration, file, config)
     window = take_window(telemetry, cut)

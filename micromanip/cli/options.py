@@ -7,7 +7,7 @@ import json
 import math
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import click
 
@@ -15,9 +15,6 @@ from micromanip.client import Client, default_socket
 from micromanip.errors import nearest
 
 from .echo import NarrowContext, echo
-
-if TYPE_CHECKING:
-    pass
 
 _Answer = TypeVar("_Answer")
 _WHOLE = 1000

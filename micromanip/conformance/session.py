@@ -71,7 +71,11 @@ class Session:
 
     def open(self) -> None:
         """Open the driver; a device that is there and refused is a failure."""
-        error = guarded(self.driver.open, "open")
+        for left in reversed(range(TRIES)):
+            error = guarded(self.driver.open, "open")
+            if left == 0 or not isinstance(error, LinkError):
+                break
+            self.driver.close()
         assert error is None, f"open raised {type(error).__name__} with the device there: {error}"
 
     def perform(self, task: int, values: Sequence[float] | None = None) -> BusError | None:

@@ -47,6 +47,10 @@ class BusBridge(CyclicDriver):
         return self.bus.watchdog or ("none needed: nothing real moves" if self.simulated else None)
 
     @property
+    def files(self) -> Sequence[Path]:
+        return self.bus.files
+
+    @property
     def device(self) -> str | None:
         return self.bus.device
 

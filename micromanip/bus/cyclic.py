@@ -128,6 +128,11 @@ class CyclicDriver(ABC):
     def __init__(self, options: Any, period_ns: int) -> None:
         """`options` is a validated ``Options``; raises ConfigError for what only the driver can know."""
 
+    @property
+    def files(self) -> Sequence[Path]:
+        """Files that its options name, as seen from the configuration's folder."""
+        return ()
+
     def check_files(self, folder: Path) -> None:  # noqa: B027 (most name none)
         """Hold the files that the options name, seen from `folder`, that of the configuration, against the options.
 

@@ -71,6 +71,8 @@ class Task:
     rate_hz: float
     outputs: tuple[int, ...] = ()
     """Indices of the outputs that it writes; empty for one that only asks."""
+    serves_outputs: bool = False
+    """It writes none, but outputs need it (SYNC, a heartbeat): the only such ones that go on where reads must wait."""
 
 
 @dataclass(frozen=True)
@@ -183,6 +185,8 @@ class BusDriver(ABC):
     @abstractmethod
     def open(self) -> None:
         """Reach the device; at most a second. Raises LinkError, or IdentityMismatch for the wrong device.
+
+        Where some of several devices can be served, PartMissing, with the link left open.
 
         Must not move anything: the first outputs come by ``perform``.
         """

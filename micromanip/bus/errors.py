@@ -8,9 +8,14 @@ started again.
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 
 class BusError(Exception):
     """Base of all that a driver may raise once it was built."""
+
+    task: int | None = None
+    """Number of the task that it is about, where that is not the one that was called for."""
 
 
 class TransientError(BusError):
@@ -22,6 +27,18 @@ class TransientError(BusError):
 
 class LinkError(BusError):
     """The bus is gone: bus-off, disconnected, network down. Closed, and opened again after a while."""
+
+
+class PartMissing(LinkError):
+    """Raised by ``open``, which has left the link open: some devices on it can't be served, the others can.
+
+    The outputs of the others are brought to rest; then the link is closed, and opened again after a while.
+    """
+
+    def __init__(self, text: str, tasks: Collection[int]) -> None:
+        """`tasks` are the numbers of those that can't be done."""
+        super().__init__(text)
+        self.tasks = frozenset(tasks)
 
 
 class DeviceFault(BusError):

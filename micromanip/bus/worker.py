@@ -6,7 +6,7 @@ import math
 import random
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 
@@ -29,7 +29,7 @@ from micromanip.rt.bus_image import (
 
 from .backoff import BackOff
 from .driver import BusDriver, Outcome
-from .errors import BusError, IdentityMismatch, OutputRefused, TransientError
+from .errors import BusError, IdentityMismatch, LinkError, OutputRefused, PartMissing, TransientError
 from .image import ProcessImage
 from .inbox import Inbox
 from .last_given import LastGiven
@@ -39,9 +39,12 @@ from .report import Report, tell
 from .safe_state import SafeOutput, SafeState, Values
 from .schedule import Schedule
 from .steady import SteadyService
+from .way_to_rest import WayToRest
 
 LOOK_NS = 1_000_000
 """The worker looks whether the loop still lives so often at most; five times while that is in doubt."""
+_HELD_NS, _HELD_PERIODS = 300_000_000, 20
+"""Values of a task that were held back for so long, and so many of its periods, are a lost link."""
 _UNREACHED_S = 30.0
 """With nobody left, a device that can't be reached is given up after so long."""
 
@@ -93,6 +96,10 @@ class Worker:
         self._decided_ns = 0
         self._inbox = Inbox()
         self._schedule = Schedule((), 0)
+        self._way = WayToRest(tasks, rules.outputs)
+        self._held_since_ns: dict[int, int] = {}
+        self._reads_back = True
+        """Whether to ask what the outputs have; not again, where it breaks the link, before they are at rest."""
         self._patience = Patience()
         self._down_ns = time.monotonic_ns()
         self._report = Report()
@@ -130,6 +137,7 @@ class Worker:
                 tell("latched", str(problem))
                 self._wait(math.inf)
             except BusError as problem:
+                self._way.failed(None)
                 self._lose(LINK_DOWN)
                 wait_s = back_off.lost(time.monotonic() - opened)
                 tell("lost", str(problem), retry_s=round(wait_s, 3))
@@ -139,15 +147,22 @@ class Worker:
 
     def _serve(self) -> None:
         """One life of the link: until an error, or the end."""
+        missing: PartMissing | None = None
         with self._while_opening():
-            self._driver.open()
+            try:
+                self._driver.open()
+            except PartMissing as problem:
+                missing = problem
             self._follow()
             self._read_back()
         self._writer.forget()
         self._patience = Patience()
         self._inbox.clear()
-        self._counts["links"] += 1
+        self._held_since_ns.clear()
         self._schedule = Schedule(self._driver.tasks, time.monotonic_ns())
+        self._counts["links"] += 1
+        if missing is not None:
+            self._rest_others(missing)
         self._image.tell(ALIVE_NS, time.monotonic_ns())
         self._image.tell(EPOCH, self._image.ask(EPOCH) + 1)
         self._image.tell(OUTPUT_STATE, self.safe.state)
@@ -158,6 +173,18 @@ class Worker:
             self._serve_steadily()
             self._turn()
         self._part()
+
+    def _rest_others(self, missing: PartMissing) -> None:
+        """Bring to rest what is there; the link is not up with it.
+
+        Raises `missing` where it is not to end then, or what comes before.
+        """
+        for number in missing.tasks:
+            self._way.failed(number, broke=True)
+        while self._way.open_tasks(self.safe.unsafe) - missing.tasks:
+            self._turn()
+        if not self._may_leave():
+            raise missing
 
     def _follow(self) -> None:
         """Remember what the device is given where it is now: a port that was replugged may have got another path."""
@@ -170,7 +197,12 @@ class Worker:
 
     def _read_back(self) -> None:
         """Begin where the device says that its outputs are; say so where nobody knows."""
-        values, names = self._driver.read_outputs(), [channel.name for channel in self._driver.outputs]
+        names = [channel.name for channel in self._driver.outputs]
+        values: Sequence[float | None] = [None] * len(names)
+        if self._reads_back or any(map(math.isnan, self.safe.last)):
+            self._reads_back = False
+            values = self._driver.read_outputs()
+            self._reads_back = True
         for i in self.safe.outside(values):
             tell("outputs", f"{names[i]} reads {values[i]:g}, which is outside of its range")
         self.safe.read_back(values)
@@ -210,7 +242,13 @@ class Worker:
     def _turn(self) -> None:
         """Do what is due, or listen for a moment; hand over what came."""
         now_ns = time.monotonic_ns()
-        task = self._schedule.take(now_ns)
+        waiting: Collection[int] = ()
+        if self.safe.state == SAFE_RAMP:
+            waiting = self._way.waiting(self.safe.unsafe)
+        else:
+            self._way.arrived()
+            self._reads_back = True
+        task = self._schedule.take(now_ns, waiting)
         if task is not None or now_ns - self._decided_ns >= self._rules.look_ns:
             self._decide(now_ns)
         failed = False
@@ -224,7 +262,13 @@ class Worker:
         except (TransientError, OutputRefused) as problem:
             failed = True
             self._counts["errors"] += 1
+            number = task if problem.task is None else problem.task
+            self._schedule.failed(number)
+            self._way.failed(number)
             self._patience.judge(problem, self._rules.patience_ns)
+        except BusError as problem:
+            self._way.failed(task if problem.task is None else problem.task, broke=True)
+            raise
         if task is not None or failed or len(self._inbox) > 0:
             self._patience.note(failed, 1, now_ns)
         self._hand_over()
@@ -236,9 +280,23 @@ class Worker:
         outcome = self._writer.perform(number, self._values, self._inbox)
         if outcome is Outcome.HELD:
             self._counts["held"] += 1
+            self._hold(number, time.monotonic_ns())
             return
+        self._held_since_ns.pop(number, None)
+        if outcome is None:
+            self._way.went_well(number)
         self._counts["performed"] += 1
         self._image.tell_turn(self._driver.tasks[number].outputs, time.monotonic_ns())
+
+    def _hold(self, number: int, now_ns: int) -> None:
+        """Nothing was sent. Raises LinkError where that has lasted for too long."""
+        task = self._driver.tasks[number]
+        self._schedule.held(number, now_ns)
+        held_ns = now_ns - self._held_since_ns.setdefault(number, now_ns)
+        if task.outputs and held_ns > max(_HELD_NS, _HELD_PERIODS * 1e9 / task.rate_hz):
+            raise LinkError(
+                f"the outputs of {task.name} were held back for {held_ns * 1e-6:.0f} ms, because an answer of before is missing"
+            )
 
     def _note_given(self, last: Values) -> None:
         """The device has taken something: `last` is what its outputs were given."""
@@ -251,6 +309,8 @@ class Worker:
 
     def _hand_over(self) -> None:
         self._writer.take_confirmed(self._inbox)
+        for number in self._inbox.confirmed:
+            self._way.went_well(number)
         self._counts["received"] += len(self._inbox)
         self._counts["lost"] += self._inbox.lost
         self._image.publish(self._inbox)

@@ -44,3 +44,35 @@ def test_five_restarts_in_a_minute_are_enough():
     assert limit.allows(60.1)
     assert not limit.allows(61.0)
     assert limit.allows(70.1)
+
+
+READ, WRITE, SYNC = 0, 1, 2
+TASKS = [Task("read", 1000), Task("write", 1000, (0,)), Task("SYNC", 1000, serves_outputs=True)]
+
+
+def test_what_is_due_at_once_is_written_before_it_is_read():
+    schedule = Schedule(TASKS, 0)
+    assert [schedule.take(0) for _ in range(4)] == [WRITE, READ, SYNC, None]
+
+
+def test_nothing_is_read_between_a_failure_and_the_next_write():
+    schedule = Schedule([Task("read", 1000), Task("write", 100, (0,))], 0)
+    assert [schedule.take(0), schedule.take(0)] == [WRITE, READ]
+    schedule.failed(READ)
+    assert [schedule.take(now) for now in (1_000_000, 9_000_000)] == [None, None]
+    assert [schedule.take(10_000_000), schedule.take(10_000_000)] == [WRITE, READ]
+
+
+def test_a_write_that_was_held_back_is_tried_soon_and_never_twice_within_a_period():
+    schedule = Schedule([Task("read", 100), Task("write", 100, (0,))], 0)
+    assert schedule.take(0) == WRITE
+    schedule.held(WRITE, 0)
+    assert [schedule.take(500_000), schedule.take(7_000_000), schedule.take(7_000_000)] == [None, WRITE, READ]
+    assert schedule.take(16_999_999) == READ
+    assert schedule.take(17_000_000) == WRITE
+
+
+def test_a_task_that_is_passed_over_has_no_turns_to_catch_up_with():
+    schedule = Schedule(TASKS, 0)
+    assert [schedule.take(5_500_000, {READ}) for _ in range(3)] == [WRITE, SYNC, None]
+    assert schedule.take(5_600_000) is None

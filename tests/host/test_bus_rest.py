@@ -56,7 +56,7 @@ class Bus(BusDriver):
     device, watchdog, inputs, loads = "bench", None, (), ()
     outputs = tuple(Channel(name, RATE_HZ) for name in NAMES)
     tasks = (
-        Task("SYNC", RATE_HZ),
+        Task("SYNC", RATE_HZ, serves_outputs=True),
         Task("x", RATE_HZ, (0,)),
         Task("y", RATE_HZ, (1,)),
         Task("lines", RATE_HZ, (2, 3, 4)),
@@ -213,7 +213,7 @@ def test_what_is_known_of_some_is_used(tmp_path):
 
 def test_a_slow_task_is_given_its_time():
     class Slow(Bus):
-        tasks = tuple(Task(task.name, 4.0, task.outputs) for task in Bus.tasks)
+        tasks = tuple(replace(task, rate_hz=4.0) for task in Bus.tasks)
 
     bus = Slow(voltage_x=80.0)
     slow = [replace(output, slew_V_per_s=40.0 * 4.0) for output in OUTPUTS]
@@ -432,7 +432,7 @@ def test_a_task_is_given_up_after_three_seconds_and_two_turns():
     for rate_hz in (RATE_HZ, 0.5):
 
         class Rated(Bus):
-            tasks = tuple(Task(task.name, rate_hz, task.outputs) for task in Bus.tasks)
+            tasks = tuple(replace(task, rate_hz=rate_hz) for task in Bus.tasks)
 
         bus = Rated(voltage_x=80.0)
         bus.outcome[1] = Outcome.HELD

@@ -1,9 +1,11 @@
 """What a run leaves for ``park``, whom it is believed from, and what is used in its place."""
 
 import asyncio
+import base64
 import json
 import os
 import shutil
+import zlib
 from pathlib import Path
 
 import pytest
@@ -103,6 +105,14 @@ def edited(change):
     return edit
 
 
+def nested(depth):
+    value = {}
+    for _ in range(depth):
+        value = {"drivers": value}
+    return value
+
+
+BOMB = base64.b64encode(zlib.compress(bytes(21_000_000))).decode()
 SPOILT = {
     "of another user": (foreign, "belongs to user 4711"),
     "in a folder of another user": (lambda path: foreign(path.parent), "belongs to user 4711"),
@@ -116,8 +126,11 @@ SPOILT = {
     "cut off": (lambda path: path.write_text(path.read_text()[:-20]), "is damaged"),
     "not a document": (lambda path: path.write_text("[1, 2]"), "is damaged"),
     "without its configuration": (edited(lambda d: d.pop("document")), "is damaged"),
-    "endless": (lambda path: path.write_text(" " * 4_000_001), "larger than 4 MB"),
-    "of another format": (edited(lambda d: d.update(format=2)), "is not a snapshot of"),
+    "endless": (lambda path: path.write_text(" " * 32_000_001), "larger than 32 MB"),
+    "nested without end": (lambda path: path.write_text("[" * 100_000 + "]" * 100_000), "is damaged"),
+    "with a document that is nested deep": (edited(lambda d: d.update(document=nested(200))), "is damaged"),
+    "with a file that unpacks without end": (edited(lambda d: d.update(files={"/a": BOMB})), "is damaged"),
+    "of another format": (edited(lambda d: d.update(format=1)), "is not a snapshot of"),
     "of another configuration": (edited(lambda d: d.update(configuration="/etc/other.yaml")), "is not a snapshot of"),
     "with a value that was tampered with": (
         edited(lambda d: d["document"]["outputs"]["voltage_x"].update(park_V=400)),
@@ -171,16 +184,6 @@ def test_the_file_is_held_to_all_that_run_asks(config):
         plan_of(config)
 
 
-def test_what_is_said_comes_from_the_newest_of_several(config, folder, tmp_path):
-    service = tmp_path / "service"
-    kept(config, service)
-    config.write_text(PARKED)
-    newest = kept(config, folder)
-    assert plan_of(config).file == newest
-    edited(lambda d: d.update(taken="2020-01-01T00:00:00.000Z"))(newest)
-    assert plan_of(config).file == path_of(config, service)
-
-
 def test_the_services_own_state_is_believed_from_whom_the_service_is(config, tmp_path):
     service = tmp_path / "service"
     path = kept(config, service)
@@ -195,8 +198,31 @@ def test_the_services_own_state_is_believed_from_whom_the_service_is(config, tmp
     assert plan_of(config).taken is None, "nor where anybody can put another folder in its place"
 
 
-def test_a_message_database_that_has_changed_since_is_not_used_for_old_values(tmp_path, monkeypatch):
+def frame(plan):
+    """Bytes of each message with 1 on all outputs."""
+    (bridge,) = plan.wiring.buses.values()
+    return [bytes(each.frame([1.0] * len(bridge.bus.outputs)).data) for each in bridge.bus._sent]
+
+
+def edit_database(file):
+    text = file.read_text()
+    file.write_text(text.replace("(0.00275,-22)", "(0.003,-22)"))
+
+
+def replace_by_pipe(file):
+    file.unlink()
+    os.mkfifo(file)
+
+
+def replace_by_endless(file):
+    file.unlink()
+    file.symlink_to("/dev/zero")
+
+
+@pytest.mark.parametrize("change", [edit_database, replace_by_pipe, replace_by_endless, Path.unlink])
+def test_a_message_database_is_used_as_it_was_when_it_last_ran(tmp_path, monkeypatch, change):
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    monkeypatch.setattr(safe_plan, "SERVICE_STATE", tmp_path / "service")
     shutil.copytree(CAN / "can", tmp_path / "can")
     for name, database in (("can.yaml", "can/manipulator.dbc"), ("canopen.yaml", "can/amplifier.eds")):
         config = tmp_path / name
@@ -205,12 +231,31 @@ def test_a_message_database_that_has_changed_since_is_not_used_for_old_values(tm
         keeper = SnapshotService(prepare(config), tmp_path / "micromanip", warnings.append)
         asyncio.run(keeper.keep(Source.read(config)))
         assert warnings == []
-        assert plan_of(config).taken is not None
-        with (tmp_path / database).open("a") as stream:
-            stream.write("\n")
+        before = frame(plan_of(config))
+        change(tmp_path / database)
         plan = plan_of(config)
-        assert plan.taken is None
-        assert f"{tmp_path / database} has been changed since" in plan.warnings[0]
+        assert (plan.taken is None, plan.warnings) == (False, [])
+        assert frame(plan) == before
+
+
+def test_a_clock_that_was_wrong_makes_no_snapshot_newer(config, folder, tmp_path):
+    old = kept(config, tmp_path / "service")
+    document = json.loads(old.read_text())
+    config.write_text(PARKED)
+    kept(config, folder)
+    for boot in (document["boot"], "an earlier start"):
+        old.write_text(json.dumps(document | {"taken": "2099-01-01T00:00:00.000Z", "boot": boot}))
+        assert plan_of(config).configuration.outputs["voltage_x"].park_V == 5
+
+
+def test_of_earlier_starts_of_the_machine_the_later_run_counts(config, folder, tmp_path):
+    paths = [kept(config, tmp_path / "service"), kept(config, folder)]
+    for path, run in zip(paths, (8, 7), strict=True):
+        path.write_text(json.dumps(json.loads(path.read_text()) | {"boot": "an earlier one", "run": run}))
+    assert plan_of(config).file == paths[0]
+    kept(config, folder)
+    assert plan_of(config).file == paths[1]
+    assert json.loads(paths[1].read_text())["run"] == 8
 
 
 def revised(config, *changes):

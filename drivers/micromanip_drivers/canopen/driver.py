@@ -166,12 +166,12 @@ class CanOpen(BusDriver):
     def _add_tasks(self) -> None:
         options = self._options
         if options.sync_hz is not None:
-            self._tasks.append(Task("SYNC", options.sync_hz))
+            self._tasks.append(Task("SYNC", options.sync_hz, serves_outputs=True))
             self._sent.append(SentFrame(SYNC, b""))
         for pdo in (pdo for plan in self._nodes for pdo in plan.rpdos):
             self._add_rpdo(pdo)
         if options.heartbeat_period_ms is not None:
-            self._tasks.append(Task("heartbeat", 1e3 / options.heartbeat_period_ms))
+            self._tasks.append(Task("heartbeat", 1e3 / options.heartbeat_period_ms, serves_outputs=True))
             self._sent.append(SentFrame(_HEARTBEAT + options.own_node_id, bytes((OPERATIONAL,))))
 
     def _add_rpdo(self, pdo: PdoPlan) -> None:

@@ -64,6 +64,10 @@ class Ethercat(LoopWire):
                 f"longer than the cycle of {1e-3 * period_ns:g} us"
             )
 
+    @property
+    def files(self) -> tuple[Path, ...]:
+        return tuple(Path(terminal.esi) for terminal in self.options.terminals.values() if terminal.esi is not None)
+
     def check_files(self, folder: Path) -> None:
         for name, terminal in self.options.terminals.items():
             compare_with_file(name, terminal, folder)

@@ -100,6 +100,19 @@ class Client:
         while (now_ns := time.monotonic_ns()) < min(self._silent_until_ns, until_ns):
             self._idle(min(self._silent_until_ns, until_ns), now_ns)
 
+    def forgive(self) -> None:
+        """Go on after a unit that need not answer: its time-outs are not those of the next one."""
+        self._request, self._timeouts = None, 0
+        if self._serial:
+            self._be_silent(time.monotonic_ns() + self._drain_ns, self._drain_ns)
+
+    def is_silent(self) -> bool:
+        """Whether the line is kept silent. Raises LinkError."""
+        now_ns = time.monotonic_ns()
+        if now_ns < self._silent_until_ns:
+            self._idle(now_ns, now_ns)
+        return now_ns < self._silent_until_ns
+
     def ask(self, exchange: Exchange, pdu: bytes) -> None:
         """Send a request; there must be none out. Raises TransientError while the line is kept silent, LinkError."""
         now_ns = time.monotonic_ns()

@@ -15,7 +15,19 @@ from pathlib import Path
 from typing import ClassVar
 
 from micromanip.driver import Answer as Found
-from micromanip.driver import BusDriver, BusError, Channel, DeviceFault, Inbox, Load, Outcome, Task, TransientError
+from micromanip.driver import (
+    BusDriver,
+    BusError,
+    Channel,
+    DeviceFault,
+    Inbox,
+    LinkError,
+    Load,
+    Outcome,
+    PartMissing,
+    Task,
+    TransientError,
+)
 
 from .answers import Answers
 from .client import Answer, Client
@@ -49,6 +61,9 @@ class Modbus(BusDriver):
         self._client = Client(options, self._timing)
         self._unanswered: dict[int, set[int]] = {}
         """Transactions of the newest turn of each task that the device has not answered yet."""
+        self._asked = 0
+        """The task whose request went out last."""
+        self._missing: frozenset[int] = frozenset()
 
     @property
     def device(self) -> str:
@@ -78,16 +93,21 @@ class Modbus(BusDriver):
     def open(self) -> None:
         deadline_ns = time.monotonic_ns() + _OPEN_NS
         self._answers.forget()
+        self._unanswered.clear()
+        self._missing = frozenset()
         try:
             self._client.open(deadline_ns)
             greet(self._client, self._options, self._plans, deadline_ns)
+        except PartMissing as problem:
+            self._missing = problem.tasks
+            raise
         except BusError:
             self._client.close()
             raise
-        self._unanswered.clear()
 
     def read_outputs(self) -> Sequence[float | None]:
-        found = read_back(self._client, self._plans, time.monotonic_ns() + _READ_BACK_NS)
+        plans = [plan for number, plan in enumerate(self._plans) if number not in self._missing]
+        found = read_back(self._client, plans, time.monotonic_ns() + _READ_BACK_NS)
         return [found.get(name) for name in self._names]
 
     def perform(self, task: int, values: Sequence[float], inbox: Inbox) -> Outcome | None:
@@ -104,6 +124,8 @@ class Modbus(BusDriver):
             self._finish(inbox)
         except TransientError as problem:
             failure = problem
+        if failure is None and self._client.is_silent():
+            return Outcome.HELD
         self._unanswered[task] = {id(exchange) for exchange in plan.exchanges}
         for exchange, request in zip(plan.exchanges, requests, strict=True):
             try:
@@ -112,6 +134,7 @@ class Modbus(BusDriver):
                 failure = failure or problem
             try:
                 self._client.ask(exchange, request)
+                self._asked = task
             except TransientError as problem:
                 raise failure or problem from problem
         if failure is not None:
@@ -119,7 +142,11 @@ class Modbus(BusDriver):
         return Outcome.SENT
 
     def receive(self, inbox: Inbox, until_ns: int) -> None:
-        answer = self._client.answer(until_ns)
+        try:
+            answer = self._client.answer(until_ns)
+        except BusError as problem:
+            problem.task = self._asked
+            raise
         if answer is not None:
             self._take(answer, inbox)
 
@@ -144,9 +171,7 @@ class Modbus(BusDriver):
     def _finish(self, inbox: Inbox) -> None:
         """Take the answer to the request that is out. Raises what that brings."""
         while self._client.waits:
-            answer = self._client.answer(time.monotonic_ns() + 1_000_000_000)  # its own time-out comes first
-            if answer is not None:
-                self._take(answer, inbox)
+            self.receive(inbox, time.monotonic_ns() + 1_000_000_000)  # its own time-out comes first
 
     def _outputs_of(self, plan: TaskPlan) -> Iterator[Channel]:
         latency_s = self._timing.output_latency_s(plan)
@@ -171,6 +196,9 @@ def read_back(client: Client, plans: Sequence[TaskPlan], until_ns: int) -> dict[
             client.ask(asking, asking.request({}))
             answer = client.answer(until_ns)
         except (TransientError, DeviceFault):
+            continue
+        except LinkError:
+            client.forgive()  # a unit that refuses in silence; a connection that is gone is met by what is sent next
             continue
         if answer is not None:
             found.update(zip(asking.inputs, asking.values(answer.pdu), strict=True))

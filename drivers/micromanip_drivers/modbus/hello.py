@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 
-from micromanip.driver import IdentityMismatch, LinkError, TransientError
+from micromanip.driver import BusError, DeviceFault, IdentityMismatch, LinkError, PartMissing, TransientError
 
 from .client import Client
 from .codec import Field
@@ -22,14 +22,43 @@ _READ_INSTEAD = {23: 3, 1: 1, 2: 2, 3: 3, 4: 4}
 def greet(client: Client, options: ModbusOptions, plans: Sequence[TaskPlan], until_ns: int) -> None:
     """Ask all units, until `until_ns` at the latest. Raises LinkError, IdentityMismatch, DeviceFault.
 
-    A unit that is only written to, and has no identity, can't be asked: nothing is known to be readable.
+    A unit that is only written to, and has no identity, can't be asked: nothing is known to be readable. Where some
+    do not answer, or refuse to be read, PartMissing names the tasks that can't be done, if any with outputs can.
     """
-    for name, unit in options.units.items():
-        if unit.identity:
-            for key, expected in unit.identity.items():
-                _compare(client, options, name, unit, key, expected, until_ns)
-        elif exchange := _readable(name, unit, plans):
-            _ask(client, options, exchange, until_ns)
+    names = sorted(options.units, key=lambda name: not _tasks(name, plans, writing=True))  # outputs first
+    missing: set[int] = set()
+    problems: list[BusError] = []
+    for left, name in zip(range(len(names), 0, -1), names, strict=True):
+        now_ns = time.monotonic_ns()
+        try:
+            _meet(client, options, name, plans, now_ns + (until_ns - now_ns) // left)
+        except (LinkError, DeviceFault) as problem:
+            problems.append(problem)
+            refuses = isinstance(problem, DeviceFault) and not options.units[name].identity
+            missing |= _tasks(name, plans, writing=False)
+            missing |= set() if refuses else _tasks(name, plans, writing=True)
+            client.forgive()
+    if not problems:
+        return
+    if all(number in missing for number, plan in enumerate(plans) if plan.outputs):
+        raise problems[0]
+    raise PartMissing("; ".join(map(str, problems)), missing)
+
+
+def _meet(client: Client, options: ModbusOptions, name: str, plans: Sequence[TaskPlan], until_ns: int) -> None:
+    """Look who one unit is."""
+    unit = options.units[name]
+    if unit.identity:
+        for key, expected in unit.identity.items():
+            _compare(client, options, name, unit, key, expected, until_ns)
+    elif exchange := _readable(name, unit, plans):
+        _ask(client, options, exchange, until_ns)
+
+
+def _tasks(name: str, plans: Sequence[TaskPlan], *, writing: bool) -> set[int]:
+    """Numbers of the tasks of a unit, of those that write or of those that only read."""
+    mine = (number for number, plan in enumerate(plans) if plan.name.startswith(f"{name}."))
+    return {number for number in mine if bool(plans[number].outputs) == writing}
 
 
 def single(name: str, unit: Unit, function: int, register: Register, title: str) -> Exchange:

@@ -6,13 +6,14 @@ import math
 import time
 from collections.abc import Sequence
 
-from micromanip.bus.driver import BusDriver
-from micromanip.bus.errors import BusError, IdentityMismatch, LinkError, OutputRefused, TransientError
+from micromanip.bus.driver import BusDriver, Outcome
+from micromanip.bus.errors import BusError, IdentityMismatch, LinkError, OutputRefused, PartMissing, TransientError
 from micromanip.bus.inbox import Inbox
 from micromanip.bus.last_given import LastGiven
 from micromanip.bus.output_writer import OutputWriter
 from micromanip.bus.safe_state import LAST_SWITCH, VOLTAGE, SafeOutput, SafeState
 from micromanip.bus.schedule import Schedule
+from micromanip.bus.way_to_rest import WayToRest
 from micromanip.errors import PermissionDenied
 from micromanip.rt.bus_image import RESTING
 
@@ -31,7 +32,9 @@ class BusRest:
     def __init__(self, bus: BusDriver, outputs: Sequence[SafeOutput], ramp_s: float) -> None:
         """`outputs` are those of the driver, in its order."""
         self._bus, self._outputs = bus, outputs
-        self._task_of = {i: number for number, task in enumerate(bus.tasks) for i in task.outputs}
+        self._way = WayToRest(bus.tasks, outputs)
+        self._way.failed(None)  # whatever it reads is nobody's here
+        self._task_of = self._way.task_of
         periods_s = [1.0 / bus.tasks[self._task_of[i]].rate_hz for i in range(len(outputs))]
         self._safe = SafeState(outputs, periods_s, ramp_s, dead_ns=0)
         self._writer = OutputWriter(bus, self._safe, self._note)
@@ -42,9 +45,9 @@ class BusRest:
         self._begun_s: float
         self._since_s: dict[int, float] = {}
         """When each task was passed over last."""
-        self._breaking: set[int] = set()
-        """Tasks at which the link was lost."""
-        self._reads_back: bool
+        self._reads_back = False
+        self._asks = True
+        """Whether to ask what the outputs have; not again where it breaks the link and something is known."""
         slowest_s = max((_span(each) / each.slew_V_per_s for each in outputs if each.kind == VOLTAGE), default=0.0)
         self._longest_s = ramp_s + slowest_s + _SPARE_S
         self.notes: list[str] = []
@@ -58,8 +61,7 @@ class BusRest:
         try:
             while not self._is_over():
                 try:
-                    self._bus.open()
-                    self._serve()
+                    self._serve(self._opened())
                 except BusError as found:
                     problem = found
                     if isinstance(found, IdentityMismatch):
@@ -73,6 +75,16 @@ class BusRest:
         if self._safe.state == RESTING:
             return self._verified() if self._reads_back else []
         return [self._line(i, problem) for i in self._safe.unsafe]
+
+    def _opened(self) -> PartMissing | None:
+        """What is missing, where the rest of it is there. Raises BusError."""
+        try:
+            self._bus.open()
+        except PartMissing as problem:
+            for number in problem.tasks:
+                self._way.failed(number, broke=True)
+            return problem
+        return None
 
     def _recall(self) -> None:
         """Begin from what the outputs were given last by whoever it was."""
@@ -89,59 +101,79 @@ class BusRest:
             self._memory.write(last)
 
     def _read_back(self) -> None:
-        values = self._bus.read_outputs()
-        self._reads_back = any(value is not None for value in values)
-        self._safe.read_back(values)
+        if self._asks or any(map(math.isnan, self._safe.last)):
+            self._asks = False
+            values = self._bus.read_outputs()
+            self._asks = True
+            self._reads_back = any(value is not None for value in values)
+            self._safe.read_back(values)
         last = zip(self._bus.outputs, self._outputs, self._safe.last, strict=True)
         unknown = [channel.name for channel, output, value in last if output.kind == VOLTAGE and math.isnan(value)]
         if unknown and not self._is_told:
             self.notes.append(f"nobody knows what {', '.join(unknown)} had: the first value is the safe one")
         self._is_told = True
 
-    def _serve(self) -> None:
+    def _serve(self, missing: PartMissing | None) -> None:
         """One life of the link. Raises BusError once it is lost and every task has had its turn."""
         self._writer.forget()
         self._inbox.clear()
         self._read_back()
         self._problems.clear()
         schedule = Schedule(self._bus.tasks, time.monotonic_ns())
-        untried = set(self._task_of.values())
+        gone: frozenset[int] = frozenset()
+        if missing is not None:
+            gone = missing.tasks
+            self._problems |= dict.fromkeys(gone, str(missing))
+        untried = set(self._task_of.values()) - gone
         lost: BusError | None = None
         while not self._is_over():
             if lost is not None and not untried:
                 raise lost
+            if missing is not None and not self._way.open_tasks(self._safe.unsafe) - gone:
+                raise missing
             now_ns = time.monotonic_ns()
-            number = schedule.take(now_ns)
+            number = schedule.take(now_ns, self._passed_over(now_ns, gone))
             try:
                 if number is None:
                     self._listen(schedule, now_ns, lost)
                 else:
                     untried.discard(number)
-                    self._turn(number, now_ns)
+                    self._turn(number, now_ns, schedule)
             except (TransientError, OutputRefused) as problem:
+                number = number if problem.task is None else problem.task
                 self._failed(number, problem)
+                self._way.failed(number)
+                schedule.failed(number)
             except BusError as problem:
+                number = number if problem.task is None else problem.task
                 if not isinstance(lost, LinkError):  # after that, nothing new is learnt
                     self._failed(number, problem)
-                if lost is None and number is not None:
-                    self._breaking.add(number)
+                if lost is None:
+                    self._way.failed(number, broke=True)
                 lost = lost or problem
             self._writer.take_confirmed(self._inbox)
+            for number in self._inbox.confirmed:
+                self._went_well(number)
             self._inbox.clear()
 
-    def _turn(self, number: int, now_ns: int) -> None:
-        """Do a task; one that has broken the link before comes when the others are at rest. Raises BusError."""
-        if number in self._breaking and self._on_their_way() - self._breaking:
+    def _passed_over(self, now_ns: int, gone: frozenset[int]) -> set[int]:
+        """Tasks that have no turn now; the time of those that wait for others has not begun."""
+        waiting = self._way.waiting(self._safe.unsafe)
+        for number in waiting - gone:
             self._since_s[number] = now_ns * 1e-9
-            return
-        self._writer.perform(number, self._next(now_ns), self._inbox)
-        self._problems.pop(number, None)
+        return waiting | gone
 
-    def _on_their_way(self) -> set[int]:
-        """Tasks with outputs that are not at rest and don't wait for others."""
-        unsafe = self._safe.unsafe
-        first = [i for i in unsafe if self._outputs[i].kind != LAST_SWITCH] or unsafe
-        return {self._task_of[i] for i in first}
+    def _turn(self, number: int, now_ns: int, schedule: Schedule) -> None:
+        """Do a task. Raises BusError."""
+        outcome = self._writer.perform(number, self._next(now_ns), self._inbox)
+        if outcome is None:
+            self._went_well(number)
+        elif outcome is Outcome.HELD:
+            schedule.held(number, time.monotonic_ns())
+
+    def _went_well(self, number: int) -> None:
+        self._problems.pop(number, None)
+        self._way.went_well(number)
 
     def _next(self, now_ns: int) -> list[float]:
         """The next values on the way to rest: of a loop that never was nothing is taken."""
@@ -167,7 +199,7 @@ class BusRest:
         return all(
             now_s - max(taken_s.get(number, 0.0), self._since_s.get(number, self._begun_s))
             > PATIENCE_S + _TURNS / self._bus.tasks[number].rate_hz
-            for number in self._on_their_way()
+            for number in self._way.open_tasks(self._safe.unsafe)
         )
 
     def _verified(self) -> list[str]:

@@ -46,7 +46,8 @@ def plan_of(config: Path, *, from_file: bool = False) -> SafePlan:
     warnings: list[str] = []
     for snapshot in [] if from_file else _snapshots(config, warnings):
         try:
-            configuration, wiring = wired(snapshot.source)
+            with snapshot.restored() as source:
+                configuration, wiring = wired(source)
         except ConfigError as problem:
             warnings.append(f"{snapshot.file} is not valid any more: {problem}")
         else:
@@ -73,7 +74,7 @@ def _snapshots(config: Path, warnings: list[str]) -> list[Snapshot]:
             warnings.append(str(problem))
         else:
             found += [snapshot] if snapshot is not None else []
-    return sorted(found, key=lambda snapshot: snapshot.taken, reverse=True)
+    return sorted(found, key=lambda snapshot: snapshot.order, reverse=True)
 
 
 def _places() -> Iterator[tuple[Path, set[int]]]:

@@ -2,31 +2,36 @@
 
 The daemon writes it once its drivers are up, and again where a change concerns the outputs. It lies in the state
 directory, named for the configuration's real path, and is believed only where nobody else can have written it. The
-files that the drivers have read besides, message databases, are not copied: their hashes are, and a snapshot whose
-files have changed is not used (``docs/decisions/0020-park-from-a-snapshot.md``).
+files that the drivers have read besides, message databases, are in it as they were: whatever has become of them does
+not change what is sent (``docs/decisions/0020-park-from-a-snapshot.md``).
 """
 
 from __future__ import annotations
 
 import asyncio
+import base64
 import contextlib
 import hashlib
 import json
 import os
 import re
 import stat
-from collections.abc import Callable, Collection, Mapping
+import tempfile
+import time
+import zlib
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from micromanip.files import HeldFolder
+from micromanip.files import HeldFolder, open_regular
 from micromanip.settings.check import Prepared
 from micromanip.settings.text.source import Source
 
-_FOLDER, _FORMAT = "park", 1
-_MOST_BYTES = 4_000_000
+_FOLDER, _FORMAT = "park", 2
+_MOST_BYTES, _MOST_FILE_BYTES = 32_000_000, 20_000_000
+_DEEPEST = 50
 _CONCERNS = ("schema_version", "loop", "start", "drivers", "outputs", "switches")
 
 
@@ -39,9 +44,37 @@ class Snapshot:
     """A configuration as it was in force."""
 
     taken: str
-    """UTC, ISO 8601."""
+    """UTC, ISO 8601, by a clock that may have been wrong."""
     source: Source
     file: Path
+    files: Mapping[str, bytes]
+    """What the drivers' files held, by their absolute path."""
+    order: tuple[int, ...]
+    """The greatest is the newest: of this start of the machine by the time since it, of one before by the run."""
+
+    @contextlib.contextmanager
+    def restored(self) -> Iterator[Source]:
+        """The configuration, with the drivers' files as they were, in a folder of one's own for so long."""
+        with tempfile.TemporaryDirectory(prefix="micromanip-park-") as folder:
+            places: dict[str, str] = {}
+            for number, (name, content) in enumerate(self.files.items()):
+                place = Path(folder) / str(number) / Path(name).name
+                place.parent.mkdir()
+                place.write_bytes(content)
+                places[name] = str(place)
+            drivers = _moved(self.source.data.get("drivers"), self.source.path.parent, places)
+            yield Source.of({**self.source.data, "drivers": drivers}, self.source.path)
+
+
+def _moved(value: Any, folder: Path, places: Mapping[str, str]) -> Any:
+    """`value` with each name of a file, as seen from `folder`, in its new place."""
+    if isinstance(value, dict):
+        return {key: _moved(each, folder, places) for key, each in value.items()}
+    if isinstance(value, list):
+        return [_moved(each, folder, places) for each in value]
+    if isinstance(value, str) and "\0" not in value:
+        return places.get(os.path.abspath(folder / value), value)  # noqa: PTH100 (links stay links)
+    return value
 
 
 def path_of(config: Path, folder: Path) -> Path:
@@ -61,27 +94,36 @@ def read(config: Path, folder: Path, owners: Collection[int]) -> Snapshot | None
         document = json.loads(_content(path, owners))
         if document["format"] != _FORMAT or document["configuration"] != os.path.realpath(config):
             raise NotUsable(f"{path} is not a snapshot of {config}")
-        for name, digest in document["files"].items():
-            if _digest(Path(name)) != digest:
-                raise NotUsable(f"{name} has been changed since {path} was written")
-        return Snapshot(str(document["taken"]), Source.of(document["document"], Path(document["path"])), path)
+        if _depth(document) > _DEEPEST:
+            raise NotUsable(f"{path} is damaged")
+        source = Source.of(document["document"], Path(document["path"]))
+        files = {name: _unpacked(text) for name, text in document["files"].items()}
+        since_ns = int(document["since_ns"]) if document["boot"] == _boot() else -1
+        order = (since_ns, int(document["run"]))
+        return Snapshot(str(document["taken"]), source, path, files, order)
     except FileNotFoundError:
         return None
     except OSError as problem:
         raise NotUsable(f"{path} can't be read: {problem.strerror}") from problem
-    except (ValueError, TypeError, KeyError, AttributeError) as problem:
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError, zlib.error) as problem:
         raise NotUsable(f"{path} is damaged") from problem
 
 
-def write(source: Source, files: Mapping[str, str | None], folder: Path) -> None:
-    """Put the snapshot of `source` in place, whole or not at all, and on the disk. Raises OSError, NotUsable."""
+def write(source: Source, files: Mapping[str, bytes], folder: Path) -> None:
+    """Put the snapshot of `source` in place, whole or not at all, and on the disk. Raises OSError, NotUsable.
+
+    `files` are the contents of the drivers' files by their absolute path.
+    """
     path = path_of(source.path, folder)
     document = {
         "format": _FORMAT,
+        "run": _newest_run(source.path, folder) + 1,
+        "boot": _boot(),
+        "since_ns": time.clock_gettime_ns(time.CLOCK_BOOTTIME),
         "taken": datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z"),
         "configuration": os.path.realpath(source.path),
         "path": os.path.abspath(source.path),  # noqa: PTH100 (a link's own folder is where its files are seen from)
-        "files": dict(files),
+        "files": {name: base64.b64encode(zlib.compress(content)).decode() for name, content in files.items()},
         "document": source.data,
     }
     folder.mkdir(parents=True, exist_ok=True)
@@ -99,11 +141,14 @@ class SnapshotService:
         """`say` gets a warning where it can't be written: the run goes on."""
         self._folder, self._say = folder, say
         self._path = prepared.source.path
-        self._files = {
-            os.path.abspath(file): _digest(file)  # noqa: PTH100 (links stay links)
-            for bridge in prepared.wiring.buses.values()
-            for file in bridge.bus.files
-        }
+        below = self._path.parent
+        files = [below / file for driver in prepared.wiring.drivers.values() for file in driver.files]
+        self._unreadable: OSError | None = None
+        self._files: dict[str, bytes] = {}
+        try:
+            self._files = {os.path.abspath(file): _held(file) for file in files}  # noqa: PTH100 (links stay links)
+        except OSError as problem:
+            self._unreadable = problem
         self._written: Any = None
         self._one_at_a_time = asyncio.Lock()
         self._writing: set[asyncio.Task[None]] = set()
@@ -115,6 +160,8 @@ class SnapshotService:
             if concerns == self._written:
                 return
             try:
+                if self._unreadable is not None:
+                    raise self._unreadable
                 await asyncio.to_thread(write, source, self._files, self._folder)
                 self._written = concerns
             except (OSError, NotUsable) as problem:
@@ -135,12 +182,47 @@ class SnapshotService:
         await asyncio.gather(*self._writing)
 
 
-def _digest(file: Path) -> str | None:
-    """SHA-256 of a file, None where it can't be read."""
+def _held(file: Path) -> bytes:
+    """What a file holds. Raises OSError."""
+    with open_regular(file, _MOST_FILE_BYTES) as stream:
+        return stream.read(_MOST_FILE_BYTES)
+
+
+def _unpacked(text: str) -> bytes:
+    """Raises ValueError, zlib.error."""
+    unpacking = zlib.decompressobj()
+    content = unpacking.decompress(base64.b64decode(text, validate=True), _MOST_FILE_BYTES + 1)
+    if len(content) > _MOST_FILE_BYTES or not unpacking.eof:
+        raise ValueError
+    return content
+
+
+def _boot() -> str:
+    """Which start of the machine this is."""
+    return Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii").strip()
+
+
+def _newest_run(config: Path, folder: Path) -> int:
+    """Number of the last run with `config` that left a snapshot here; 0 where there is none."""
     try:
-        return hashlib.sha256(file.read_bytes()).hexdigest()
-    except OSError:
-        return None
+        before = read(config, folder, {os.geteuid()})
+    except NotUsable:
+        return 0
+    return 0 if before is None else before.order[-1]
+
+
+def _depth(value: Any) -> int:
+    """How deep a document is nested, as far as it matters."""
+    depth, layer = 0, [value]
+    while layer and depth <= _DEEPEST:
+        depth += 1
+        layer = [
+            each
+            for one in layer
+            if isinstance(one, dict | list)
+            for each in (one.values() if isinstance(one, dict) else one)
+        ]
+    return depth
 
 
 def _content(path: Path, owners: Collection[int]) -> bytes:

@@ -14,6 +14,7 @@ import json
 import os
 import select
 import socket
+import struct
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -66,7 +67,24 @@ class Client:
             raise DeviceUnavailable(
                 f"no controller answers on {self.path}; start one with `micromanip run CONFIG{there}`"
             ) from problem
+        self._require_trusted()
         self._lines = self._socket.makefile("rb")
+
+    def _require_trusted(self) -> None:
+        """PermissionDenied where the server is neither root's nor the caller's, nor that of the folder's owner.
+
+        Where others may write in a folder above it, whoever was first owns the folder: that proves nothing.
+        """
+        server = struct.unpack("3i", self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))[1]
+        if server in (0, os.geteuid()):
+            return
+        folder, *above = self.path.resolve().parents
+        closed = all(not each.stat().st_mode & 0o022 and each.stat().st_uid in (0, server) for each in above)
+        if not closed or folder.stat().st_uid != server or folder.stat().st_mode & 0o002:
+            self._socket.close()
+            raise PermissionDenied(
+                f"{self.path}: what answers there belongs to user {server}, who may be a stranger; nothing was asked"
+            )
 
     def __enter__(self) -> Self:
         return self

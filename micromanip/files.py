@@ -14,10 +14,13 @@ import os
 import secrets
 import shutil
 import stat
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
 from typing import BinaryIO, Self
+
+from micromanip.errors import PermissionDenied
 
 MOST_BYTES = 2_000_000_000
 _FOLDER = os.O_PATH | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
@@ -57,6 +60,25 @@ def _require_regular(found: os.stat_result, file: Path, most_bytes: int) -> None
         raise OSError(errno.EINVAL, "it is not a regular file, but a pipe, a socket or a device", str(file))
     if found.st_size > most_bytes:
         raise OSError(errno.EFBIG, f"it is larger than {most_bytes / 1e6:g} MB", str(file))
+
+
+def strangers(found: os.stat_result) -> str | None:
+    """Why somebody else may have made it or may change it, in words; None where only root and the caller can."""
+    if found.st_uid not in (0, os.geteuid()):
+        return f"belongs to user {found.st_uid}"
+    return "can be written by everybody" if found.st_mode & stat.S_IWOTH else None
+
+
+def own_temporary_folder() -> Path:
+    """A folder of the caller's own in the temporary one, made if need be; PermissionDenied where a stranger has it."""
+    folder = Path(tempfile.gettempdir()) / f"micromanip-{os.geteuid()}"
+    with contextlib.suppress(FileExistsError):
+        folder.mkdir(mode=0o700)
+    found = folder.lstat()
+    why = strangers(found) if stat.S_ISDIR(found.st_mode) else "is no folder"
+    if why is not None:
+        raise PermissionDenied(f"{folder} {why}: nothing in it can be believed; remove it, or set XDG_STATE_HOME")
+    return folder
 
 
 def marked_encoding(content: bytes) -> str | None:

@@ -176,7 +176,7 @@ def _known(path: Path, device: str) -> Mapping[str, float] | None:
             values = LastGiven(memory, count).read() or [None] * count
         pairs = zip(names, values, strict=True)
         return {str(name): math.nan if value is None else value for name, value in pairs}
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return None
     finally:
         os.close(descriptor)

@@ -11,7 +11,6 @@ from typing import Any
 
 from .driver import Task
 
-
 _HELD_AGAIN_NS = 1_000_000
 """A write that was held back is tried again so soon."""
 

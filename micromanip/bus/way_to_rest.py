@@ -26,7 +26,7 @@ class WayToRest:
     def failed(self, number: int | None, *, broke: bool = False) -> None:
         """A task, or what came between two, has failed; `broke`: the link is lost with it."""
         self._troubled = True
-        if number in self.task_of.values():
+        if number is not None and number in self.task_of.values():
             self._failures[number] = _FAILURES if broke else self._failures.get(number, 0) + 1
 
     def went_well(self, number: int) -> None:

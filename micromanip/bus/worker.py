@@ -295,7 +295,7 @@ class Worker:
         held_ns = now_ns - self._held_since_ns.setdefault(number, now_ns)
         if task.outputs and held_ns > max(_HELD_NS, _HELD_PERIODS * 1e9 / task.rate_hz):
             raise LinkError(
-                f"the outputs of {task.name} were held back for {held_ns * 1e-6:.0f} ms, because an answer of before is missing"
+                f"{task.name} was held back for {held_ns * 1e-6:.0f} ms: an answer of before is still missing"
             )
 
     def _note_given(self, last: Values) -> None:

@@ -64,7 +64,8 @@ def _memory(driver: BusDriver, folder: Path) -> LastGiven | None:
 
 def main() -> int:
     """Serve until the end; the exit code is 0, 78 for options that the driver refuses, 1 after a bug."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for number in (signal.SIGHUP, signal.SIGINT):
+        signal.signal(number, signal.SIG_IGN)
     os.set_blocking(1, False)
     lines = _lines()
     if (first := next(lines, None)) is None:

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.errors import CheckFailed, system_error
+from micromanip.files import own_temporary_folder
 from micromanip.recordings import Telemetry
 
 from .fields import Field
@@ -147,8 +148,8 @@ def cache_folder() -> Path:
         folder = (Path(base) if base else Path.home() / ".cache") / "micromanip" / "overviews"
         folder.mkdir(parents=True, exist_ok=True)
     except (RuntimeError, OSError):  # without a home, or one that can't be written to
-        folder = Path(tempfile.gettempdir()) / f"micromanip-{os.geteuid()}" / "overviews"
-        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        folder = own_temporary_folder() / "overviews"
+        folder.mkdir(exist_ok=True)
     return folder
 
 

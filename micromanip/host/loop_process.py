@@ -159,8 +159,8 @@ def _print(text: str) -> None:
 
 def main() -> int:
     """Run the loop; the exit code is 0 after a clean end, else as in ``micromanip.errors``."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    for number in (signal.SIGHUP, signal.SIGINT, signal.SIGTERM):  # sent to all processes of a service
+        signal.signal(number, signal.SIG_IGN)
     orders, descriptors = receive_orders()
     if orders is None:  # there will be no loop
         return 0

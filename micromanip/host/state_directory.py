@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
-import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from micromanip.files import own_temporary_folder
 
 if TYPE_CHECKING:
     from micromanip.settings.schema.learning import Learning
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
 def state_directory() -> Path:
     """What systemd gives by StateDirectory=, else the user's own as the XDG base directories say.
 
-    A user without a home has a temporary one.
+    A user without a home has a temporary one; raises PermissionDenied where somebody else has put it there.
     """
     if given := os.environ.get("STATE_DIRECTORY"):
         return Path(given.split(":")[0])
@@ -22,7 +23,7 @@ def state_directory() -> Path:
     try:
         return (Path(base) if base else Path.home() / ".local" / "state") / "micromanip"
     except RuntimeError:  # a user without a home
-        return Path(tempfile.gettempdir()) / f"micromanip-{os.geteuid()}" / "state"
+        return own_temporary_folder() / "state"
 
 
 def memory_folder(wanted: Learning, configuration: Path) -> Path:

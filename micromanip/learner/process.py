@@ -118,7 +118,7 @@ def _as_message(found: Update) -> dict[str, Any]:
 
 def main() -> int:
     """Learn until standard input ends; 0, or 1 where this cell can't learn."""
-    for number in (signal.SIGINT, signal.SIGTERM):  # sent to all processes of a service; the host ends this one
+    for number in (signal.SIGHUP, signal.SIGINT, signal.SIGTERM):  # sent to all of a service; the host ends this one
         signal.signal(number, signal.SIG_IGN)
     with contextlib.suppress(OSError):
         os.nice(_NICE)

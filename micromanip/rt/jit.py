@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import atexit
 import contextlib
+import errno
 import functools
 import hashlib
 import inspect
@@ -28,6 +29,8 @@ import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
+
+from micromanip.files import strangers
 
 from .progress import Progress
 
@@ -51,6 +54,8 @@ def _refusal(folder: Path) -> OSError | None:
     """Why `folder`, made if need be, takes no files; None where it does."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        if why := strangers(folder.parent.stat()) or strangers(folder.stat()):
+            return PermissionError(errno.EPERM, f"it {why}")
         with tempfile.TemporaryFile(dir=folder) as probe:
             probe.write(b"\0")
     except OSError as problem:
@@ -68,8 +73,9 @@ def _move_to_a_refuge(why: OSError) -> Path | None:
         refuge = Path(tempfile.mkdtemp(prefix="micromanip-cache-"))
     except OSError:
         return None
-    with contextlib.suppress(OSError, shutil.Error):  # what is there may be read at least
-        shutil.copytree(cache_root(), refuge / "micromanip")
+    with contextlib.suppress(OSError, shutil.Error):  # what is there may be read at least, where it is ours
+        if why.errno != errno.EPERM:
+            shutil.copytree(cache_root(), refuge / "micromanip")
     os.environ["XDG_CACHE_HOME"] = str(refuge)
     atexit.register(_leave, refuge, os.getpid())
     return refuge / "micromanip"

@@ -16,7 +16,7 @@ from micromanip.emulation.modbus.unit import HOLDING, ModbusUnit
 from micromanip.host.safe.bus_rest import BusRest
 from micromanip.rt.bus_image import FOLLOWING
 
-from .line.gcs_controller import FRAMING, GcsController
+from .line.gcs_controller import GcsController
 from .line.line_peer import LinePeer
 from .line.wires import PtyWire, TcpWire
 from .modbus.unit_peer import Behind

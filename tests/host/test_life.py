@@ -1,7 +1,9 @@
 """One controller from its start to its end: what its commands, `status`, its lines and the service manager are told."""
 
 import json
+import os
 import signal
+from pathlib import Path
 
 import pytest
 
@@ -68,6 +70,8 @@ def it_is_fed_followed_and_reloads(cell, manager):
     until(lambda: manager().count("READY=1") == 2, cell.last_words)
     assert any(message.startswith("RELOADING=1\nMONOTONIC_USEC=") for message in manager())
     until(lambda: "reloaded, changed: nothing" in cell.said, cell.last_words)
+    for child in Path(f"/proc/{cell.process.pid}/task/{cell.process.pid}/children").read_text().split():
+        os.kill(int(child), signal.SIGHUP)  # as `pkill -HUP` does, or a service manager that tells all
     cell.config.write_text(": : :")
     cell.process.send_signal(signal.SIGHUP)
     until(lambda: manager().count("READY=1") == 3, cell.last_words)

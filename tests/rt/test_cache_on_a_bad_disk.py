@@ -75,6 +75,18 @@ def test_a_home_that_takes_nothing(folder):
     assert list((folder / "tmp").iterdir()) == []
 
 
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can play another user")
+def test_code_that_a_stranger_may_have_put_there_is_not_loaded(folder):
+    there = folder / "cache" / "micromanip"
+    there.mkdir(parents=True)
+    (there / "planted").touch()
+    os.chown(there, 4711, 4711)
+    said, cache, _ = run(folder, XDG_CACHE_HOME=str(folder / "cache"))
+    assert said.startswith(f"WARNING: compiled code can't be kept in {there}: it belongs to user 4711")
+    assert cache.is_relative_to(folder / "tmp")
+    assert [file.name for file in there.rglob("*") if file.is_file()] == ["planted"]
+
+
 def test_a_disk_that_fills_as_the_code_is_saved(folder):
     said, cache, _ = run(folder, limit=1000, XDG_CACHE_HOME=str(folder / "cache"))
     assert said == ""

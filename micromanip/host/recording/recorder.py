@@ -36,7 +36,7 @@ Recording = McapRecording | McapSeries
 
 def main() -> int:
     """Record until standard input ends; 0 where all of it is in the file, 69 where nothing, 1 where a part of it is."""
-    for number in (signal.SIGINT, signal.SIGTERM):  # sent to all processes of a service; the host ends this one
+    for number in (signal.SIGHUP, signal.SIGINT, signal.SIGTERM):  # sent to all of a service; the host ends this one
         signal.signal(number, signal.SIG_IGN)
     told = Orders(sys.stdin.fileno())
     orders = told.next()

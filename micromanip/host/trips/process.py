@@ -226,7 +226,7 @@ class Watch:
 
 def main() -> int:
     """Watch until the loop has ended."""
-    for number in (signal.SIGINT, signal.SIGTERM):  # the loop's end is ours, too
+    for number in (signal.SIGHUP, signal.SIGINT, signal.SIGTERM):  # the loop's end is ours, too
         signal.signal(number, signal.SIG_IGN)
     told = Orders(sys.stdin.fileno())
     orders = told.next()

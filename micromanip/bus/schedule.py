@@ -30,7 +30,7 @@ class Schedule:
 
     def next_ns(self) -> int | None:
         """When the next task is due; None if there is none at all."""
-        return min(self._due_ns, default=None)
+        return min(self._turns(()), default=(None,))[0]
 
     def take(self, now_ns: int, passed_over: Collection[int] = ()) -> int | None:
         """Number of the task to do now, if one is due; its next turn is the first on its grid that is still to come.
@@ -40,15 +40,9 @@ class Schedule:
         for task in passed_over:
             self._pass(task, now_ns)
             self._owed_ns.pop(task, None)
-        waiting = self._waits if self._owed_ns else ()
-        due_ns = [
-            (self._owed_ns.get(number, due_ns), number not in self._writes, number)
-            for number, due_ns in enumerate(self._due_ns)
-            if number not in waiting and number not in passed_over
-        ]
-        if not due_ns or min(due_ns)[0] > now_ns:
+        due_ns, _, task = min(self._turns(passed_over), default=(now_ns + 1, True, 0))
+        if due_ns > now_ns:
             return None
-        task = min(due_ns)[2]
         if self._owed_ns.pop(task, None) is not None:
             self._due_ns[task] = now_ns + self._period_ns[task]  # never two values within a period
         else:
@@ -63,6 +57,15 @@ class Schedule:
         """A task was held back: one that writes is tried again soon, and before anything is read."""
         if number in self._writes:
             self._owed_ns[number] = now_ns + _HELD_AGAIN_NS
+
+    def _turns(self, passed_over: Collection[int]) -> list[tuple[int, bool, int]]:
+        """When each task that may have one has its next turn, those that write first, and its number."""
+        waiting = self._waits if self._owed_ns else ()
+        return [
+            (self._owed_ns.get(number, due_ns), number not in self._writes, number)
+            for number, due_ns in enumerate(self._due_ns)
+            if number not in waiting and number not in passed_over
+        ]
 
     def _pass(self, task: int, now_ns: int) -> int:
         """Go to the next turn of a task; how many it has had."""

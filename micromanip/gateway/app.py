@@ -13,17 +13,17 @@ from string import Template
 from typing import Any
 
 from starlette.applications import Starlette
-from starlette.background import BackgroundTask
 from starlette.requests import HTTPConnection, Request
 from starlette.responses import FileResponse, HTMLResponse, JSONResponse, PlainTextResponse, Response, StreamingResponse
 from starlette.routing import Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
+from starlette.types import Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from micromanip.errors import MicromanipError, PermissionDenied, UsageError
+from micromanip.errors import DeviceUnavailable, MicromanipError, PermissionDenied, UsageError
 
 from .cell import Cell, Source
-from .guard import Guard, Origins
+from .guard import ORDERS_PATH, Guard, Origins
 from .metrics import Metrics
 from .response import response_of
 from .saving import csv_lines, save_recording
@@ -39,7 +39,9 @@ ORDERS = ("arm", "hold", "disarm", "reset")
 MOVE_FIELDS = {"axis", "kind", "by_um", "returns", "way_s", "rest_s", "amplitude_um", "frequency_Hz", "to_Hz"}
 MOVE_FIELDS |= {"seconds", "places_um", "number", "stop"}
 _HELLO_S = 10.0
-_BODY_BYTES = 4096
+_BODY_BYTES, _BODY_S = 4096, 10.0
+_MOST_SAVING, _SENT_S = 2, 300.0
+"""So many recordings are saved at a time, for each of them some 8 MB; each must be taken within this time."""
 _STATUS = {1: 409, 64: 400, 69: 503, 77: 403, 78: 409}
 """HTTP status by the exit code of an error."""
 _POLICY, _PROBLEM = 1008, 1003
@@ -66,10 +68,12 @@ class Gateway:
         """
         self._cell, self._tokens, self._differs, self._beside = cell, tokens, differs, beside
         self._measuring = SensitivityMeasurements(cell)
+        self._saving = 0
+        """Recordings that are being saved or sent."""
         routes = [
             *(Route(path, _page(home if path == "/" else name)) for name, path in PATHS.items()),
             Route("/api/status", self._status),
-            Route("/api/order", self._order, methods=["POST"]),
+            Route(ORDERS_PATH, self._order, methods=["POST"]),
             Route("/api/sensitivity", self._sensitivity, methods=["POST"]),
             Route("/api/move", self._move, methods=["POST"]),
             Route("/api/response", self._response, methods=["POST"]),
@@ -150,7 +154,18 @@ class Gateway:
         query = await _body(request)
         first, last = (round(number(query, name, 0, 2**53)) for name in ("first", "last"))
         source = self._source()
-        configuration = await self._cell.order("configuration", token.name)
+        if self._saving >= _MOST_SAVING:
+            raise DeviceUnavailable(f"{_MOST_SAVING} recordings are being saved already; try again in a moment")
+        self._saving += 1
+        try:
+            return await self._saved(source, token.name, first, last)
+        except BaseException:
+            self._saving -= 1
+            raise
+
+    async def _saved(self, source: Source, asker: str, first: int, last: int) -> Response:
+        """The recording as a file, which takes its place until it is sent."""
+        configuration = await self._cell.order("configuration", asker)
         folder = tempfile.TemporaryDirectory(prefix="micromanip-gateway-")
         try:
             file = Path(folder.name) / f"scope-{last}.mcap"
@@ -158,9 +173,11 @@ class Gateway:
         except BaseException:
             folder.cleanup()
             raise
-        return FileResponse(
-            file, media_type="application/octet-stream", filename=file.name, background=BackgroundTask(folder.cleanup)
-        )
+        return _Sent(file, lambda: self._sent_away(folder))
+
+    def _sent_away(self, folder: tempfile.TemporaryDirectory[str]) -> None:
+        self._saving -= 1
+        folder.cleanup()
 
     async def _metrics(self, request: Request) -> Response:
         self._known(request)
@@ -205,6 +222,21 @@ class Gateway:
                 await websocket.send_text(json.dumps({"type": "problem", "problem": str(problem)}))
 
 
+class _Sent(FileResponse):
+    """A file that is let go of when it was sent, or could not be, or was not taken in time."""
+
+    def __init__(self, file: Path, done: Callable[[], None]) -> None:
+        super().__init__(file, media_type="application/octet-stream", filename=file.name)
+        self._done = done
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        try:
+            async with asyncio.timeout(_SENT_S):
+                await super().__call__(scope, receive, send)
+        finally:
+            self._done()
+
+
 async def _sent(websocket: WebSocket, message: str | bytes) -> None:
     if isinstance(message, bytes):
         await websocket.send_bytes(message)
@@ -217,10 +249,14 @@ async def _body(request: Request) -> dict[str, Any]:
     if request.headers.get("content-type", "").partition(";")[0].strip() != "application/json":
         raise UsageError("this takes a body of application/json")
     text = b""
-    async for chunk in request.stream():
-        text += chunk
-        if len(text) > _BODY_BYTES:
-            raise UsageError(f"a body is at most {_BODY_BYTES} bytes long")
+    try:
+        async with asyncio.timeout(_BODY_S):
+            async for chunk in request.stream():
+                text += chunk
+                if len(text) > _BODY_BYTES:
+                    raise UsageError(f"a body is at most {_BODY_BYTES} bytes long")
+    except TimeoutError:
+        raise UsageError(f"the body was not whole within {_BODY_S:g} s") from None
     try:
         document = json.loads(text)
     except (ValueError, RecursionError):

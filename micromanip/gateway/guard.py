@@ -14,6 +14,8 @@ from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 MOST_CONNECTIONS = 200
+ORDERS_PATH, _FOR_ORDERS = "/api/order", 20
+"""So many connections more are for who has an order to give."""
 _HEADERS = [
     (b"content-security-policy", b"default-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"),
     (b"x-content-type-options", b"nosniff"),
@@ -90,7 +92,7 @@ class Guard:
         headers = Headers(scope=scope)
         if not self._origins.is_ours(headers.get("host", ""), headers.get("origin")):
             await self._refuse(scope, send, 403, self._origins.refusal(headers.get("host", "")))
-        elif self.connections >= self._most:
+        elif self.connections >= self._most + (_FOR_ORDERS if scope["path"] == ORDERS_PATH else 0):
             await self._refuse(scope, send, 503, f"{self._most} connections are open already; close one of them")
         else:
             self.connections += 1

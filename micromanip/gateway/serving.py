@@ -23,6 +23,7 @@ from .certificates import InUse, checked, ends_soon, is_for, names
 from .fields import fields
 from .guard import Origins
 from .history import History
+from .impatient import Impatient
 from .session import MESSAGE_BYTES
 from .tokens import load_tokens
 
@@ -99,6 +100,7 @@ def run(gateway: Gateway, socket_: socket.socket, certificate: Path | None = Non
     """Serve it on a socket that listens, until SIGINT or SIGTERM."""
     config = uvicorn.Config(
         gateway.guard,
+        http=Impatient,
         ws="websockets-sansio",
         ws_max_size=MESSAGE_BYTES,
         ws_per_message_deflate=False,

@@ -60,6 +60,7 @@ def test_nothing_is_read_between_a_failure_and_the_next_write():
     assert [schedule.take(0), schedule.take(0)] == [WRITE, READ]
     schedule.failed(READ)
     assert [schedule.take(now) for now in (1_000_000, 9_000_000)] == [None, None]
+    assert schedule.next_ns() == 10_000_000, "nobody turns in a circle meanwhile"
     assert [schedule.take(10_000_000), schedule.take(10_000_000)] == [WRITE, READ]
 
 

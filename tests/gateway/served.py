@@ -8,6 +8,7 @@ import threading
 import uvicorn
 
 from campaigns.running_controller import until
+from micromanip.gateway.impatient import Impatient
 
 
 def follow(played):
@@ -26,7 +27,9 @@ def follow(played):
 def served(gateway):
     with socket.socket() as listening:
         listening.bind(("127.0.0.1", 0))
-        config = uvicorn.Config(gateway.guard, ws="websockets-sansio", log_level="error", timeout_graceful_shutdown=1)
+        config = uvicorn.Config(
+            gateway.guard, http=Impatient, ws="websockets-sansio", log_level="error", timeout_graceful_shutdown=1
+        )
         server = uvicorn.Server(config)
         thread = threading.Thread(target=server.run, args=([listening],))
         thread.start()

@@ -11,6 +11,7 @@ from websockets.asyncio.client import connect
 from websockets.exceptions import InvalidStatus
 
 from micromanip.cli.main import main
+from micromanip.gateway import app, impatient
 from micromanip.gateway.app import Gateway
 from micromanip.gateway.frames import parsed
 from micromanip.gateway.guard import MOST_CONNECTIONS, Origins
@@ -86,6 +87,44 @@ def test_two_hundred_come_in_and_the_next_is_told(opened):
             await opened.is_left(1)
 
     asyncio.run(do())
+
+
+def request(opened, path, body=b"{}", length=None):
+    """A connection that has sent this much of a request of the observer."""
+    made = socket.create_connection(opened.address.removeprefix("http://").split(":"))
+    made.settimeout(PATIENCE_S)
+    made.sendall(
+        f"POST {path} HTTP/1.1\r\nHost: {opened.address[7:]}\r\nAuthorization: Bearer {SEE}\r\nContent-Type: "
+        f"application/json\r\nContent-Length: {len(body) if length is None else length}\r\n\r\n".encode()
+    )
+    made.sendall(body)
+    return made
+
+
+def test_connections_that_ask_for_nothing_make_room_and_end(opened, monkeypatch):
+    monkeypatch.setattr(impatient, "MOST_SOCKETS", 20)
+    with contextlib.ExitStack() as stack:
+        half = [stack.enter_context(socket.create_connection(opened.address[7:].split(":"))) for _ in range(30)]
+        for each in half:
+            each.settimeout(PATIENCE_S)
+        assert half[0].recv(1) == b"", "the oldest made room"
+        with request(opened, "/api/order") as asked:
+            assert asked.recv(100).startswith(b"HTTP/1.1 403")
+        half[-1].sendall(b"POST /api/order HTTP/1.1\r\n")
+        assert half[-1].recv(1) == b"", "nor does it wait for ever"
+
+
+def test_a_body_that_does_not_come_is_not_waited_for(opened, monkeypatch):
+    monkeypatch.setattr(app, "_BODY_S", 0.2)
+    with request(opened, "/api/csv", b"{", 100) as asked:
+        assert b"the body was not whole" in asked.recv(4096)
+
+
+def test_orders_come_in_where_all_else_is_taken(opened, monkeypatch):
+    monkeypatch.setattr(opened.gateway.guard, "_most", 0)
+    for path, status_code in (("/api/status", b"503"), ("/api/order", b"403")):
+        with request(opened, path) as asked:
+            assert asked.recv(100).split()[1] == status_code
 
 
 def test_browsers_that_vanish_leave_nothing_behind(opened):

@@ -32,6 +32,22 @@ def saved(played, **window):
     return asyncio.run(request(app, "/api/recording", method="POST", body=window, token=SEE))
 
 
+async def several(played, count):
+    """Status of so many that are asked for at once, and of one after them."""
+    guard = Gateway(played.cell, Tokens([Token("screen", "observe", SEE)]), Origins(), lambda: None).guard
+
+    def ask():
+        return request(guard, "/api/recording", method="POST", body={"first": 0, "last": 90}, token=SEE)
+
+    return sorted(answer[0] for answer in await asyncio.gather(*(ask() for _ in range(count)))), (await ask())[0]
+
+
+def test_only_a_few_are_saved_at_a_time(played):
+    played.play(noise(np.arange(100)))
+    played.read()
+    assert asyncio.run(several(played, 6)) == ([200, 200, 503, 503, 503, 503], 200)
+
+
 def noise(cycles):
     rng = np.random.default_rng(len(cycles))
     made = rows(cycles, x_strain_um=rng.normal(size=len(cycles)), x_voltage_V=rng.normal(size=len(cycles)) * 1e-9)

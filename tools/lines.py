@@ -12,7 +12,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 ROOMS = {  # the first that fits a file has it: pattern of paths, budget, ceiling
     "rt": (r"micromanip/rt/", 5400, 6432),
-    "bus, driver": (r"micromanip/(bus|driver)/", 3000, 4025),
+    "bus, driver": (r"micromanip/(bus|driver)/", 3000, 4027),
     "settings, control": (r"micromanip/(settings|control)/", 5000, 5850),
     "host": (r"micromanip/host/", 7500, 8523),
     "design, virtual, replay": (r"micromanip/(design|virtual|replay)/", 13500, 16100),
@@ -22,8 +22,8 @@ ROOMS = {  # the first that fits a file has it: pattern of paths, budget, ceilin
     "drivers and their devices": (r"drivers/|micromanip/emulation/\w+/", 15500, 19489),
     "emulation, testbus, conformance": (r"micromanip/(emulation|testbus|conformance)/", 3200, 3462),
     "campaigns, benchmarks, tools": (r"(campaigns|benchmarks|tools)/", 4200, 5650),
-    "tests": (r"tests/", 40000, 44500),
-    "the rest": (r"", 2000, 1850),
+    "tests": (r"tests/", 40000, 44522),
+    "the rest": (r"", 2000, 1853),
 }
 WORDS, DECISIONS = (45000, 45000), (30, 30)
 """Of the manual, without the decisions; how many decisions."""

@@ -14,7 +14,7 @@ ROOMS = {  # the first that fits a file has it: pattern of paths, budget, ceilin
     "rt": (r"micromanip/rt/", 5400, 6432),
     "bus, driver": (r"micromanip/(bus|driver)/", 3000, 4027),
     "settings, control": (r"micromanip/(settings|control)/", 5000, 5850),
-    "host": (r"micromanip/host/", 7500, 8523),
+    "host": (r"micromanip/host/", 7500, 8524),
     "design, virtual, replay": (r"micromanip/(design|virtual|replay)/", 13500, 16100),
     "recordings": (r"micromanip/recordings/", 1900, 2050),
     "gateway": (r"micromanip/gateway/", 4200, 4651),

@@ -136,7 +136,7 @@ def test_the_feed_stays_held(tmp_path, safe_outputs):
     with left_behind(tmp_path / "bench", slow(line_cell())) as bench:
         until(lambda: nothing_comes(bench), "the last frames of the killed controller don't end")
         code, out, err = safe_outputs(bench.running.config, bench.running.folder)
-        assert (code, err) == (0, "")
+        assert (code, err) == (0, ""), err
         assert out.startswith("outputs at their safe value: board\nas of the run of ")
         report = bench.device.report()
     outputs, switches = report["outputs"], report["switches"]

@@ -49,7 +49,8 @@ class BusRest:
         self._asks = True
         """Whether to ask what the outputs have; not again where it breaks the link and something is known."""
         slowest_s = max((_span(each) / each.slew_V_per_s for each in outputs if each.kind == VOLTAGE), default=0.0)
-        self._longest_s = ramp_s + slowest_s + _SPARE_S
+        ways = len({self._task_of[i] for i, each in enumerate(outputs) if each.kind == VOLTAGE})  # one after the other
+        self._longest_s = max(1, ways) * (ramp_s + slowest_s) + _SPARE_S
         self.notes: list[str] = []
         """What should be known, and is no failure."""
 

@@ -27,6 +27,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from .device_identity import real_because
 from .inbox import Inbox
+from .watchdog import Watchdog
 
 
 class BusOptions(BaseModel):
@@ -157,9 +158,18 @@ class BusDriver(ABC):
         return real_because(self.device)
 
     @property
-    @abstractmethod
+    def silence(self) -> Watchdog | None:
+        """What the device does by itself without commands, and when it is switched on; None: nobody knows.
+
+        Its rest is `safe` of each of `outputs`. Without it a device that can't be read back is written to only after a
+        person has said that it rests, once its link was lost.
+        """
+        return None
+
+    @property
     def watchdog(self) -> str | None:
         """What brings the outputs to a safe value when this machine is dead, in a few words; None if nothing does."""
+        return None if self.silence is None else self.silence.words
 
     @property
     @abstractmethod

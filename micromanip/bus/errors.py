@@ -35,5 +35,9 @@ class IdentityMismatch(BusError):
     """What answers is not the device that the configuration names. Latched: never tried again by itself."""
 
 
+class OutputsUnknown(BusError):
+    """What the device has can't be known: a person is asked before anything is written. Latched."""
+
+
 class OutputRefused(BusError):
     """A value that is not finite, or that the wire can't carry; nothing was sent."""

@@ -28,8 +28,9 @@ from micromanip.rt.bus_image import (
 )
 
 from .backoff import BackOff
+from .beginning import begin
 from .driver import BusDriver, Outcome
-from .errors import BusError, IdentityMismatch, OutputRefused, TransientError
+from .errors import BusError, IdentityMismatch, OutputRefused, OutputsUnknown, TransientError
 from .image import ProcessImage
 from .inbox import Inbox
 from .last_given import LastGiven
@@ -73,20 +74,31 @@ class Worker:
         rules: Rules,
         memory: LastGiven | None = None,
         while_opening: Callable[[], AbstractContextManager[None]] = nullcontext,
+        *,
+        simulated: bool = False,
     ) -> None:
-        """What the device was given is noted in `memory` too; the driver is opened inside of `while_opening`."""
+        """What the device was given is noted in `memory` too; the driver is opened inside of `while_opening`.
+
+        A `simulated` device that nobody knows anything of counts as one at its safe values.
+        """
         self._driver, self._image, self._memory, self._while_opening = driver, image, memory, while_opening
         tasks = driver.tasks
         periods_s = {i: 1.0 / task.rate_hz for task in tasks for i in task.outputs}
         count = len(rules.outputs)
         self._rules, self._next_rules = rules, rules
-        self.safe = SafeState(rules.outputs, [periods_s[i] for i in range(count)], rules.ramp_s, rules.dead_ns)
-        self._is_known = False
+        self.safe = SafeState(
+            rules.outputs,
+            [periods_s[i] for i in range(count)],
+            rules.ramp_s,
+            rules.dead_ns,
+            [channel.safe for channel in driver.outputs],
+        )
         # the image's are of this very run, and hold wherever the device has come back; so they have the last word
         for known in (memory.read() if memory is not None else None, image.known(count)):
             if known is not None:
                 self.safe.remember(known)
-                self._is_known = True
+        if simulated:
+            self.safe.assume_safe(where_unknown=True)
         self._values = [output.safe for output in rules.outputs]
         self._given = np.full(len(image.wanted()[0]), math.nan)  # as long as the image's, the driver's outputs first
         self._writer = OutputWriter(driver, self.safe, self._note_given)
@@ -125,7 +137,7 @@ class Worker:
             opened = time.monotonic()
             try:
                 self._serve()
-            except IdentityMismatch as problem:
+            except (IdentityMismatch, OutputsUnknown) as problem:
                 self._lose(LINK_LATCHED)
                 tell("latched", str(problem))
                 self._wait(math.inf)
@@ -169,14 +181,13 @@ class Worker:
                 tell("rights", str(problem))
 
     def _read_back(self) -> None:
-        """Begin where the device says that its outputs are; say so where nobody knows."""
-        values, names = self._driver.read_outputs(), [channel.name for channel in self._driver.outputs]
+        """Begin where the device is. Raises OutputsUnknown where nobody knows that."""
+        values = begin(self._driver, self.safe, self._writer, self._is_alive)
         for i in self.safe.outside(values):
-            tell("outputs", f"{names[i]} reads {values[i]:g}, which is outside of its range")
-        self.safe.read_back(values)
-        if not self._is_known and any(value is None for value in values):
-            tell("outputs", "nobody knows what its outputs were given last: they begin at their safe values")
-        self._is_known = True
+            tell("outputs", f"{self._driver.outputs[i].name} reads {values[i]:g}, which is outside of its range")
+
+    def _is_alive(self) -> None:
+        self._image.tell(ALIVE_NS, time.monotonic_ns())
 
     def _part(self) -> None:
         """Leave the device with the safe values: every task is tried, each failure is told."""

@@ -13,6 +13,7 @@ from micromanip.bus.errors import DeviceFault, IdentityMismatch, LinkError, Outp
 from micromanip.bus.image import ProcessImage
 from micromanip.bus.last_given import LastGiven
 from micromanip.bus.safe_state import SWITCH, VOLTAGE, SafeOutput
+from micromanip.bus.watchdog import Watchdog
 from micromanip.bus.worker import Rules, Worker
 from micromanip.rt.bus_exchange import exchange_image
 from micromanip.rt.bus_image import AT_REST, AWAY, FOLLOWING, IMAGE, RESTING, SAFE_RAMP, TAKEN
@@ -33,7 +34,8 @@ class ScriptedDriver(BusDriver):
     """Notes what it is given; raises what a test puts into `errors`, one a call."""
 
     Options = BusOptions
-    device, watchdog = "scripted", None
+    device = "scripted"
+    silence = Watchdog(ms=None, after_power_on="last")
     inputs = (Channel("strain", 1000.0),)
     outputs = (Channel("voltage", 500.0), Channel("feed_hold", 500.0))
     tasks = (Task("write", 500.0, (0, 1)),)
@@ -84,7 +86,7 @@ class Bench:
         self.record["silent_ns"] = self.record["patience_ns"] = 10**12
         self.signals, self.outputs = np.zeros(MAX_SIGNALS, SIGNAL), np.zeros(MAX_OUTPUTS)
         self.image = ProcessImage(self.record)
-        self.worker = Worker(self.driver, self.image, RULES, memory)
+        self.worker = Worker(self.driver, self.image, RULES, memory, simulated=True)
         self.safe = self.worker.safe
         self.bug = None
         self.thread = threading.Thread(target=self._run)

@@ -21,6 +21,7 @@ from micromanip.driver import (
     Load,
     Steady,
     Task,
+    Watchdog,
     worst_case_s,
 )
 
@@ -85,7 +86,7 @@ class CanBus(BusDriver):
         return self.options.real_because
 
     @property
-    def watchdog(self) -> str | None:
+    def silence(self) -> Watchdog | None:
         return self.options.watchdog
 
     @property

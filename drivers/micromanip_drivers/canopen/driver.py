@@ -17,7 +17,19 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from micromanip.driver import Answer, BusDriver, BusError, Channel, Inbox, LinkError, Load, Steady, Task, TransientError
+from micromanip.driver import (
+    Answer,
+    BusDriver,
+    BusError,
+    Channel,
+    Inbox,
+    LinkError,
+    Load,
+    Steady,
+    Task,
+    TransientError,
+    Watchdog,
+)
 
 from ..canbus.link import CanLink
 from ..canbus.tables import Tables
@@ -70,6 +82,11 @@ class CanOpen(BusDriver):
         return self._options.real_because
 
     @property
+    def silence(self) -> Watchdog | None:
+        keys = [plan.options.watchdog for plan in self._nodes if plan.rpdos]
+        return keys[0] if len(set(keys)) == 1 else None
+
+    @property
     def watchdog(self) -> str | None:
         """Of all nodes with outputs, or none: a single output that nothing makes safe is an output at large."""
         watched: list[str] = []
@@ -79,8 +96,8 @@ class CanOpen(BusDriver):
                 continue
             if plan.options.watchdog_ms is not None:
                 watched.append(f"{waits} of {plan.name}, {plan.options.watchdog_ms} ms")
-            elif plan.options.watchdog is not None:
-                watched.append(f"{plan.options.watchdog} of {plan.name}")
+            elif plan.options.watchdog is not None and plan.options.watchdog.words:
+                watched.append(f"{plan.name} {plan.options.watchdog.words}")
             else:
                 return None
         return "; ".join(watched) or None

@@ -20,6 +20,7 @@ from micromanip.driver import (
     Steady,
     Task,
     TransientError,
+    Watchdog,
 )
 
 from .ascii import AsciiFraming
@@ -63,7 +64,7 @@ class Line(BusDriver):
         return self._port.name
 
     @property
-    def watchdog(self) -> str | None:
+    def silence(self) -> Watchdog | None:
         return self._options.watchdog
 
     @property

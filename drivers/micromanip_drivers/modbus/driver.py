@@ -15,7 +15,18 @@ from pathlib import Path
 from typing import ClassVar
 
 from micromanip.driver import Answer as Found
-from micromanip.driver import BusDriver, BusError, Channel, DeviceFault, Inbox, Load, Outcome, Task, TransientError
+from micromanip.driver import (
+    BusDriver,
+    BusError,
+    Channel,
+    DeviceFault,
+    Inbox,
+    Load,
+    Outcome,
+    Task,
+    TransientError,
+    Watchdog,
+)
 
 from .answers import Answers
 from .client import Answer, Client
@@ -55,7 +66,7 @@ class Modbus(BusDriver):
         return self._options.device
 
     @property
-    def watchdog(self) -> str | None:
+    def silence(self) -> Watchdog | None:
         return self._options.watchdog
 
     @property

@@ -6,8 +6,16 @@ import math
 import time
 from collections.abc import Sequence
 
+from micromanip.bus.beginning import begin
 from micromanip.bus.driver import BusDriver
-from micromanip.bus.errors import BusError, IdentityMismatch, LinkError, OutputRefused, TransientError
+from micromanip.bus.errors import (
+    BusError,
+    IdentityMismatch,
+    LinkError,
+    OutputRefused,
+    OutputsUnknown,
+    TransientError,
+)
 from micromanip.bus.inbox import Inbox
 from micromanip.bus.last_given import LastGiven
 from micromanip.bus.output_writer import OutputWriter
@@ -28,16 +36,27 @@ _VERIFY_S, _VERIFY_SHARE = 0.5, 0.01
 class BusRest:
     """The way of a bus' outputs to their safe values."""
 
-    def __init__(self, bus: BusDriver, outputs: Sequence[SafeOutput], ramp_s: float) -> None:
-        """`outputs` are those of the driver, in its order."""
+    def __init__(
+        self,
+        bus: BusDriver,
+        outputs: Sequence[SafeOutput],
+        ramp_s: float,
+        *,
+        at_rest: bool = False,
+        simulated: bool = False,
+    ) -> None:
+        """`outputs` are those of the driver, in its order. A person says that they are `at_rest`; a `simulated` device
+        that nobody knows anything of counts as such a one.
+        """
+        self._at_rest, self._simulated = at_rest, simulated
         self._bus, self._outputs = bus, outputs
         self._task_of = {i: number for number, task in enumerate(bus.tasks) for i in task.outputs}
         periods_s = [1.0 / bus.tasks[self._task_of[i]].rate_hz for i in range(len(outputs))]
-        self._safe = SafeState(outputs, periods_s, ramp_s, dead_ns=0)
+        rests = [channel.safe for channel in bus.outputs]
+        self._safe = SafeState(outputs, periods_s, ramp_s, 0, rests)
         self._writer = OutputWriter(bus, self._safe, self._note)
         self._inbox = Inbox()
         self._memory: LastGiven | None = None
-        self._is_told = False
         self._problems: dict[int, str] = {}
         self._begun_s: float
         self._since_s: dict[int, float] = {}
@@ -53,6 +72,8 @@ class BusRest:
     def run(self) -> list[str]:
         """Bring them to rest; what is not known to be there, and why, a line each."""
         self._recall()
+        if self._at_rest or self._simulated:
+            self._safe.assume_safe(where_unknown=not self._at_rest)
         self._begun_s = time.monotonic()
         problem: BusError | None = None
         try:
@@ -62,8 +83,8 @@ class BusRest:
                     self._serve()
                 except BusError as found:
                     problem = found
-                    if isinstance(found, IdentityMismatch):
-                        break  # whatever answers, it is not ours to write to
+                    if isinstance(found, IdentityMismatch | OutputsUnknown):
+                        break  # whatever answers, it is not ours to write to, or nobody knows what
                     time.sleep(_AGAIN_S)
                 finally:
                     self._bus.close()
@@ -89,14 +110,8 @@ class BusRest:
             self._memory.write(last)
 
     def _read_back(self) -> None:
-        values = self._bus.read_outputs()
+        values = begin(self._bus, self._safe, self._writer, lambda: None)
         self._reads_back = any(value is not None for value in values)
-        self._safe.read_back(values)
-        last = zip(self._bus.outputs, self._outputs, self._safe.last, strict=True)
-        unknown = [channel.name for channel, output, value in last if output.kind == VOLTAGE and math.isnan(value)]
-        if unknown and not self._is_told:
-            self.notes.append(f"nobody knows what {', '.join(unknown)} had: the first value is the safe one")
-        self._is_told = True
 
     def _serve(self) -> None:
         """One life of the link. Raises BusError once it is lost and every task has had its turn."""

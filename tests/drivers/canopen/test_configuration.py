@@ -186,8 +186,10 @@ def test_an_eds_that_maps_no_pdo_is_refused(folder, name, head, value, said):
 
 def test_watchdog(folder):
     assert driver(nodes__amplifier__watchdog_ms=DELETE).watchdog is None
-    by_other_means = driver(nodes__amplifier__watchdog_ms=DELETE, nodes__amplifier__watchdog="switch S3, 50 ms")
-    assert by_other_means.watchdog == "switch S3, 50 ms of amplifier"
+    by_other_means = driver(
+        nodes__amplifier__watchdog_ms=DELETE, nodes__amplifier__watchdog={"ms": 50, "after_power_on": "rest"}
+    )
+    assert by_other_means.watchdog == "amplifier at rest 0 ms after 50 ms of silence"
     edit(folder, "amplifier", r"\[1400sub5\].*?\n\n", "")
     refused(r"has no 1400sub5, so it can't wait for that rpdo; watchdog_by: heartbeat is possible", folder)
     edit(folder, "amplifier", r"\[1016sub1\].*?\n\n", "")
@@ -201,7 +203,7 @@ def test_watchdog(folder):
         ({"nodes__sensor__watchdog_ms": 20}, "this node has no rpdo"),
         ({"nodes__sensor__tpdo": {}}, "a node needs a tpdo or an rpdo"),
         ({"own_node_id": 5}, r"nodes\.sensor\.node_id: 5 is also that of own_node_id"),
-        ({"nodes__amplifier__watchdog": "x"}, "leave it or watchdog_ms out"),
+        ({"nodes__amplifier__watchdog": {"ms": 20, "after_power_on": "rest"}}, "leave it or watchdog_ms out"),
     ],
 )
 def test_keys_that_are_refused(changes, match):

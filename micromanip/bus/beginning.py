@@ -28,6 +28,7 @@ def begin(
         if not goes_on and not safe.is_near_rest():
             _listen(driver, writer.touched_ns + watchdog.still_ns, alive)
             values = driver.read_outputs()
+            writer.found_still()
     unknown = safe.after_silence(watchdog, time.monotonic_ns() - writer.touched_ns, values)
     if unknown:
         names = ", ".join(driver.outputs[i].name for i in unknown)

@@ -24,6 +24,8 @@ class OutputWriter:
         self._sent_ns: dict[int, int] = {}
         self._fed_ns: dict[int, int] = {}
         """When what the device has taken of each task last was sent: its watchdog's time runs from there, or later."""
+        self._still: set[int] = set()
+        """Tasks not done since the device was found still: silence moves it no further."""
         self.touched_ns = time.monotonic_ns()
         """When the device may have had a command last, at the latest; of whoever had it before, too."""
         self.taken_s: dict[int, float] = {}
@@ -76,6 +78,10 @@ class OutputWriter:
         tasks = enumerate(rows[: len(self._driver.tasks)])
         self._sent = {number: row["sent"][:count].tolist() for number, row in tasks if row["unconfirmed"]}
 
+    def found_still(self) -> None:
+        """The device's watchdog has had its time, and what it has is known."""
+        self._still = set(range(len(self._driver.tasks)))
+
     def is_in_doubt(self) -> bool:
         """Whether the device's watchdog may have begun to move an output."""
         return any(task.outputs and self._silent_ns(number) is None for number, task in enumerate(self._driver.tasks))
@@ -89,6 +95,8 @@ class OutputWriter:
 
     def _watch(self, number: int) -> None:
         """Raise LinkError where a device that did not get values of a task in time may be anywhere between two."""
+        if number in self._still:
+            return
         if self._silent_ns(number) is None and not self._safe.is_near_rest(self._driver.tasks[number].outputs):
             raise LinkError(
                 f"{self._driver.tasks[number].name}: the device took no values for longer than its watchdog waits "
@@ -100,6 +108,7 @@ class OutputWriter:
         self._sent.clear()
 
     def _send(self, number: int, values: Values) -> None:
+        self._still.discard(number)
         self.touched_ns = time.monotonic_ns()
         self._safe.attempted(self._driver.tasks[number].outputs, values)
         self._sent[number] = values
@@ -109,4 +118,5 @@ class OutputWriter:
         self.taken_s[number] = time.monotonic()
         self.touched_ns = time.monotonic_ns()
         self._fed_ns[number] = self._sent_ns[number]
+        self._still.discard(number)
         self._noted(self._safe.last)

@@ -215,3 +215,12 @@ def test_what_was_left_at_rest_is_at_rest(tmp_path):
 )
 def test_what_a_device_may_have_after_silence(keys, silent_ms, expected):
     assert after_silence(keys, silent_ms * 1_000_000, (59.0, 61.0), 0.0) == expected
+
+
+@pytest.mark.live
+def test_a_device_that_reads_back_other_than_rest_after_its_silence_is_led_on_from_there(tmp_path):
+    line = Line(Amplifier(60.0, watchdog_s=1e9))
+    line.read_outputs = lambda: [line.amplifier.volts]
+    assert BusRest(line, OUTPUTS, 0.1).run() == []
+    assert line.amplifier.volts == 0.0
+    assert line.amplifier.largest <= STEP_V + 1e-9

@@ -18,6 +18,7 @@ from typing import Any
 
 from micromanip.bus.driver import BusDriver
 from micromanip.bus.errors import BusError, LinkError
+from micromanip.bus.opening import opened
 
 from .session import Session
 
@@ -36,7 +37,7 @@ def main() -> None:
     order = json.loads(sys.stdin.readline())
     session = Session(built(order))
     try:
-        session.driver.open()
+        opened(session.driver, lambda *_: True)
     except BusError as error:
         print(error, flush=True)  # noqa: T201
         return

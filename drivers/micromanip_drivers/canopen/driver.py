@@ -17,7 +17,19 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from micromanip.driver import Answer, BusDriver, BusError, Channel, Inbox, LinkError, Load, Steady, Task, TransientError
+from micromanip.driver import (
+    Answer,
+    BusDriver,
+    BusError,
+    Channel,
+    Inbox,
+    LinkError,
+    Load,
+    Steady,
+    StillOpening,
+    Task,
+    TransientError,
+)
 
 from ..canbus.link import CanLink
 from ..canbus.tables import Tables
@@ -98,7 +110,7 @@ class CanOpen(BusDriver):
         return self._tasks
 
     def loads(self) -> Sequence[Load]:
-        return [self._timing.load()]
+        return self._link.loads(*self._timing.load())
 
     def open(self) -> None:
         try:
@@ -106,6 +118,8 @@ class CanOpen(BusDriver):
             self._receiver.clear()
             deadline_ns = time.monotonic_ns() + _OPEN_NS
             self._found = boot(self._link, self._options, self._nodes, self._receiver.watches, deadline_ns)
+        except StillOpening:
+            raise
         except TransientError as problem:  # there is no second try here: that is the worker's
             self._link.close()
             raise LinkError(str(problem)) from problem
@@ -141,7 +155,7 @@ class CanOpen(BusDriver):
 
     def steady(self) -> Steady | None:
         received, sent, watched = self._receiver.pdos, self._sent, self._receiver.watched
-        if not PdoTables.have_room(received, sent, len(watched)):
+        if not self._link.is_plain or not PdoTables.have_room(received, sent, len(watched)):
             return None
         from . import exchange  # compiled: loaded only where it is going to be called
 

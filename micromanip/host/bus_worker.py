@@ -68,6 +68,8 @@ class BusWorker:
         self._ending = False
         self._started = 0.0
         self.said = ""
+        self._is_slow = False
+        """Whether people know that it takes its time to open."""
         self._opening = False
         """Whether it has said since it was looked for last that opening takes its time."""
         self.counts: dict[str, int] = {}
@@ -116,6 +118,7 @@ class BusWorker:
             self.counts, self.cpu_s = document["counts"], document["cpu_s"]
             return
         text = str(document["text"])
+        self._is_slow &= document["event"] == "opening"
         if document["event"] == "up":
             if self.image.ask(EPOCH) > 1 or self._child.starts > 1:
                 say(f"driver {self.name}: link up; its outputs stay at rest until the axes are armed again")
@@ -125,7 +128,9 @@ class BusWorker:
             say(f"driver {self.name}: {text}")
             return
         if document["event"] == "opening":
-            self._opening = True
+            if not self._is_slow:
+                say(f"driver {self.name}: {text}")
+            self._opening = self._is_slow = True
             return
         self.said = text
         if document["event"] in ("latched", "lost") and self.image.ask(EPOCH) == 0:

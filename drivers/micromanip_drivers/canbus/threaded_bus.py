@@ -106,7 +106,18 @@ class ThreadedBus:
             self._changed.notify_all()
             if is_stuck and self._bus is not None:
                 _discard_output(self._bus)  # what an adapter has not read must not move anything later
+            if self._changed.wait_for(lambda: self.is_gone, _END_S) or self._bus is None:
+                return
+        threading.Thread(target=self._shut, args=(self._bus,), daemon=True).start()  # it may come back by that
+        with self._changed:
             self._changed.wait_for(lambda: self.is_gone, _END_S)
+
+    def _shut(self, bus: can.BusABC) -> None:
+        with contextlib.suppress(Exception):
+            bus.shutdown()
+        with self._changed:
+            self.is_gone = True
+            self._changed.notify_all()
 
     def _is_idle(self) -> bool:
         return not self._to_send and not self._sending_since_ns
@@ -135,15 +146,14 @@ class ThreadedBus:
             self._receive_all(bus)
         except Exception as error:
             self._fail(error)
-        if bus is not None:
-            with self._changed:
-                self._changed.wait_for(lambda: self._ends)
-            sending.join()
-            with contextlib.suppress(Exception):
-                bus.shutdown()
-        with self._changed:
+        if bus is None:
             self.is_gone = True
-            self._changed.notify_all()
+            return
+        with self._changed:
+            self._changed.wait_for(lambda: self._ends)
+        sending.join()
+        if not self.is_gone:
+            self._shut(bus)
 
     def _receive_all(self, bus: can.BusABC) -> None:
         failures = 0

@@ -13,7 +13,7 @@ from .ascii_options import AsciiOutput
 _PLACE = re.compile(r"\{(\w+)\}")
 _NUMBER = r"\s*[+-]?\s*(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 """Blanks around a sign are those of a field of fixed width."""
-_WORD = r"[^\s\d,;]+"
+_WORD = r"[^\s\d,;](?:[^\d,;]*?[^\s\d,;])?"
 _NO_NUMBER = re.compile(r"[+-]?(?:nan|inf|ovld?|[-*#?.<>_~=]{2,})", re.IGNORECASE)
 """What stands for "no reading" where the line has nothing else that tells what it answers."""
 _FLOW_CONTROL = b"\x11\x13"

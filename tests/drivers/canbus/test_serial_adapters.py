@@ -1,5 +1,6 @@
 """Adapters that python-can serves through a serial port: each sample that there is, and nobody waits for one."""
 
+import threading
 import time
 
 import can
@@ -206,6 +207,32 @@ def test_a_library_that_raises_what_it_never_said_is_a_lost_link(tmp_path, monke
     monkeypatch.setattr(can, "Bus", lambda *_, **__: broken())
     with pytest.raises(LinkError, match="can't be opened: of its own making"):
         opened(bus, patient)
+    bus.close()
+
+
+def test_a_library_that_does_not_come_back_is_shut_down_and_opened_again(tmp_path, monkeypatch):
+    shut = threading.Event()
+    opened_buses = []
+
+    def blocked():
+        shut.wait()
+        raise OSError("closed")
+
+    def build(*_, **__):
+        odd = OddBus(gauge)
+        odd.shutdown = shut.set
+        opened_buses.append(odd)
+        return odd
+
+    monkeypatch.setattr(can, "Bus", build)
+    bus = driver(tmp_path, "kvaser")
+    assert opened(bus, patient)
+    opened_buses[0].receive = blocked
+    with pytest.raises(LinkError, match="nothing of Gauge came"):
+        served(bus, lambda _: False)
+    bus.close()
+    assert opened_again(bus)
+    assert len(opened_buses) == 2
     bus.close()
 
 

@@ -54,6 +54,8 @@ def test_control_characters_are_no_part_of_a_line(data):
     [
         ("MS,{x}", "MS,-----", ()),
         ("MS,{x}", "MS,OVER", ()),
+        ("MS,{x}", "MS,out of range", ()),
+        ("A{y} B{x}", "A1.5 B---", ()),
         ("1={x}", "1=nan", ()),
         ("{x}", "-----", ()),
         ("{x}", "+INF", ()),

@@ -109,7 +109,7 @@ class CanLink:
         bus = Load(str(self.options.channel), share, detail)
         if interface in _DIRECT:
             return [bus]
-        most = threaded_bus.FRAMES_PER_S
+        most = threaded_bus.FRAMES_PER_S_OF.get(interface, threaded_bus.FRAMES_PER_S)
         told = f"{frames_per_s:g} of {most:g} frames/s, stamped as they are read"
         return [bus, Load(f"threads for python-can's {interface}", frames_per_s / most, told)]
 

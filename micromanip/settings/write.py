@@ -135,6 +135,7 @@ def with_tuning(text: str, axes: Mapping[str, Axis]) -> str:
             section["hysteresis"] = _plain(axis.hysteresis.model_dump(exclude_defaults=True))
             if axis.hysteresis_affine is not None:
                 section["hysteresis_affine"] = _plain(axis.hysteresis_affine.model_dump(exclude_defaults=True))
+            section.pop("outer", None)
             if axis.outer is not None:
                 section["outer"] = _plain(axis.outer.model_dump())
             if axis.actuator is not None:
@@ -143,7 +144,7 @@ def with_tuning(text: str, axes: Mapping[str, Axis]) -> str:
             if axis.coupling is not None:
                 section["coupling"] = _plain(axis.coupling.model_dump())
             if axis.commissioned is not None:
-                section["commissioned"] = _plain(axis.commissioned.model_dump())
+                section["commissioned"] = _plain(axis.commissioned.model_dump(exclude_defaults=True))
 
     return edited(text, edit)
 

@@ -33,7 +33,7 @@ from .polarity import Polarity, check_polarity
 from .quality import HELD_OUT_PERCENT, Quality, judge_coverage
 from .rest import check_rest
 from .travel import check_answer, check_travel, require_centred
-from .validation import Validation, validate
+from .validation import Validation, coupling, validate
 
 Array = NDArray[np.float64]
 
@@ -41,8 +41,21 @@ TRIANGLE_S = 12.0
 
 
 @dataclass(frozen=True)
+class ClosedOuter:
+    """The outer loop of an axis: the stage's model, the design, the loop as measured, what fresh experiments say."""
+
+    stage: StageModel
+    design: OuterDesign
+    loop: Sensitivity
+    validation: Validation
+
+
+@dataclass(frozen=True)
 class Commissioned:
-    """Everything that was found about one axis; `configuration` holds its new tuning."""
+    """Everything that was found about one axis; `configuration` holds its new tuning.
+
+    `outer` is None where no outer loop could be proven: `without_outer` says why, and the axis runs in mode strain.
+    """
 
     axis: str
     configuration: Configuration
@@ -57,10 +70,10 @@ class Commissioned:
     actuator: Actuator
     pid: PidDesign
     strain_loop: Sensitivity
-    stage: StageModel
-    outer: OuterDesign
-    outer_loop: Sensitivity
-    validation: Validation
+    outer: ClosedOuter | None
+    without_outer: str
+    coupling: dict[str, float]
+    """Share of this axis' movement that each other gauge, and each other stage sensor, sees."""
     undone: Undone | None = None
     """What the feedforward of mode strain undoes; None where the configuration does not say how late the gauge is."""
     learned: tuple[str, ...] = ()
@@ -166,10 +179,17 @@ def _commission(
             steps.learn(tooth_where_it_works=f"{tooth[1]:.2f} um at {tooth[0]:g} Hz")
     say("stage dynamics")
     stage = identify_stage(tuned, experiment, axis, seed)
-    stage, outer, outer_loop = close_outer(tuned, experiment, axis, actuator, stage, knobs, seed, say, learned)
-    say("validation")
-    tuned = with_axis(tuned, axis, outer=outer.outer)
-    validation = validate(tuned, experiment, axis)
+    outer, without = None, ""
+    try:
+        stage, designed, loop = close_outer(tuned, experiment, axis, actuator, stage, knobs, seed, say, learned)
+    except CheckFailed as problem:  # the strain loop is proven: it is not thrown away
+        without = str(problem).removeprefix(f"axis {axis}: ")
+        tuned = with_axis(tuned, axis, outer=None, mode="strain")
+        steps.learn(no_outer_loop=without)
+    else:
+        say("validation")
+        tuned = with_axis(tuned, axis, outer=designed.outer)
+        outer = ClosedOuter(stage, designed, loop, validate(tuned, experiment, axis))
     undone, kept = None, settings.actuator
     if kept is not None and actuator.path == AT_ONCE:
         asked_Hz = settings.accept.frequencies_Hz
@@ -183,7 +203,8 @@ def _commission(
     tuned = with_axis(tuned, axis, actuator=kept)
     return Commissioned(
         axis, tuned, polarity, triangle, record, held_out, quality, tanh, affine, percent, actuator, pid, strain_closed,
-        stage, outer, outer_loop, validation, undone, tuple(learned), None if tooth is None else tooth[0],
+        outer, without, coupling(tuned, experiment, axis), undone, tuple(learned),
+        None if tooth is None else tooth[0],
     )  # fmt: skip
 
 

@@ -80,6 +80,11 @@ class CommissionedCell:
         """Whether every criterion of every axis holds, and none was stopped."""
         return self.stopped is None and all(each.passed for each in self.evidence)
 
+    @property
+    def proven(self) -> bool:
+        """Whether the cell may run with it: no axis was stopped, and what is missed is accuracy alone."""
+        return self.stopped is None and all(each.proven for each in self.evidence)
+
 
 def commission_cell(
     configuration: Configuration,
@@ -114,7 +119,7 @@ def commission_cell(
         configuration = found[-1].configuration
         knobs = replace(knobs, tooth_seen_Hz=knobs.tooth_seen_Hz or found[-1].tooth_Hz)
     stories, analyses, names, coupled = [], [], list(configuration.axes), None
-    if stopped is None and len(found) == len(names) > 1:
+    if stopped is None and len(found) == len(names) > 1 and all(each.outer for each in found):
         say(_COUPLING)
         coupled = look_at_coupling(configuration, watched, seed)
         configuration = coupled.noted(configuration)
@@ -131,7 +136,7 @@ def commission_cell(
     if stopped is not None:
         stories.append(stopped.evidence)
     elif running is not None and rest is not None:
-        missed = sum(not each.passed for story in stories for each in story.criteria)
+        missed = sum(not (each.passed or each.acceptance) for story in stories for each in story.criteria)
         production = in_production(configuration, rest, missed)
         if production.tracks:
             say("as it will run")

@@ -139,6 +139,9 @@ class Commissioned(Settings):
     )
     report: str = Field(min_length=1, description="File of the report, relative to the folder of the results.")
     date: str = Field(min_length=1, description="Day of the commissioning.")
+    less: str | None = Field(
+        default=None, description="What was asked for and not reached: the axis is proven, and less accurate."
+    )
 
 
 class Axis(Settings):

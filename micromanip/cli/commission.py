@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from micromanip.errors import CheckFailed, UsageError, sentence
+from micromanip.errors import CheckFailed, sentence
 
 from .axes import chosen_axes, moved_axis_option
 from .commissioned import PREVIOUS, REJECTED, REPORT, TUNED, document, print_found, tuned_text, write_results
@@ -79,7 +79,6 @@ def command(
 
     prepared = prepare(config)
     chosen = chosen_axes(prepared.configuration.axes, only, config)
-    _require_stage_sensors(prepared, chosen)
     real = prepared.wiring.real
     with results_folder(folder):
         if real and not yes:
@@ -131,12 +130,6 @@ def command(
             f"{len(failed)} criteria fail, the first: axis {worst.axis}, {worst.name}: {worst.value} "
             f"(wanted: {worst.limit}); the tuning is kept as {folder / REJECTED}, the report is {folder / REPORT}"
         )
-
-
-def _require_stage_sensors(prepared: Prepared, chosen: list[str]) -> None:
-    for name in chosen:
-        if f"stage_{name}" not in prepared.configuration.signals:
-            raise UsageError(f"axis {name} has no signal stage_{name}: the outer loop needs the capacitive sensor")
 
 
 def _ask(prepared: Prepared, chosen: list[str], driver: str) -> None:

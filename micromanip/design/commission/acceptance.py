@@ -14,7 +14,7 @@ from ..sensitivity import AGREEMENT, Sensitivity
 from ..step import RISE_S, STEP_UM
 from ..tuning import OUTER_DELAY
 from .at_rest import STANDS_OUT
-from .axis import Commissioned
+from .axis import FOLLOWED, Commissioned
 from .quality import COHERENCE, COVERAGE, HELD_OUT_PERCENT, STAGE_FIT_PERCENT
 from .tracking import asked
 from .validation import Validation
@@ -24,8 +24,6 @@ _SIGMA, _NOISE, _PATH, _PATH_NOISE = 0.01, 1.25, 0.01, 3.0
 """Shares of stroke and amplitude, and multiples of the noise at rest, that are asked for by default."""
 _KEPT = 0.8
 """Share of the predicted margins that the measured ones must have."""
-_FOLLOWED = 0.7
-"""The set-point may move at this share of what the output can do: beyond, the outer loop's model is wrong."""
 _COHERENT_HZ = (2.0, 200.0)
 
 
@@ -39,7 +37,7 @@ def acceptance(found: Commissioned, analysis: AxisAnalysis, runs: list[Run], ind
     add("polarity and scale", True, f"{found.polarity.slope_um_per_V:.2f} um/V", "rising, 0.05 to 5 um/V")
     output = found.configuration.outputs[f"voltage_{found.axis}"]
     asked = found.configuration.axes[found.axis].setpoint.slew_um_per_ms
-    followed = _FOLLOWED * found.polarity.slope_um_per_V * output.fastest_V_per_s * 1e-3
+    followed = FOLLOWED * found.polarity.slope_um_per_V * output.fastest_V_per_s * 1e-3
     add(
         "set-point's slew limit",
         asked <= followed,
@@ -56,7 +54,14 @@ def acceptance(found: Commissioned, analysis: AxisAnalysis, runs: list[Run], ind
         f"<= {HELD_OUT_PERCENT:g} %",
     )
     if found.outer is None:
-        add("outer loop", False, found.without_outer, "one that is proven", acceptance=True)
+        has_sensor = f"stage_{found.axis}" in found.configuration.signals
+        add(
+            "outer loop",
+            not has_sensor,
+            found.without_outer,
+            "one that is proven, with a stage sensor",
+            acceptance=True,
+        )
     else:
         fit = found.outer.stage.fit_percent
         add(

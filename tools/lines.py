@@ -15,7 +15,7 @@ ROOMS = {  # the first that fits a file has it: pattern of paths, budget, ceilin
     "bus, driver": (r"micromanip/(bus|driver)/", 3000, 3925),
     "settings, control": (r"micromanip/(settings|control)/", 5000, 5850),
     "host": (r"micromanip/host/", 7500, 8500),
-    "design, virtual, replay": (r"micromanip/(design|virtual|replay)/", 13500, 16100),
+    "design, virtual, replay": (r"micromanip/(design|virtual|replay)/", 13500, 16200),
     "recordings": (r"micromanip/recordings/", 1900, 2050),
     "gateway": (r"micromanip/gateway/", 4200, 4600),
     "cli": (r"micromanip/cli/", 4300, 5320),

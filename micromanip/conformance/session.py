@@ -72,13 +72,21 @@ class Session:
 
     def open(self) -> None:
         """Open the driver; a device that is there and refused is a failure."""
+        for left in reversed(range(TRIES)):
+            error = self._opened()
+            if left == 0 or not isinstance(error, LinkError):
+                break
+            self.driver.close()
+        assert error is None, f"open raised {type(error).__name__} with the device there: {error}"
+
+    def _opened(self) -> BusError | None:
+        """What came of opening, as long as the driver says that it goes on."""
         end = time.monotonic() + _OPEN_S
         while True:
             error = guarded(self.driver.open, "open")
             if not isinstance(error, StillOpening) or time.monotonic() > end:
-                break
+                return error
             time.sleep(_SLICE_NS * 1e-9)
-        assert error is None, f"open raised {type(error).__name__} with the device there: {error}"
 
     def perform(self, task: int, values: Sequence[float] | None = None) -> BusError | None:
         """Do one task with `values`, or those of the session."""

@@ -194,6 +194,8 @@ class BusDriver(ABC):
     def open(self) -> None:
         """Reach the device; at most a second. Raises LinkError, or IdentityMismatch for the wrong device.
 
+        What takes longer raises StillOpening, and is called again without ``close`` until it is open.
+
         Must not move anything: the first outputs come by ``perform``.
         """
 

@@ -24,6 +24,13 @@ class LinkError(BusError):
     """The bus is gone: bus-off, disconnected, network down. Closed, and opened again after a while."""
 
 
+class StillOpening(LinkError):
+    """By ``open`` alone: it takes its time, and is to be called again, without ``close``, to go on with it.
+
+    For a library that opens slowly, a device that starts when its port is opened. Whoever closes gives it up.
+    """
+
+
 class DeviceFault(BusError):
     """The device answers, and says that it can't: an exception code, an error register, an emergency message.
 

@@ -114,12 +114,19 @@ class SafeState:
     def after_silence(self, watchdog: Watchdog | None, silent_ns: int, values: Known) -> list[int]:
         """What the device has once its link was opened, `silent_ns` after the last command: which voltages are unknown.
 
-        `values` is what it reads back, which goes before all else. One that was given its safe value last rests where
-        the watchdog does not say it: so a person's word is asked for once.
+        `values` is what it reads back, which goes before all else but for a register: one that still reads what was
+        written last, long after the watchdog has led the output to rest, tells the set-point and not the output. One
+        that was given its safe value last rests where the watchdog does not say it: so a person's word is asked for
+        once.
         """
-        unknown = []
+        unknown, values = [], list(values)
+        at_rest = watchdog is not None and watchdog.leads_to_rest and silent_ns >= watchdog.still_ns
         for i, output in enumerate(self._outputs):
-            if output.kind != VOLTAGE or values[i] is not None:
+            if output.kind != VOLTAGE:
+                continue
+            if at_rest and self._reads_as_given(i, values[i]):
+                values[i] = None
+            if values[i] is not None:
                 continue
             given = (self._lowest[i], self._highest[i]) if self._known[i] else UNKNOWN
             low, high = after_silence(watchdog, silent_ns, given, self._rests_at[i])
@@ -131,6 +138,11 @@ class SafeState:
                 unknown.append(i)
         self.read_back(values)
         return unknown
+
+    def _reads_as_given(self, i: int, value: float | None) -> bool:
+        if value is None or not self._known[i]:
+            return False
+        return self._lowest[i] - self._steps[i] <= value <= self._highest[i] + self._steps[i]
 
     def assume_safe(self, *, where_unknown: bool = False) -> None:
         """Take the voltages, `where_unknown` those of which nothing is known, for being at their safe values."""

@@ -30,10 +30,11 @@ from micromanip.rt.bus_image import (
 from .backoff import BackOff
 from .beginning import begin
 from .driver import BusDriver, Outcome
-from .errors import BusError, IdentityMismatch, OutputRefused, OutputsUnknown, TransientError
+from .errors import BusError, IdentityMismatch, OutputRefused, OutputsUnknown, StillOpening, TransientError
 from .image import ProcessImage
 from .inbox import Inbox
 from .last_given import LastGiven
+from .opening import opened
 from .output_writer import OutputWriter
 from .patience import Patience
 from .report import Report, tell
@@ -43,6 +44,7 @@ from .steady import SteadyService
 
 LOOK_NS = 1_000_000
 """The worker looks whether the loop still lives so often at most; five times while that is in doubt."""
+_TELL_S = 1.0
 _UNREACHED_S = 30.0
 """With nobody left, a device that can't be reached is given up after so long."""
 
@@ -106,6 +108,7 @@ class Worker:
         self._inbox = Inbox()
         self._schedule = Schedule((), 0)
         self._patience = Patience()
+        self._opening_told_s = 0.0
         self._down_ns = time.monotonic_ns()
         self._report = Report()
         self._counts = self._report.counts
@@ -138,21 +141,23 @@ class Worker:
             try:
                 self._serve()
             except (IdentityMismatch, OutputsUnknown) as problem:
+                tell("latched", str(problem))  # before the state: who sees that must find the reason
                 self._lose(LINK_LATCHED)
-                tell("latched", str(problem))
                 self._wait(math.inf)
             except BusError as problem:
-                self._lose(LINK_DOWN)
                 wait_s = back_off.lost(time.monotonic() - opened)
                 tell("lost", str(problem), retry_s=round(wait_s, 3))
+                self._lose(LINK_DOWN)
                 self._wait(wait_s)
             finally:
                 self._driver.close()
 
     def _serve(self) -> None:
         """One life of the link: until an error, or the end."""
+        self._opening_told_s = 0.0
         with self._while_opening():
-            self._driver.open()
+            if not opened(self._driver, self._goes_on_opening):
+                return
             self._follow()
             self._read_back()
         self._writer.forget()
@@ -170,6 +175,14 @@ class Worker:
             self._serve_steadily()
             self._turn()
         self._part()
+
+    def _goes_on_opening(self, problem: StillOpening, for_s: float) -> bool:
+        """Look after everything else while it takes its time, and tell the host each second; False to give it up."""
+        self._image.tell(ALIVE_NS, time.monotonic_ns())
+        if for_s >= self._opening_told_s + _TELL_S:
+            self._opening_told_s = for_s
+            tell("opening", str(problem))
+        return not self._may_leave()
 
     def _follow(self) -> None:
         """Remember what the device is given where it is now: a port that was replugged may have got another path."""
@@ -262,6 +275,8 @@ class Worker:
 
     def _hand_over(self) -> None:
         self._writer.take_confirmed(self._inbox)
+        for text in self._inbox.remarks:
+            tell("device", text)
         self._counts["received"] += len(self._inbox)
         self._counts["lost"] += self._inbox.lost
         self._image.publish(self._inbox)

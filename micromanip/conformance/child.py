@@ -17,7 +17,7 @@ from types import FrameType
 from typing import Any
 
 from micromanip.bus.driver import BusDriver
-from micromanip.bus.errors import BusError, LinkError
+from micromanip.bus.errors import LinkError
 
 from .session import Session
 
@@ -36,8 +36,8 @@ def main() -> None:
     order = json.loads(sys.stdin.readline())
     session = Session(built(order))
     try:
-        session.driver.open()
-    except BusError as error:
+        session.open()
+    except AssertionError as error:
         print(error, flush=True)  # noqa: T201
         return
     patterns = order["patterns"]

@@ -108,7 +108,7 @@ class Hooks:
         return math.isclose(value, wanted, rel_tol=self.tolerance, abs_tol=self.tolerance * 1e-3)
 
 
-def settle(condition: Any, seconds: float = 1.0) -> bool:
+def settle(condition: Any, seconds: float = 5.0) -> bool:
     """Wait until `condition()` holds, for so long at most."""
     end = time.monotonic() + seconds
     while not (reached := bool(condition())) and time.monotonic() < end:

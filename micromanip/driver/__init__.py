@@ -35,7 +35,15 @@ from micromanip.bus.can_bits import CLASSIC_LENGTHS, FD_LENGTHS, worst_case_s
 from micromanip.bus.cyclic import CyclicDriver, Enabling, Functions, Wire
 from micromanip.bus.device_identity import real_because
 from micromanip.bus.driver import Answer, BusDriver, BusOptions, Channel, Load, Outcome, Steady, Task
-from micromanip.bus.errors import BusError, DeviceFault, IdentityMismatch, LinkError, OutputRefused, TransientError
+from micromanip.bus.errors import (
+    BusError,
+    DeviceFault,
+    IdentityMismatch,
+    LinkError,
+    OutputRefused,
+    StillOpening,
+    TransientError,
+)
 from micromanip.bus.inbox import Inbox, Sample
 from micromanip.bus.number_options import BITS, PACKED, SIZES, Commanded, Scaled, Section, Typed, number_range
 from micromanip.bus.safe_state import SafeOutput
@@ -100,6 +108,7 @@ __all__ = [
     "Section",
     "SimulatedAxis",
     "Steady",
+    "StillOpening",
     "Task",
     "TransientError",
     "Typed",

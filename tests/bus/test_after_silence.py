@@ -35,10 +35,12 @@ class Amplifier:
 
     def __init__(self, volts=0.0, watchdog_s=0.3):
         self.volts, self.watchdog_s, self.largest, self.fed_s, self.writes = volts, watchdog_s, 0.0, time.monotonic(), 0
+        self.register = volts
 
     def command(self, volts):
         self.look()
         self.largest, self.volts = max(self.largest, abs(volts - self.volts)), volts
+        self.register = volts
         self.fed_s, self.writes = time.monotonic(), self.writes + 1
 
     def look(self):
@@ -124,16 +126,20 @@ def _away(line, seconds=0.0, power=False):
         time.sleep(seconds)
         line.amplifier.look()
         if power:
-            line.amplifier.volts = 0.0
+            line.amplifier.volts = line.amplifier.register = 0.0
         raise LinkError("reset")
 
     return happens
 
 
 @pytest.mark.live
+@pytest.mark.parametrize("reads", [False, True])
 @pytest.mark.parametrize(("seconds", "power"), [(0.0, True), (0.001, True), (0.4, False), (1.0, False)])
-def test_a_link_that_comes_back_begins_where_the_device_is(seconds, power):
+def test_a_link_that_comes_back_begins_where_the_device_is(seconds, power, reads):
+    """Also where a register can be read, which keeps the set-point as long as the device has power."""
     line = Line(Amplifier())
+    if reads:
+        line.read_outputs = lambda: [line.amplifier.register]
     with Served(line, simulated=True) as served:
         served.follow(60.0)
         line.break_with = _away(line, seconds, power)

@@ -12,6 +12,7 @@ from micromanip_drivers.line.driver import Line
 from micromanip_drivers.line.options import LineOptions
 from testbus.loop_in_thread import LoopInThread
 
+from campaigns.running_controller import until
 from micromanip.bus.errors import BusError, IdentityMismatch
 from micromanip.bus.inbox import Inbox
 from micromanip.emulation.devices import Devices
@@ -138,7 +139,7 @@ def steady(played):
 
 
 def test_no_fault_of_the_line_makes_a_wrong_value(played):
-    assert played.talk(0.2)
+    until(lambda: played.talk(0.2), "the link")
     bounds = steady(played)
     assert {"strain_x", "strain_y"} <= bounds.keys()
     for kind, about in FAULTS.items():

@@ -24,7 +24,6 @@ TRIED = (
 
 @pytest.mark.live  # the campaign itself tries again what a stall has spoilt
 @pytest.mark.thorough  # each fault on the driver alone: tests/drivers/canbus; the daemon's way to rest: test_steps.py
-@pytest.mark.xdist_group("loop")
 def test_faults_of_a_bus(tmp_path):
     chosen = [replace(case, within_ms=math.inf) for case in cases("canbus") if case.fault in TRIED]
     assert len(chosen) == len(TRIED)

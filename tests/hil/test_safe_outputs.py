@@ -15,7 +15,7 @@ from campaigns.fault_cells import gcs_cell, line_cell
 from campaigns.running_controller import until
 from tests.cli.command import code_of
 
-pytestmark = pytest.mark.live  # processes
+pytestmark = [pytest.mark.live, pytest.mark.xdist_group("loop")]  # an emulated device goes before ordinary work
 
 SLEW_V_PER_MS = 0.5
 GCS_STEP_V, SERIAL_STEP_V = SLEW_V_PER_MS * 10.0, SLEW_V_PER_MS * 0.5

@@ -13,7 +13,7 @@ import can
 import cantools
 import pytest
 
-pytestmark = pytest.mark.live  # processes
+pytestmark = [pytest.mark.live, pytest.mark.xdist_group("loop")]  # an emulated device goes before ordinary work
 
 CONFIG = Path(__file__).parents[2] / "config"
 CHANNEL = f"hil-{os.getpid()}"

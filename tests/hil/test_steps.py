@@ -16,7 +16,7 @@ from tests.further import further
 
 from .step_cells import BUSES, CUTS, HELD_V, PARK_V, RAMP_S, RANGE_V, SERIAL_LINE, step_cell, step_V
 
-pytestmark = pytest.mark.live  # processes, and links that are cut
+pytestmark = [pytest.mark.live, pytest.mark.xdist_group("loop")]  # an emulated device goes before ordinary work
 
 NEVER_MS = 3.6e6
 RESOLVED_V = 0.01
@@ -82,7 +82,6 @@ def went_well(bench, bus):
     return seen
 
 
-@pytest.mark.xdist_group("loop")
 @pytest.mark.parametrize("bus", ["can", "gcs", *further(*sorted(BUSES.keys() - {"can", "gcs"}))])
 def test_no_step_whatever_is_cut_stopped_or_killed(tmp_path, bus):
     with held(tmp_path, bus) as bench:
@@ -114,7 +113,6 @@ def test_no_step_whatever_is_cut_stopped_or_killed(tmp_path, bus):
         assert seen["min"] == pytest.approx(PARK_V, abs=RESOLVED_V)
 
 
-@pytest.mark.xdist_group("loop")
 @pytest.mark.parametrize("bus", ["can", *further("modbus")])
 def test_everything_killed_and_started_again_goes_on_from_where_the_device_is(tmp_path, bus):
     """By the file of what was given last, and by what the device says."""

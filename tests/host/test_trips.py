@@ -24,7 +24,9 @@ def failing(at_s):
 
 
 def test_a_loop_killed_within_a_trip_tells_each_once_with_its_own_box(run):
-    cell = run(failing(2.3)).reach("RAMPING")
+    cell = run(failing(4.0)).reach("TRACKING")
+    until(lambda: cell.child("trips.process"), cell.last_words)
+    cell.reach("RAMPING")
     os.kill(cell.loop, signal.SIGKILL)
     assert cell.wait() == 1
     files = {file.stem.split("_")[1]: file for file in trips(folder(cell))}

@@ -26,6 +26,7 @@ from micromanip.driver import (
     LinkError,
     Load,
     Steady,
+    StillOpening,
     Task,
     TransientError,
     Watchdog,
@@ -115,7 +116,7 @@ class CanOpen(BusDriver):
         return self._tasks
 
     def loads(self) -> Sequence[Load]:
-        return [self._timing.load()]
+        return self._link.loads(*self._timing.load())
 
     def open(self) -> None:
         try:
@@ -123,6 +124,8 @@ class CanOpen(BusDriver):
             self._receiver.clear()
             deadline_ns = time.monotonic_ns() + _OPEN_NS
             self._found = boot(self._link, self._options, self._nodes, self._receiver.watches, deadline_ns)
+        except StillOpening:
+            raise
         except TransientError as problem:  # there is no second try here: that is the worker's
             self._link.close()
             raise LinkError(str(problem)) from problem
@@ -158,7 +161,7 @@ class CanOpen(BusDriver):
 
     def steady(self) -> Steady | None:
         received, sent, watched = self._receiver.pdos, self._sent, self._receiver.watched
-        if not PdoTables.have_room(received, sent, len(watched)):
+        if not self._link.is_plain or not PdoTables.have_room(received, sent, len(watched)):
             return None
         from . import exchange  # compiled: loaded only where it is going to be called
 

@@ -21,8 +21,10 @@ from micromanip.driver import (
     Channel,
     DeviceFault,
     Inbox,
+    LinkError,
     Load,
     Outcome,
+    StillOpening,
     Task,
     TransientError,
     Watchdog,
@@ -60,6 +62,8 @@ class Modbus(BusDriver):
         self._client = Client(options, self._timing)
         self._unanswered: dict[int, set[int]] = {}
         """Transactions of the newest turn of each task that the device has not answered yet."""
+        self._told: set[int] = set()
+        """Transactions that were taken otherwise than wished, which people know."""
 
     @property
     def device(self) -> str:
@@ -92,7 +96,11 @@ class Modbus(BusDriver):
         try:
             self._client.open(deadline_ns)
             greet(self._client, self._options, self._plans, deadline_ns)
-        except BusError:
+        except StillOpening:
+            raise
+        except BusError as problem:
+            if isinstance(problem, LinkError) and self._client.may_be_starting:
+                raise StillOpening(str(problem)) from problem
             self._client.close()
             raise
         self._unanswered.clear()
@@ -135,8 +143,16 @@ class Modbus(BusDriver):
             self._take(answer, inbox)
 
     def _take(self, answer: Answer, inbox: Inbox) -> None:
-        """Samples, and the word that a task's outputs have arrived: when all its requests are answered."""
+        """Samples, and the word that a task's outputs have arrived: when all its requests are answered.
+
+        A value that the device took otherwise has not arrived; that is said once.
+        """
         self._answers.take(answer, inbox)
+        if refusal := answer.exchange.refusal(answer.asked, answer.pdu):
+            if id(answer.exchange) not in self._told:
+                self._told.add(id(answer.exchange))
+                inbox.remark(refusal)
+            return
         for task, unanswered in self._unanswered.items():
             if id(answer.exchange) in unanswered:
                 unanswered.remove(id(answer.exchange))

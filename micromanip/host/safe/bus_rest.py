@@ -18,6 +18,7 @@ from micromanip.bus.errors import (
 )
 from micromanip.bus.inbox import Inbox
 from micromanip.bus.last_given import LastGiven
+from micromanip.bus.opening import opened
 from micromanip.bus.output_writer import OutputWriter
 from micromanip.bus.safe_state import LAST_SWITCH, VOLTAGE, SafeOutput, SafeState
 from micromanip.bus.schedule import Schedule
@@ -79,8 +80,8 @@ class BusRest:
         try:
             while not self._is_over():
                 try:
-                    self._bus.open()
-                    self._serve()
+                    if opened(self._bus, lambda *_: not self._is_over()):
+                        self._serve()
                 except BusError as found:
                     problem = found
                     if isinstance(found, IdentityMismatch | OutputsUnknown):
@@ -190,7 +191,7 @@ class BusRest:
         end_s = time.monotonic() + _VERIFY_S
         while True:
             try:
-                self._bus.open()
+                opened(self._bus, lambda *_: time.monotonic() <= end_s)
                 differing = [
                     f"{self._named(i)} was given and reads {value:g}{self._unit(i)}"
                     for i, value in enumerate(self._bus.read_outputs())

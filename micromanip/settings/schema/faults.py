@@ -167,7 +167,7 @@ class Deadline(Settings):
 class Host(Settings):
     """The host process is silent."""
 
-    silent_ms: Milliseconds = _default(100.0, "Longest silence.", simulation=1000.0)
+    silent_ms: Milliseconds = _default(100.0, "Longest silence.", simulation=3000.0)
     reaction: Literal["hold", "ramp"] = Field(default="hold", description="Reaction to the fault; then the loop ends.")
 
 

@@ -68,7 +68,7 @@ class UnitPeer(LinePeer):
 
     def __init__(self, wire):
         super().__init__(wire)
-        self.framing = {"timeout_ms": 15.0, "response_ms": 1e3 * RESPONSE_S, "units": UNITS}
+        self.framing = {"timeout_ms": 50.0, "response_ms": 1e3 * RESPONSE_S, "units": UNITS}
 
     def power_on(self):
         super().power_on()

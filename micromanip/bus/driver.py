@@ -27,6 +27,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from .device_identity import real_because
 from .inbox import Inbox
+from .watchdog import Watchdog
 
 
 class BusOptions(BaseModel):
@@ -159,9 +160,18 @@ class BusDriver(ABC):
         return real_because(self.device)
 
     @property
-    @abstractmethod
+    def silence(self) -> Watchdog | None:
+        """What the device does by itself without commands, and when it is switched on; None: nobody knows.
+
+        Its rest is `safe` of each of `outputs`. Without it a device that can't be read back is written to only after a
+        person has said that it rests, once its link was lost.
+        """
+        return None
+
+    @property
     def watchdog(self) -> str | None:
         """What brings the outputs to a safe value when this machine is dead, in a few words; None if nothing does."""
+        return None if self.silence is None else self.silence.words
 
     @property
     @abstractmethod
@@ -187,6 +197,7 @@ class BusDriver(ABC):
         """Reach the device; at most a second. Raises LinkError, or IdentityMismatch for the wrong device.
 
         Where some of several devices can be served, PartMissing, with the link left open.
+        What takes longer raises StillOpening, and is called again without ``close`` until it is open.
 
         Must not move anything: the first outputs come by ``perform``.
         """

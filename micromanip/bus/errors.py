@@ -41,6 +41,13 @@ class PartMissing(LinkError):
         self.tasks = frozenset(tasks)
 
 
+class StillOpening(LinkError):
+    """By ``open`` alone: it takes its time, and is to be called again, without ``close``, to go on with it.
+
+    For a library that opens slowly, a device that starts when its port is opened. Whoever closes gives it up.
+    """
+
+
 class DeviceFault(BusError):
     """The device answers, and says that it can't: an exception code, an error register, an emergency message.
 
@@ -50,6 +57,10 @@ class DeviceFault(BusError):
 
 class IdentityMismatch(BusError):
     """What answers is not the device that the configuration names. Latched: never tried again by itself."""
+
+
+class OutputsUnknown(BusError):
+    """What the device has can't be known: a person is asked before anything is written. Latched."""
 
 
 class OutputRefused(BusError):

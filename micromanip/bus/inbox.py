@@ -30,7 +30,12 @@ class Inbox:
     def __init__(self) -> None:
         self._readings: list[Readings] = []
         self._confirmed: list[int] = []
+        self._remarks: list[str] = []
         self._samples = 0
+
+    def remark(self, text: str) -> None:
+        """Something of the device that people should know, and nothing else follows from; told each time."""
+        self._remarks.append(text)
 
     def confirm(self, task: int) -> None:
         """The device has said that it took the outputs of that task, as they were sent last."""
@@ -55,6 +60,11 @@ class Inbox:
         return self._readings
 
     @property
+    def remarks(self) -> Sequence[str]:
+        """What people should know."""
+        return self._remarks
+
+    @property
     def confirmed(self) -> Sequence[int]:
         """Tasks whose outputs the device has confirmed."""
         return self._confirmed
@@ -76,4 +86,5 @@ class Inbox:
         """Forget what was taken over."""
         self._readings.clear()
         self._confirmed.clear()
+        self._remarks.clear()
         self._samples = 0

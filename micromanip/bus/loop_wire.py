@@ -46,13 +46,18 @@ class LoopWire(CyclicDriver):
         """
         self.options, self.period_ns, self._fields = options, period_ns, fields
         self.simulated = options.simulated  # type: ignore[misc]
-        self.watchdog = None if options.watchdog is None else options.watchdog.does  # type: ignore[misc]
+        self.watchdog = None if options.watchdog is None else options.watchdog.words  # type: ignore[misc]
         if fields and options.watchdog is None:
             raise ConfigError(
                 "watchdog must be given: it brings the outputs to rest when the loop has died; this driver can't move "
                 "a device that has none"
             )
-        if options.watchdog is not None and options.silence_ms > 0.5 * options.watchdog.ms:
+        if options.watchdog is not None and (options.watchdog.ms is None or not options.watchdog.leads_to_rest):
+            raise ConfigError(
+                "watchdog: the device must go to rest after `ms`, and after_power_on must be rest: silence is the one "
+                "way to rest in the loop; a device that does otherwise needs a bus driver"
+            )
+        if options.watchdog is not None and options.silence_ms > 0.5 * (options.watchdog.ms or 0.0):
             raise ConfigError(
                 f"silence_ms: {options.silence_ms:g} ms must be at most half of the watchdog's {options.watchdog.ms:g} "
                 "ms: the loop must know that the link is lost before the device moves by itself"
@@ -95,7 +100,7 @@ class LoopWire(CyclicDriver):
             context[0]["gate"],
             [(field.safe, field.switch) for field in self._fields.values()],
             self.silent_cycles,
-            (watchdog.ms, watchdog.rest_ms) if watchdog else None,
+            watchdog,
         )
         context[0]["wait_ns"] = round(1e3 * self.wait_us)
         self.fill(context[0])

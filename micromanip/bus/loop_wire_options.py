@@ -7,9 +7,7 @@ from typing import Annotated
 from pydantic import Field
 
 from .number_options import Commanded, Section
-
-Milliseconds = Annotated[float, Field(strict=True, gt=0, le=6_500)]
-"""As long as the watchdog of an EtherCAT terminal can be; one that is longer guards nothing anyhow."""
+from .watchdog import Milliseconds, Watchdog
 
 
 class LoopOutput(Commanded):
@@ -20,16 +18,6 @@ class LoopOutput(Commanded):
         strict=True,
         description="Digital output: need not be at rest before the outputs follow the loop again.",
     )
-
-
-class Watchdog(Section):
-    """The device's own reaction to missing frames: it brings the outputs to rest, whichever process has died."""
-
-    ms: Milliseconds = Field(description="Time without outputs until it begins.")
-    rest_ms: Annotated[float, Field(strict=True, ge=0, le=10_000)] = Field(
-        description="Time from there until all outputs are at their `safe` values."
-    )
-    does: str = Field(min_length=1, description="Its action, in a few words.")
 
 
 class LoopWireOptions(Section):

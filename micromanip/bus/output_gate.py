@@ -17,24 +17,19 @@ from micromanip.rt.wire.gate import ANSWERS, FOLLOWING, QUIET, RESTING
 
 from .cyclic import Wire
 from .safe_state import SafeOutput
-
-_WATCHDOG_SHARE = 0.9
-"""A loop that was away for this part of the watchdog's time can't know that the device still follows."""
+from .watchdog import Watchdog
 
 
-def close_gate(
-    gate: Any, outputs: Sequence[tuple[float, bool]], silent_cycles: int, watchdog_ms: tuple[float, float] | None
-) -> None:
+def close_gate(gate: Any, outputs: Sequence[tuple[float, bool]], silent_cycles: int, watchdog: Watchdog | None) -> None:
     """As before anything was sent; `outputs` are (safe value, whether a switch) each.
 
-    `watchdog_ms` says after how long the device's watchdog begins, and how long it takes to rest; None for a device
-    without outputs.
+    `watchdog` is None for a device without outputs.
     """
     gate["state"], gate["outputs"], gate["silent_cycles"] = RESTING, len(outputs), silent_cycles
     gate["watchdog_ns"], gate["still_ns"] = np.iinfo(np.int64).max, 0
-    if watchdog_ms is not None:
-        gate["watchdog_ns"] = round(_WATCHDOG_SHARE * 1e6 * watchdog_ms[0])
-        gate["still_ns"] = round(1e6 * sum(watchdog_ms))
+    if watchdog is not None:
+        gate["watchdog_ns"] = round(watchdog.begins_ns)
+        gate["still_ns"] = watchdog.still_ns
     for i, (safe, switch) in enumerate(outputs):
         gate["rest"][i], gate["switch"][i], gate["given"][i] = safe, switch, safe
         gate["step"][i] = math.inf if switch else 0.0  # until the limits are adopted

@@ -22,6 +22,8 @@ from micromanip.rt.bus_image import FOLLOWING, RESTING, SAFE_RAMP
 from micromanip.rt.laws.minimum_jerk import minimum_jerk
 from micromanip.rt.steady import records
 
+from .watchdog import UNKNOWN, Watchdog, after_silence
+
 Values = Sequence[float]
 """One for each output of the bus' driver."""
 Known = Sequence[float | None]
@@ -52,12 +54,20 @@ class SafeOutput:
 class SafeState:
     """Decides what the device is given."""
 
-    def __init__(self, outputs: Sequence[SafeOutput], periods_s: Sequence[float], ramp_s: float, dead_ns: int) -> None:
+    def __init__(
+        self,
+        outputs: Sequence[SafeOutput],
+        periods_s: Sequence[float],
+        ramp_s: float,
+        dead_ns: int,
+        rests: Values | None = None,
+    ) -> None:
         """`periods_s` are those of the tasks that write the outputs, one for each output.
 
         A loop that has written nothing for `dead_ns` is dead. As long as nothing is known of what the device has, an
-        output begins at its safe value.
+        output begins at its safe value. `rests` is where the device's own watchdog leads them; None: there too.
         """
+        self._rests_at = [output.safe for output in outputs] if rests is None else list(rests)
         self._periods_s = periods_s
         self._last = [output.safe for output in outputs]
         self._lowest, self._highest = list(self._last), list(self._last)  # what the device may have
@@ -100,6 +110,61 @@ class SafeState:
                 self._known[i] = True
             else:
                 self._begin_at(i, value)
+
+    def after_silence(self, watchdog: Watchdog | None, silent_ns: int, values: Known) -> list[int]:
+        """What the device has once its link was opened, `silent_ns` after the last command: which voltages are unknown.
+
+        `values` is what it reads back, which goes before all else but for a register: one that still reads what was
+        written last, long after the watchdog has led the output to rest, tells the set-point and not the output. One
+        that was given its safe value last rests where the watchdog does not say it: so a person's word is asked for
+        once.
+        """
+        unknown, values = [], list(values)
+        at_rest = watchdog is not None and watchdog.leads_to_rest and silent_ns >= watchdog.still_ns
+        for i, output in enumerate(self._outputs):
+            if output.kind != VOLTAGE:
+                continue
+            if at_rest and self._reads_as_given(i, values[i]):
+                values[i] = None
+            if values[i] is not None:
+                continue
+            given = (self._lowest[i], self._highest[i]) if self._known[i] else UNKNOWN
+            low, high = after_silence(watchdog, silent_ns, given, self._rests_at[i])
+            if low == high and (low, high) != given:
+                self._begin_at(i, low)
+            elif math.isfinite(low) and math.isfinite(high):
+                self._lowest[i], self._highest[i] = low, high
+            elif not self._known[i] or not self._is_near(i, output.safe):
+                unknown.append(i)
+        self.read_back(values)
+        return unknown
+
+    def _reads_as_given(self, i: int, value: float | None) -> bool:
+        if value is None or not self._known[i]:
+            return False
+        return self._lowest[i] - self._steps[i] <= value <= self._highest[i] + self._steps[i]
+
+    def assume_safe(self, *, where_unknown: bool = False) -> None:
+        """Take the voltages, `where_unknown` those of which nothing is known, for being at their safe values."""
+        for i, output in enumerate(self._outputs):
+            if output.kind == VOLTAGE and not (where_unknown and self._known[i]):
+                self._begin_at(i, output.safe)
+
+    def is_near_rest(self, indices: Sequence[int] | None = None) -> bool:
+        """Whether it makes no step where the device's watchdog leads the voltages among `indices` (None: all)."""
+        chosen = range(len(self._outputs)) if indices is None else indices
+        return all(
+            self._outputs[i].kind != VOLTAGE or (self._known[i] and self._is_near(i, self._rests_at[i])) for i in chosen
+        )
+
+    def all_told(self, values: Known) -> bool:
+        """Whether `values` has every voltage."""
+        pairs = zip(values, self._outputs, strict=True)
+        return all(value is not None or output.kind != VOLTAGE for value, output in pairs)
+
+    def _is_near(self, i: int, value: float) -> bool:
+        furthest = max(abs(self._lowest[i] - value), abs(self._highest[i] - value))
+        return furthest <= self._steps[i] + _EQUAL_V
 
     def _begin_at(self, i: int, value: float) -> None:
         output = self._outputs[i]
@@ -157,6 +222,7 @@ class SafeState:
             row["kind"] = _COMPILED_KINDS[output.kind]
             row["safe"], row["low"], row["high"], row["step"] = output.safe, output.low, output.high, self._steps[i]
             row["last"], row["lowest"], row["highest"] = self._last[i], self._lowest[i], self._highest[i]
+            row["rest"] = self._rests_at[i]
         steady["noted"][: len(self._outputs)] = self.last
 
     def take_back(self, steady: Any, given: Sequence[int]) -> None:

@@ -19,6 +19,7 @@ from .output_writer import OutputWriter
 from .safe_state import SafeState
 from .schedule import Schedule
 
+_NEVER_NS = 1 << 62
 _NO_TURNS, _NO_VALUES = np.zeros(0, np.int64), np.zeros(0, np.float64)
 
 
@@ -49,6 +50,7 @@ class SteadyService:
         self._context = steady.context  # what it points to must stay where it is
         st = self._steady[0]
         st["receive"], st["send"], st["context"] = steady.receive, steady.send, steady.context.ctypes.data
+        st["begins_ns"] = _NEVER_NS if driver.silence is None else min(driver.silence.begins_ns, _NEVER_NS)
         st["tasks"], st["outputs"] = len(driver.tasks), len(driver.outputs)
         for number, task in enumerate(driver.tasks):
             row = st["task"][number]

@@ -28,11 +28,22 @@ from micromanip.rt.bus_image import (
 )
 
 from .backoff import BackOff
+from .beginning import begin
 from .driver import BusDriver, Outcome
-from .errors import BusError, IdentityMismatch, LinkError, OutputRefused, PartMissing, TransientError
+from .errors import (
+    BusError,
+    IdentityMismatch,
+    LinkError,
+    OutputRefused,
+    OutputsUnknown,
+    PartMissing,
+    StillOpening,
+    TransientError,
+)
 from .image import ProcessImage
 from .inbox import Inbox
 from .last_given import LastGiven
+from .opening import opened
 from .output_writer import OutputWriter
 from .patience import Patience
 from .report import Report, tell
@@ -45,6 +56,7 @@ LOOK_NS = 1_000_000
 """The worker looks whether the loop still lives so often at most; five times while that is in doubt."""
 _HELD_NS, _HELD_PERIODS = 300_000_000, 20
 """Values of a task that were held back for so long, and so many of its periods, are a lost link."""
+_TELL_S = 1.0
 _UNREACHED_S = 30.0
 """With nobody left, a device that can't be reached is given up after so long."""
 
@@ -76,20 +88,31 @@ class Worker:
         rules: Rules,
         memory: LastGiven | None = None,
         while_opening: Callable[[], AbstractContextManager[None]] = nullcontext,
+        *,
+        simulated: bool = False,
     ) -> None:
-        """What the device was given is noted in `memory` too; the driver is opened inside of `while_opening`."""
+        """What the device was given is noted in `memory` too; the driver is opened inside of `while_opening`.
+
+        A `simulated` device that nobody knows anything of counts as one at its safe values.
+        """
         self._driver, self._image, self._memory, self._while_opening = driver, image, memory, while_opening
         tasks = driver.tasks
         periods_s = {i: 1.0 / task.rate_hz for task in tasks for i in task.outputs}
         count = len(rules.outputs)
         self._rules, self._next_rules = rules, rules
-        self.safe = SafeState(rules.outputs, [periods_s[i] for i in range(count)], rules.ramp_s, rules.dead_ns)
-        self._is_known = False
+        self.safe = SafeState(
+            rules.outputs,
+            [periods_s[i] for i in range(count)],
+            rules.ramp_s,
+            rules.dead_ns,
+            [channel.safe for channel in driver.outputs],
+        )
         # the image's are of this very run, and hold wherever the device has come back; so they have the last word
         for known in (memory.read() if memory is not None else None, image.known(count)):
             if known is not None:
                 self.safe.remember(known)
-                self._is_known = True
+        if simulated:
+            self.safe.assume_safe(where_unknown=True)
         self._values = [output.safe for output in rules.outputs]
         self._given = np.full(len(image.wanted()[0]), math.nan)  # as long as the image's, the driver's outputs first
         self._writer = OutputWriter(driver, self.safe, self._note_given)
@@ -101,6 +124,7 @@ class Worker:
         self._reads_back = True
         """Whether to ask what the outputs have; not again, where it breaks the link, before they are at rest."""
         self._patience = Patience()
+        self._opening_told_s = 0.0
         self._down_ns = time.monotonic_ns()
         self._report = Report()
         self._counts = self._report.counts
@@ -132,25 +156,27 @@ class Worker:
             opened = time.monotonic()
             try:
                 self._serve()
-            except IdentityMismatch as problem:
+            except (IdentityMismatch, OutputsUnknown) as problem:
+                tell("latched", str(problem))  # before the state: who sees that must find the reason
                 self._lose(LINK_LATCHED)
-                tell("latched", str(problem))
                 self._wait(math.inf)
             except BusError as problem:
                 self._way.failed(None)
-                self._lose(LINK_DOWN)
                 wait_s = back_off.lost(time.monotonic() - opened)
                 tell("lost", str(problem), retry_s=round(wait_s, 3))
+                self._lose(LINK_DOWN)
                 self._wait(wait_s)
             finally:
                 self._driver.close()
 
     def _serve(self) -> None:
         """One life of the link: until an error, or the end."""
+        self._opening_told_s = 0.0
         missing: PartMissing | None = None
         with self._while_opening():
             try:
-                self._driver.open()
+                if not opened(self._driver, self._goes_on_opening):
+                    return
             except PartMissing as problem:
                 missing = problem
             self._follow()
@@ -186,6 +212,14 @@ class Worker:
         if not self._may_leave():
             raise missing
 
+    def _goes_on_opening(self, problem: StillOpening, for_s: float) -> bool:
+        """Look after everything else while it takes its time, and tell the host each second; False to give it up."""
+        self._image.tell(ALIVE_NS, time.monotonic_ns())
+        if for_s >= self._opening_told_s + _TELL_S:
+            self._opening_told_s = for_s
+            tell("opening", str(problem))
+        return not self._may_leave()
+
     def _follow(self) -> None:
         """Remember what the device is given where it is now: a port that was replugged may have got another path."""
         if self._memory is not None:
@@ -196,19 +230,21 @@ class Worker:
                 tell("rights", str(problem))
 
     def _read_back(self) -> None:
-        """Begin where the device says that its outputs are; say so where nobody knows."""
-        names = [channel.name for channel in self._driver.outputs]
-        values: Sequence[float | None] = [None] * len(names)
-        if self._reads_back or any(map(math.isnan, self.safe.last)):
-            self._reads_back = False
-            values = self._driver.read_outputs()
-            self._reads_back = True
+        """Begin where the device is. Raises OutputsUnknown where nobody knows that."""
+        values = begin(self._driver, self.safe, self._writer, self._is_alive, self._read_outputs)
         for i in self.safe.outside(values):
-            tell("outputs", f"{names[i]} reads {values[i]:g}, which is outside of its range")
-        self.safe.read_back(values)
-        if not self._is_known and any(value is None for value in values):
-            tell("outputs", "nobody knows what its outputs were given last: they begin at their safe values")
-        self._is_known = True
+            tell("outputs", f"{self._driver.outputs[i].name} reads {values[i]:g}, which is outside of its range")
+
+    def _read_outputs(self) -> Sequence[float | None]:
+        if not self._reads_back and not any(map(math.isnan, self.safe.last)):
+            return [None] * len(self._driver.outputs)
+        self._reads_back = False
+        values = self._driver.read_outputs()
+        self._reads_back = True
+        return values
+
+    def _is_alive(self) -> None:
+        self._image.tell(ALIVE_NS, time.monotonic_ns())
 
     def _part(self) -> None:
         """Leave the device with the safe values: every task is tried, each failure is told."""
@@ -311,6 +347,8 @@ class Worker:
         self._writer.take_confirmed(self._inbox)
         for number in self._inbox.confirmed:
             self._way.went_well(number)
+        for text in self._inbox.remarks:
+            tell("device", text)
         self._counts["received"] += len(self._inbox)
         self._counts["lost"] += self._inbox.lost
         self._image.publish(self._inbox)

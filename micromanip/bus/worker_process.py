@@ -74,7 +74,8 @@ def main() -> int:
     kind = driver_class(orders["driver"])
     assert issubclass(kind, BusDriver)
     try:
-        driver = kind(kind.Options.model_validate_json(orders["options"]), Path(orders["folder"]))
+        options = kind.Options.model_validate_json(orders["options"])
+        driver = kind(options, Path(orders["folder"]))
     except ConfigError as problem:
         sys.stderr.write(f"{problem}\n")
         return problem.exit_code
@@ -82,7 +83,7 @@ def main() -> int:
     image.take_over()
     memory = _memory(driver, Path(orders["memory"]))
     at_ease = take_rights(orders["cpu"], orders["loop_cpu"], orders["priority"])
-    worker = Worker(driver, image, _rules(orders["rules"]), memory, at_ease)
+    worker = Worker(driver, image, _rules(orders["rules"]), memory, at_ease, simulated=options.simulated)
     signal.signal(signal.SIGTERM, lambda *_: worker.end())
     threading.Thread(target=_listen, args=(worker, image, lines), daemon=True).start()
     gc.collect()

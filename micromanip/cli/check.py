@@ -65,6 +65,7 @@ def command(config: Path, as_json: bool) -> None:
         "axes": {
             name: {
                 "mode": axis.mode,
+                "untuned": axis.untuned,
                 "hysteresis": axis.hysteresis.model,
                 "plays": len(getattr(axis.hysteresis, "weights", ())),
                 "states": int(prepared.parameters[0]["axis"][i]["outer"]["states"]) if axis.mode == "stage" else 0,
@@ -95,7 +96,8 @@ def _print(report: dict[str, Any], config: Path) -> None:
         )
     for name, axis in report["axes"].items():
         model = f"{axis['plays']} plays" if axis["plays"] else axis["hysteresis"]
-        echo(f"  axis {name}  mode {axis['mode']}, hysteresis {model}, {axis['states']} estimator states")
+        tuned = "untuned: open loop" if axis["untuned"] else f"hysteresis {model}, {axis['states']} estimator states"
+        echo(f"  axis {name}  mode {axis['mode']}, {tuned}")
         if found := axis.get("strain_loop"):
             echo(
                 f"    strain loop about {found['crossover_Hz']:.0f} Hz, {found['phase_margin_deg']:.0f} deg, over "

@@ -13,6 +13,7 @@ from .options import StrictCommand, StrictGroup, emit_answer, json_option
 
 SECTIONS = {
     "The cell": {
+        "new": "a small configuration of your own cell, untuned",
         "check": "validate a configuration and print its budget",
         "run": "run a configuration: the daemon",
         "park": "bring all outputs to their safe value, without a controller",

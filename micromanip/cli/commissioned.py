@@ -33,9 +33,10 @@ def write_results(
     """Write tuning and report into `run`, and copies into `folder`; the axes with their notes, and what is missing.
 
     The tuning comes first: it is small, and what the axis was moved for. Raises where even that finds no room. One that
-    does not pass is not called tuned.
+    is not proven is not called tuned.
     """
     from micromanip.design.commission.report import write_report
+    from micromanip.design.commission.verdict import missed
     from micromanip.settings.schema.axis import Commissioned
     from micromanip.settings.tuning_hash import tuning_hash
     from micromanip.settings.write import write_atomically
@@ -43,15 +44,20 @@ def write_results(
     today = facts["time"][:10]
     axes = {each.axis: found.configuration.axes[each.axis] for each in found.axes}
     hashes = {name: tuning_hash(axis) for name, axis in axes.items()}
+    stories = {story.axis: story for story in found.evidence}
     noted = {
         name: axis.model_copy(
             # the run's own, from where the tuning is copied to: the report there may be of another axis by tomorrow
-            update={"commissioned": Commissioned(hash=hashes[name], report=f"{run.name}/{REPORT}", date=today)}
+            update={
+                "commissioned": Commissioned(
+                    hash=hashes[name], report=f"{run.name}/{REPORT}", date=today, less=missed(stories[name])
+                )
+            }
         )
         for name, axis in axes.items()
     }
     tuned = tuned_text(prepared, found.configuration, noted)
-    named = TUNED if found.passed else REJECTED
+    named = TUNED if found.proven else REJECTED
     if found.axes:
         keep(lambda file: write_atomically(file, tuned), run / named)
     missing = None
@@ -71,11 +77,14 @@ def document(found: CommissionedCell, axes: dict[str, Axis], folder: Path, run: 
     """What was found, for ``--json``; `seconds` is what it took."""
     from dataclasses import asdict
 
+    from micromanip.design.commission.verdict import of_axis, overall
+
     return {
         "passed": found.passed,
+        "verdict": overall(found.evidence).value,
         "seconds": seconds,
-        "tuned": str(folder / TUNED) if found.passed else None,
-        "rejected": str(folder / REJECTED) if found.axes and not found.passed else None,
+        "tuned": str(folder / TUNED) if found.proven else None,
+        "rejected": str(folder / REJECTED) if found.axes and not found.proven else None,
         "stopped": None if found.stopped is None else str(found.stopped),
         "report": str(folder / REPORT),
         "run": str(run),
@@ -84,6 +93,7 @@ def document(found: CommissionedCell, axes: dict[str, Axis], folder: Path, run: 
         "axes": {
             story.axis: {
                 "passed": story.passed,
+                "verdict": of_axis(story).value,
                 "hash": _hash_of(axes, story.axis),
                 "criteria": [asdict(criterion) for criterion in story.criteria],
             }
@@ -124,6 +134,8 @@ def print_found(found: CommissionedCell, folder: Path, run: Path, seconds: float
     from rich.padding import Padding
     from rich.text import Text
 
+    from micromanip.design.commission.verdict import Verdict, of_axis
+
     from .analyse_margins import print_criteria
     from .tables import out_console
 
@@ -131,16 +143,17 @@ def print_found(found: CommissionedCell, folder: Path, run: Path, seconds: float
         missed = [criterion for criterion in story.criteria if not criterion.passed]
         met = [criterion for criterion in story.criteria if criterion.passed]
         print_criteria(missed, "Not met")
-        verdict = "[red]FAIL[/]" if missed else "[green]PASS[/]"
-        out_console().print(f"axis {story.axis}: {verdict}, {len(met)} of {len(story.criteria)} criteria are met")
+        verdict, colour = of_axis(story), {Verdict.PASS: "green", Verdict.LESS: "yellow"}
+        styled = f"[{colour.get(verdict, 'red')}]{verdict.value}[/]"
+        out_console().print(f"axis {story.axis}: {styled}, {len(met)} of {len(story.criteria)} criteria are met")
         for criterion in met:
             out_console().print(Padding(Text(f"{criterion.name}: {criterion.value}"), (0, 0, 0, 2)))
-    if found.passed:
+    if found.proven:
         echo(f"{seconds:.0f} s; tuning in {folder / TUNED}, report in {folder / REPORT}; nothing was applied")
     else:
         echo(f"{seconds:.0f} s; no tuning to run, report in {folder / REPORT}; nothing was applied")
     echo(f"this run's files stay in {run}")
-    if found.passed:
+    if found.proven:
         for line in _how_it_runs(found):
             echo(line)
         echo(f"next: micromanip check {folder / TUNED}")

@@ -23,8 +23,13 @@ from .options import Quantity, StrictCommand, config_argument, emit_json, json_o
     help="Wait so long for a controller that is still ramping down.",
 )
 @click.option("--from-file", is_flag=True, help="Go by CONFIG as it is now, not by what last ran with it.")
+@click.option(
+    "--at-rest",
+    is_flag=True,
+    help="You have seen that the outputs are at their safe values: begin there where a device can't tell.",
+)
 @json_option
-def command(config: Path, wait_s: float, from_file: bool, as_json: bool) -> None:
+def command(config: Path, wait_s: float, from_file: bool, at_rest: bool, as_json: bool) -> None:
     """Bring every output of CONFIG's drivers to its safe value; does no harm where they are.
 
     What is safe is what was in force when CONFIG last ran; CONFIG itself where it never ran here, if it is valid. With
@@ -39,7 +44,7 @@ def command(config: Path, wait_s: float, from_file: bool, as_json: bool) -> None
 
     plan = plan_of(config, from_file=from_file)
     warn(plan.warnings)
-    report = make_safe(plan, wait_s)
+    report = make_safe(plan, wait_s, at_rest=at_rest)
     warn(report.notes)
     if as_json:
         emit_json(

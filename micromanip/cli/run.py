@@ -56,6 +56,14 @@ def command(
     """
     import asyncio
 
+    from micromanip.errors import UsageError
+    from micromanip.rt.jit import PLAIN
+
+    if PLAIN:
+        raise UsageError(
+            "NUMBA_DISABLE_JIT is set: as plain Python the loop keeps no deadline; unset it, or use replay"
+        )
+
     report = asyncio.run(_run(config, socket_path, duration_s, record, recordings, trips, keep_trips))
     from .live import summary
 

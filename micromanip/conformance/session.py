@@ -9,10 +9,11 @@ from types import TracebackType
 from typing import Self
 
 from micromanip.bus.driver import BusDriver, Outcome
-from micromanip.bus.errors import BusError, LinkError
+from micromanip.bus.errors import BusError, LinkError, StillOpening
 from micromanip.bus.inbox import Inbox, Sample
 
 _SLICE_NS = 5_000_000
+_OPEN_S = 10.0
 _STREAM_S = 0.25
 """Several times what a driver that is quiet needs to show it: what was under way has come by then, too."""
 
@@ -72,11 +73,20 @@ class Session:
     def open(self) -> None:
         """Open the driver; a device that is there and refused is a failure."""
         for left in reversed(range(TRIES)):
-            error = guarded(self.driver.open, "open")
+            error = self._opened()
             if left == 0 or not isinstance(error, LinkError):
                 break
             self.driver.close()
         assert error is None, f"open raised {type(error).__name__} with the device there: {error}"
+
+    def _opened(self) -> BusError | None:
+        """What came of opening, as long as the driver says that it goes on."""
+        end = time.monotonic() + _OPEN_S
+        while True:
+            error = guarded(self.driver.open, "open")
+            if not isinstance(error, StillOpening) or time.monotonic() > end:
+                return error
+            time.sleep(_SLICE_NS * 1e-9)
 
     def perform(self, task: int, values: Sequence[float] | None = None) -> BusError | None:
         """Do one task with `values`, or those of the session."""

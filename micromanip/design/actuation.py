@@ -86,7 +86,7 @@ def identify_actuator(
 ) -> Actuator:
     """Record and fit about `centre_V`, by default the voltage that holds the working point.
 
-    Raises CheckFailed where the response, or a model of it, is not good enough after some attempts.
+    Raises CheckFailed where no response stands out of the noise, or the gauge has gaps.
     """
     rate_hz, index = configuration.loop.rate_hz, list(configuration.axes).index(axis)
     if centre_V is None:
@@ -111,9 +111,8 @@ def identify_actuator(
     tried = identify_again(
         record,
         wanted,
-        f"axis {axis}: the actuator can't be identified well enough to close a loop",
-        "Look for a loose gauge, a disturbance meanwhile, or more modes than a model of order "
-        f"{max(wanted.orders)} holds. Nothing was closed",
+        f"axis {axis}: the actuator can't be identified",
+        "Look for a loose gauge, or a disturbance meanwhile. Nothing was closed",
     )
     found = tried.found
     swing_um = float(

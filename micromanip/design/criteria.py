@@ -40,6 +40,8 @@ def criteria(analysis: AxisAnalysis) -> list[Criterion]:
     if analysis.stage is not None:
         for part in _loop("outer loop", (analysis.stage.margins,), [""], analysis.settings.accept):
             add(*part)
+        kept = "dies out" if analysis.stage.rests else "is kept alive by the set-point's slew limit"
+        add("outer loop: a swing of any size", analysis.stage.rests, kept, "dies out")
         if analysis.inverse is not None and analysis.settings.inner.mode != "pid":
             add("outer loop: limit cycle", not analysis.stage.cycles, _cycles(analysis.stage.cycles, "um"), "none")
     if analysis.samples:

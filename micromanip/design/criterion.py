@@ -7,10 +7,14 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Criterion:
-    """``name`` of what was judged, whether it ``passed``, the ``value`` found and the ``limit`` in words."""
+    """``name`` of what was judged, whether it ``passed``, the ``value`` found and the ``limit`` in words.
+
+    ``acceptance``: it asks for accuracy alone; an axis that misses it is less good, and no less safe.
+    """
 
     axis: str
     name: str
     passed: bool
     value: str
     limit: str
+    acceptance: bool = False

@@ -30,6 +30,7 @@ from .describing import (
     judge,
 )
 from .loops import SPREAD, Margins, StageSide, StrainSide, System, grid, model_system, over_path, refined
+from .synthesis.saturation import Reach, Samples, comes_to_rest
 
 Array = NDArray[np.float64]
 
@@ -66,12 +67,16 @@ class Strain:
 
 @dataclass(frozen=True)
 class Stage:
-    """The whole outer loop around its model; limit cycles where the inverse does not fit the actuator."""
+    """The whole outer loop around its model; limit cycles where the inverse does not fit the actuator.
+
+    `rests`: a swing of any size dies out although the set-point's slew is limited.
+    """
 
     side: StageSide
     loop: System
     margins: Margins
     cycles: tuple[LimitCycle, ...]
+    rests: bool
 
 
 def analyse_inverse(model: PrandtlIshlinskii, settings: Axis) -> Inverse:
@@ -151,7 +156,9 @@ def analyse_stage(settings: Axis, tracker: AxisTracker | None, period_s: float, 
         for mismatch in mismatches(settings.hysteresis, 0.5 * (low + high)):
             cycles += _cycles(mismatch, amplitudes, loop)
     side = StageSide(gains, outer.model, outer.sample_cycles, late_cycles)
-    return Stage(side, loop, margins(loop), tuple(cycles))
+    samples, alone = Samples(outer.sample_cycles, late_cycles), outer_gains(outer, None, period_s)
+    rests = comes_to_rest(alone, len(outer.model.A), Reach.of(settings, period_s), period_s, samples)
+    return Stage(side, loop, margins(loop), tuple(cycles), rests)
 
 
 def mismatches(model: PrandtlIshlinskii, offset_um: float) -> list[Callable[[float], complex]]:

@@ -99,7 +99,7 @@ class StageModel:
 def identify_stage(configuration: Configuration, experiment: Experiment, axis: str, seed: int) -> StageModel:
     """Measure `axis` under a multisine on its set-point, strain loop closed, the others parked; fit its dynamics.
 
-    Raises CheckFailed where response or model are not good enough after some attempts.
+    Raises CheckFailed where no response stands out of the noise, or the sensor has gaps.
     """
     rate_hz, i = configuration.loop.rate_hz, list(configuration.axes).index(axis)
     path = experiment.path(configuration, axis)
@@ -134,9 +134,8 @@ def identify_stage(configuration: Configuration, experiment: Experiment, axis: s
     tried = identify_again(
         record,
         wanted,
-        f"axis {axis}: the stage can't be identified well enough for an outer loop",
-        "Look for a disturbance meanwhile, a loose flexure, or a mode that a calmer strain loop would leave its "
-        "damping",
+        f"axis {axis}: the stage can't be identified",
+        "Look for a disturbance meanwhile, a loose flexure, or a sensor of another axis",
     )
     return StageModel(_linear(tried.found), tried.found, white_noise(tried.output))
 

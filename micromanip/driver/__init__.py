@@ -8,6 +8,7 @@
     sleep_until, minimum_jerk
     BusDriver, BusOptions, Channel, Task, Load,        a driver in a worker process (docs/write-a-driver.md)
     Inbox, Sample, Outcome, Answer, Steady
+    Watchdog                                           what a device does without commands, and when it is switched on
     Section, Typed, Scaled, Commanded,                 keys of an option's section, of a number in a device: its type,
     SIZES, PACKED, BITS, number_range                  scale and range; bytes or bits of each type, what it holds
     BusError and those derived from it                 what a bus driver raises
@@ -41,12 +42,14 @@ from micromanip.bus.errors import (
     LinkError,
     OutputRefused,
     PartMissing,
+    StillOpening,
     TransientError,
 )
 from micromanip.bus.inbox import Inbox, Sample
 from micromanip.bus.number_options import BITS, PACKED, SIZES, Commanded, Scaled, Section, Typed, number_range
 from micromanip.bus.safe_state import SafeOutput
 from micromanip.bus.simulated_axis import LinearPlant, SimulatedAxis
+from micromanip.bus.watchdog import Watchdog
 from micromanip.errors import CheckFailed, ConfigError, did_you_mean
 from micromanip.files import marked_encoding, require_regular
 from micromanip.rt.records import SIGNAL
@@ -107,9 +110,11 @@ __all__ = [
     "Section",
     "SimulatedAxis",
     "Steady",
+    "StillOpening",
     "Task",
     "TransientError",
     "Typed",
+    "Watchdog",
     "Wire",
     "did_you_mean",
     "entries",

@@ -7,8 +7,9 @@ from micromanip.bus.datagram_socket import hand_over, lend, open_datagrams
 from micromanip.bus.device_counter import DeviceCounter
 from micromanip.bus.frame_plan import FramePlan, GroupPlan, fill_number
 from micromanip.bus.loop_wire import LoopWire
-from micromanip.bus.loop_wire_options import LoopOutput, LoopWireOptions, Milliseconds, Watchdog
+from micromanip.bus.loop_wire_options import LoopOutput, LoopWireOptions
 from micromanip.bus.output_gate import adopt_limits, close_gate, gate_statistics, wait_for_rest, wire_of
+from micromanip.bus.watchdog import Milliseconds, Watchdog
 from micromanip.rt.bus_image import DOWN, TAKEN
 from micromanip.rt.record import move, record
 from micromanip.rt.records import MAX_OUTPUTS

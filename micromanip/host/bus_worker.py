@@ -38,10 +38,14 @@ from .shared_memory import Segments
 _START_S = 120.0
 """Time for a process to begin: a small processor takes a minute to import what it needs."""
 _FIRST_LINK_S, _TRIED_S = 10.0, 2.0
-"""Time for the first link: for a process that has begun, and after the first try failed."""
+"""Time for the first link: for a process that has begun or says that it is opening, and after the first try failed."""
+_WORDS_S = 1.0
+"""The reason of a state is on its way for so long at most, where this process comes late to it."""
 _STUCK_S = 2.0
 _END_S = 5.0
 """A worker that is to end is waited for as long as its device takes values, and so much longer."""
+_NEVER_UP_S = 0.5
+"""The same for one that never had a link: its device was given nothing."""
 _POLL_S = 0.02
 _BELOW_LOOP = 10
 """Priority of a worker below that of the loop."""
@@ -64,6 +68,10 @@ class BusWorker:
         self._ending = False
         self._started = 0.0
         self.said = ""
+        self._is_slow = False
+        """Whether people know that it takes its time to open."""
+        self._opening = False
+        """Whether it has said since it was looked for last that opening takes its time."""
         self.counts: dict[str, int] = {}
         self.cpu_s = 0.0
 
@@ -73,18 +81,28 @@ class BusWorker:
         self._started = time.monotonic()
         self._listening = asyncio.create_task(self._listen(say))
 
-    async def first_link(self) -> None:
-        """Wait until the link has come up; DeviceUnavailable with the reason where it does not."""
+    async def first_link(self, ends: Callable[[], bool]) -> None:
+        """Wait until the link has come up; DeviceUnavailable with the reason where it does not.
+
+        KeyboardInterrupt where it `ends` before that: nothing has been given to a device.
+        """
         end = time.monotonic() + _START_S
         begun = tried = False
         while self.image.ask(LINK) != LINK_UP:
+            if ends():
+                raise KeyboardInterrupt
             if not begun and self._has_begun():
                 begun, end = True, time.monotonic() + _FIRST_LINK_S
+            if self._opening:
+                self._opening, end = False, max(end, time.monotonic() + _FIRST_LINK_S)
             if self.said and not tried:
                 tried, end = True, time.monotonic() + _TRIED_S
             if not self._child.runs or self.image.ask(LINK) == LINK_LATCHED or time.monotonic() > end:
                 if not self._child.runs and self._listening is not None:
                     await self._listening
+                words = time.monotonic() + _WORDS_S
+                while not self.said and time.monotonic() < words:
+                    await asyncio.sleep(_POLL_S)
                 why = self.said or "its worker process gives no answer"
                 raise DeviceUnavailable(str(self._source.error(("drivers", self.name), why)))
             await asyncio.sleep(_POLL_S)
@@ -100,6 +118,7 @@ class BusWorker:
             self.counts, self.cpu_s = document["counts"], document["cpu_s"]
             return
         text = str(document["text"])
+        self._is_slow &= document["event"] == "opening"
         if document["event"] == "up":
             if self.image.ask(EPOCH) > 1 or self._child.starts > 1:
                 say(f"driver {self.name}: link up; its outputs stay at rest until the axes are armed again")
@@ -107,6 +126,11 @@ class BusWorker:
             return
         if document["event"] == "outputs":
             say(f"driver {self.name}: {text}")
+            return
+        if document["event"] == "opening":
+            if not self._is_slow:
+                say(f"driver {self.name}: {text}")
+            self._opening = self._is_slow = True
             return
         self.said = text
         if document["event"] in ("latched", "lost") and self.image.ask(EPOCH) == 0:
@@ -147,7 +171,9 @@ class BusWorker:
     def _hangs(self) -> bool:
         if not self._has_begun():
             return time.monotonic() - self._started > _START_S
-        return time.monotonic() - max(self.image.ask(ALIVE_NS) * 1e-9, self._started + _FIRST_LINK_S) > _STUCK_S
+        alive = max(self.image.ask(ALIVE_NS) * 1e-9, self._started + _FIRST_LINK_S)
+        stuck_s = _STUCK_S if self.image.ask(LINK) == LINK_UP else _FIRST_LINK_S  # a library may sleep as it opens
+        return time.monotonic() - alive > stuck_s
 
     def adopt(self, prepared: Prepared) -> None:
         """Go by the limits and times of another configuration of the same outputs, from now on."""
@@ -165,8 +191,9 @@ class BusWorker:
             return
         self._child.end_orders()
         begin = time.monotonic()
+        end_s = _END_S if self.image.ask(EPOCH) else _NEVER_UP_S
         while not await self._child.wait(_STUCK_S / 4):
-            if time.monotonic() - max(begin, self.image.ask(SENT_NS) * 1e-9) > _END_S:
+            if time.monotonic() - max(begin, self.image.ask(SENT_NS) * 1e-9) > end_s:
                 self._child.kill()
         if self.image.ask(OUTPUT_STATE) != RESTING:
             self.image.tell(OUTPUT_STATE, UNKNOWN)

@@ -88,9 +88,12 @@ class Daemon:
         `process` is a loop process that was begun already.
         """
         self._prepared, self._options = prepared, options
+        self._stop = asyncio.Event()
         self._say, self._show = say, show
         self._controller = Controller(prepared, options.socket, locks, process)
-        self._workers = Workers(prepared, self._controller.segments, self._controller.offsets, locks, say)
+        self._workers = Workers(
+            prepared, self._controller.segments, self._controller.offsets, locks, say, self._stop.is_set
+        )
         self._controller.adopted = self._workers.adopt
         self._gathered = Gathered(self._controller)
         self._boxes = BlackBox(self._controller, options.trips or default_folder(), options.kept_trips, say)
@@ -110,7 +113,6 @@ class Daemon:
         )
         self._learning = self._learner()
         self._reloading: asyncio.Task[None] | None = None
-        self._stop = asyncio.Event()
         self._service = ServiceManager()
         self._beats = self._looks = 0
 

@@ -29,24 +29,28 @@ class Workers:
         offsets: list[int],
         locks: tuple[int, ...],
         say: Callable[[str], None],
+        ends: Callable[[], bool] = lambda: False,
     ) -> None:
-        """`offsets` (bytes) tell where each driver's context is in its segment."""
+        """`offsets` (bytes) tell where each driver's context is; no link is waited for once it `ends`."""
         wiring = prepared.wiring
         self._workers = [
             BusWorker(prepared, name, segments, offset, locks)
             for name, offset in zip(wiring.drivers, offsets, strict=True)
             if name in wiring.buses
         ]
-        self._say = say
+        self._say, self._ends = say, ends
         self._supervising: list[asyncio.Task[None]] = []
 
     async def __aenter__(self) -> Self:
-        """Start all and wait until every link is up; DeviceUnavailable where one does not come up."""
+        """Start all and wait until every link is up; DeviceUnavailable where one does not come up.
+
+        KeyboardInterrupt where it ends before that.
+        """
         try:
             for worker in self._workers:
                 await worker.start(self._say)
             for worker in self._workers:
-                await worker.first_link()
+                await worker.first_link(self._ends)
         except BaseException as problem:
             await self.__aexit__(type(problem), problem, None)
             raise

@@ -216,6 +216,10 @@ def _learning(configuration: Configuration) -> Iterator[Finding]:
             yield ("axes", name, "authority_percent"), f"with learning it must be 100, not {axis.authority_percent:g}"
 
 
+_LEAST_WRITES = 3
+"""So many writes must fit into the time of a watchdog."""
+
+
 def _safety(configuration: Configuration, wiring: Wiring) -> Iterator[Finding]:
     real = wiring.real
     if configuration.arm_on_start and real:
@@ -233,6 +237,14 @@ def _safety(configuration: Configuration, wiring: Wiring) -> Iterator[Finding]:
                 ("drivers", name),
                 "this hardware has no watchdog that covers a dead loop; if it is covered otherwise, "
                 "say without_watchdog: true",
+            )
+    for name, bridge in wiring.buses.items():
+        keys, rates = bridge.bus.silence, [task.rate_hz for task in bridge.bus.tasks if task.outputs]
+        if keys is not None and keys.ms is not None and rates and keys.ms * 1e-3 * min(rates) < _LEAST_WRITES:
+            yield (
+                ("drivers", name, "watchdog", "ms"),
+                f"outputs are written each {1e3 / min(rates):g} ms; a watchdog of {keys.ms:g} ms would trip over one "
+                f"that is late: {_LEAST_WRITES} periods are the least",
             )
 
 

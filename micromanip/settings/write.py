@@ -20,9 +20,9 @@ from ruamel.yaml.comments import CommentedMap, CommentedSeq
 from ruamel.yaml.error import YAMLError
 
 from micromanip.files import held, linked_file
-from micromanip.settings.schema.axis import Axis
+from micromanip.settings.schema.axis import Axis, SetPoint
 from micromanip.settings.schema.model import Configuration
-from micromanip.settings.schema.reference import Tracker
+from micromanip.settings.schema.reference import Jog, Tracker
 from micromanip.settings.text.digits import rounded
 
 
@@ -132,9 +132,15 @@ def with_tuning(text: str, axes: Mapping[str, Axis]) -> str:
         for name, axis in axes.items():
             section = _own_section(document["axes"], name)
             section["inner"] = _plain(axis.inner.model_dump())
+            slew = axis.setpoint.slew_um_per_ms
+            if section["setpoint"].get("slew_um_per_ms", SetPoint.model_fields["slew_um_per_ms"].default) != slew:
+                section["setpoint"] = copy.deepcopy(section["setpoint"])  # several axes may share one
+                section["setpoint"].yaml_set_anchor(None)
+                section["setpoint"]["slew_um_per_ms"] = slew
             section["hysteresis"] = _plain(axis.hysteresis.model_dump(exclude_defaults=True))
             if axis.hysteresis_affine is not None:
                 section["hysteresis_affine"] = _plain(axis.hysteresis_affine.model_dump(exclude_defaults=True))
+            section.pop("outer", None)
             if axis.outer is not None:
                 section["outer"] = _plain(axis.outer.model_dump())
             if axis.actuator is not None:
@@ -143,7 +149,7 @@ def with_tuning(text: str, axes: Mapping[str, Axis]) -> str:
             if axis.coupling is not None:
                 section["coupling"] = _plain(axis.coupling.model_dump())
             if axis.commissioned is not None:
-                section["commissioned"] = _plain(axis.commissioned.model_dump())
+                section["commissioned"] = _plain(axis.commissioned.model_dump(exclude_defaults=True))
 
     return edited(text, edit)
 
@@ -151,7 +157,7 @@ def with_tuning(text: str, axes: Mapping[str, Axis]) -> str:
 def with_production(text: str, configuration: Configuration) -> str:
     """Configuration file `text` with the mode of every axis of `configuration`, following the tracker as it does.
 
-    A tracker that the file describes itself stays as it is.
+    A tracker that the file describes itself stays as it is; a jog is written where it is another.
     """
 
     def edit(document: Any) -> None:
@@ -161,6 +167,9 @@ def with_production(text: str, configuration: Configuration) -> str:
         followed = document.get("reference", {}).get("source") == "signal"
         if isinstance(configuration.reference, Tracker) and not followed:
             document["reference"] = _plain(configuration.reference.model_dump(exclude_defaults=True))
+        jogged, here = configuration.reference, document.get("reference", {})
+        if isinstance(jogged, Jog) and list(here.get("range_um", jogged.range_um)) != list(jogged.range_um):
+            document["reference"] = _plain(jogged.model_dump(exclude_defaults=True))
 
     return edited(text, edit)
 

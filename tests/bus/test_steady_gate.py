@@ -84,7 +84,7 @@ def test_values_that_follow_are_the_same(steps):
         elif outcome == "sent":
             sent = values
             safe.attempted(TASKS[0], values)
-            note_sent(record, 0)
+            note_sent(record, 0, NOW_NS)
         elif outcome == "confirmed":
             inbox["confirmed"][0] = 1
             take_confirmed(record, image, inbox, *NONE, NOW_NS)
@@ -95,7 +95,7 @@ def test_values_that_follow_are_the_same(steps):
         elif outcome != "held":
             task = int(outcome == "second")
             safe.given(TASKS[task], values)
-            note_given(record, image, *NONE, task, record["value"], NOW_NS)
+            note_given(record, image, *NONE, task, record["value"], NOW_NS, NOW_NS)
             assert image["sent"][: len(EVERY)].tolist() == safe.last
 
 
@@ -137,7 +137,7 @@ def test_a_worker_that_is_killed_is_followed_from_what_was_given_last(tmp_path: 
         decide(record)
         record["memory_turn"] = memory.turn
         for task in (0, 1):
-            note_given(record, image[0], *memory.slots(), task, record["value"], NOW_NS)
+            note_given(record, image[0], *memory.slots(), task, record["value"], NOW_NS, NOW_NS)
         memory.turn = int(record["memory_turn"])
         expected = [volts, 11.0, 1.0, 0.0, 7.0]
         assert LastGiven.open("a device", names, tmp_path).read() == expected

@@ -77,7 +77,7 @@ class Cell:
         if remembers:
             memory = LastGiven.open(bus.device, [output.name for output in bus.outputs], self.folder)
         outputs = self.prepared.wiring.safe_outputs(self.name, configuration)
-        self.worker = Worker(bus, self.image, Rules(outputs, RAMP_S, DEAD_NS, PATIENCE_NS), memory)
+        self.worker = Worker(bus, self.image, Rules(outputs, RAMP_S, DEAD_NS, PATIENCE_NS), memory, simulated=True)
         self.thread = threading.Thread(target=self._run, args=(self.worker,))
         self.thread.start()
 

@@ -9,10 +9,18 @@ import numpy as np
 import pytest
 
 from micromanip.bus.driver import BusDriver, BusOptions, Channel, Load, Outcome, Task
-from micromanip.bus.errors import DeviceFault, IdentityMismatch, LinkError, OutputRefused, TransientError
+from micromanip.bus.errors import (
+    DeviceFault,
+    IdentityMismatch,
+    LinkError,
+    OutputRefused,
+    StillOpening,
+    TransientError,
+)
 from micromanip.bus.image import ProcessImage
 from micromanip.bus.last_given import LastGiven
 from micromanip.bus.safe_state import SWITCH, VOLTAGE, SafeOutput
+from micromanip.bus.watchdog import Watchdog
 from micromanip.bus.worker import Rules, Worker
 from micromanip.rt.bus_exchange import exchange_image
 from micromanip.rt.bus_image import AT_REST, AWAY, FOLLOWING, IMAGE, RESTING, SAFE_RAMP, TAKEN
@@ -33,7 +41,8 @@ class ScriptedDriver(BusDriver):
     """Notes what it is given; raises what a test puts into `errors`, one a call."""
 
     Options = BusOptions
-    device, watchdog = "scripted", None
+    device = "scripted"
+    silence = Watchdog(ms=None, after_power_on="last")
     inputs = (Channel("strain", 1000.0),)
     outputs = (Channel("voltage", 500.0), Channel("feed_hold", 500.0))
     tasks = (Task("write", 500.0, (0, 1)),)
@@ -84,7 +93,7 @@ class Bench:
         self.record["silent_ns"] = self.record["patience_ns"] = 10**12
         self.signals, self.outputs = np.zeros(MAX_SIGNALS, SIGNAL), np.zeros(MAX_OUTPUTS)
         self.image = ProcessImage(self.record)
-        self.worker = Worker(self.driver, self.image, RULES, memory)
+        self.worker = Worker(self.driver, self.image, RULES, memory, simulated=True)
         self.safe = self.worker.safe
         self.bug = None
         self.thread = threading.Thread(target=self._run)
@@ -369,3 +378,45 @@ def test_a_link_that_comes_back_is_not_at_rest_before_it_was_given_that(bench):
     rests = bench.image.ask(AT_REST)
     bench.driver.outcome = None
     assert rests == 0
+
+
+def test_the_reason_is_told_before_the_state_that_it_is_the_reason_of(bench, monkeypatch):
+    monkeypatch.setattr("micromanip.bus.worker._UNREACHED_S", 0.2)  # nobody waits for it to come back
+    links = {}
+    say = lambda document: links.setdefault(document["event"], bench.image.link)  # noqa: E731
+    monkeypatch.setattr("micromanip.bus.report.say", say)
+    bench.follow(10.0)
+    bench.driver.open_errors = [IdentityMismatch("it says E-727, not E-709")]
+    bench.driver.errors.append(LinkError("unplugged"))
+    bench.until(lambda: bench.image.link == "latched", 10.0)
+    assert links["lost"] == "up"
+    assert links["latched"] == "down"
+
+
+def test_a_device_that_takes_its_time_to_open_is_neither_lost_nor_closed(bench):
+    closed = []
+
+    def close():
+        closed.append(len(bench.driver.open_errors))
+        bench.driver.closed = bench.driver.opened
+
+    bench.driver.close = close
+    bench.follow(10.0)
+    bench.driver.open_errors = [StillOpening("boot loader")] * 10
+    bench.driver.errors.append(LinkError("unplugged"))
+    bench.until(lambda: not bench.driver.open_errors and bench.image.link == "up", 10.0)
+    assert closed == [10], "once, before it was opened again"
+    assert events(bench) == ["up", "lost", "up"]
+
+
+def test_it_ends_while_its_device_takes_its_time(tmp_path, monkeypatch):
+    monkeypatch.setattr("micromanip.bus.report.say", lambda document: None)
+    driver = ScriptedDriver()
+    driver.open_errors = [StillOpening("for ever")] * 100_000
+    worker = Worker(driver, ProcessImage(np.zeros(1, IMAGE)), RULES)
+    thread = threading.Thread(target=worker.run)
+    thread.start()
+    worker.end()
+    thread.join(PATIENCE_S)
+    assert not thread.is_alive()
+    assert driver.open_errors, "it was not waited for"

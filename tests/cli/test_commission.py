@@ -16,6 +16,16 @@ pytestmark = pytest.mark.long
 
 FACTORY = Path(__file__).parents[2] / "config" / "factory.yaml"
 
+GAUGE_ONLY = """\
+schema_version: 2
+loop: {rate_hz: 10000, cpu: null, limits: simulation}
+drivers: {cell: {driver: simulated, axes: [x], seed: 1}}
+signals: {strain_x: {driver: cell, range_um: [-30, 150]}}
+outputs: {voltage_x: {driver: cell, range_V: [-20, 150], slew_V_per_ms: 10}}
+reference: {source: jog, offset_um: 0, range_um: [-15, 100]}
+axes: {x: {centre_um: 66, setpoint: {range_um: [2, 128]}}}
+"""
+
 
 def test_it_passes_and_leaves_three_files_and_a_folder_of_the_run(commissioned):
     folder = commissioned.folder
@@ -81,12 +91,17 @@ def test_a_later_change_is_noticed(commissioned, tmp_path, capsys):
     )
 
 
-def test_an_axis_without_the_capacitive_sensor_is_refused(tmp_path, capsys):
+def test_an_axis_with_a_gauge_alone_and_nothing_tuned_gets_its_strain_loop(tmp_path, capsys):
+    """No stage sensor, no section `inner`, and a set-point that may be faster than its output."""
     config = tmp_path / "cell.yaml"
-    text = FACTORY.read_text(encoding="utf-8").replace("  stage_x: {driver: cell, max_age_us: 300}\n", "")
-    config.write_text(text, encoding="utf-8")
-    assert code_of("commission", config, "--axis", "x", "--out", tmp_path / "out") == 64
-    assert "axis x has no signal stage_x: the outer loop needs the capacitive sensor" in capsys.readouterr().err
+    config.write_text(GAUGE_ONLY, encoding="utf-8")
+    assert code_of("commission", config, "--axis", "x", "--out", tmp_path / "out", "--json") == 0
+    assert json.loads(capsys.readouterr().out)["verdict"] == "PASS"
+    tuned, _ = load_with_source(tmp_path / "out" / "tuned.yaml")
+    assert (tuned.axes["x"].mode, tuned.axes["x"].outer) == ("strain", None)
+    assert tuned.axes["x"].setpoint.slew_um_per_ms < 7.0
+    assert (tuned.reference.range_um, tuned.reference.offset_um) == ((2.0, 128.0), 66.0)
+    assert code_of("check", tmp_path / "out" / "tuned.yaml") == 0
 
 
 def test_a_real_stage_moves_only_after_a_yes(tmp_path, capsys, monkeypatch):

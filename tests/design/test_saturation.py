@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 
 from micromanip.control.outer_gains import outer_gains
+from micromanip.design.commission.validation import at_rest
 from micromanip.design.experiment import with_axis
-from micromanip.design.synthesis.saturation import Reach, comes_to_rest
+from micromanip.design.synthesis.saturation import Reach, Samples, comes_to_rest
 from micromanip.rt.states import LIMIT_CYCLE, NO_FAULT
 from micromanip.settings.check import prepare
 from micromanip.settings.compile.cell import compile_cell
 from micromanip.virtual.cell import VirtualCell
+from micromanip.virtual.experiment import VirtualExperiment
 
 CELL = prepare(Path(__file__).parents[2] / "config" / "simulated.yaml")
 PERIOD_S = 1e-4
@@ -40,6 +42,33 @@ def rests(knobs, slew_um=2.0, range_um=63.0):
 def test_a_calm_loop_comes_to_rest_and_a_nervous_one_does_not():
     assert rests(AS_IT_IS)
     assert not rests(NERVOUS)
+
+
+SELDOM = prepare(Path(__file__).parents[2] / "config" / "simulated_2khz.yaml")
+SWINGS = {
+    "control_weight": 0.05623,
+    "input_noise_um": 0.001,
+    "disturbance_um": 7.208e-05,
+    "oscillation_um": 7.208e-06,
+}
+"""Ms 1.61, 9.6 dB and 52 degrees on its own model; the stage swings by 10 um rms for ever."""
+
+
+@pytest.mark.parametrize(("knobs", "calm"), [({}, True), (SWINGS, False)])
+def test_a_loop_whose_samples_come_seldom_and_late_is_judged_as_well(knobs, calm):
+    """By the model; and in the cell, whose swing at rest is not taken for its noise."""
+    axis = SELDOM.configuration.axes["x"]
+    outer, experiment = axis.outer.model_copy(update=knobs), VirtualExperiment(SELDOM)
+    path = experiment.path(SELDOM.configuration, "x")
+    samples, reach = Samples(outer.sample_cycles, path.stage_late), Reach.of(axis, PERIOD_S)
+    assert samples.cycles == 5
+    assert comes_to_rest(outer_gains(outer, None, PERIOD_S), len(outer.model.A), reach, PERIOD_S, samples) is calm
+    rest = at_rest(with_axis(SELDOM.configuration, "x", outer=outer), experiment, "x")
+    assert rest.swings is not calm
+    assert rest.floor_um < 0.3
+    if not calm:
+        assert 25.0 < rest.line_Hz < 60.0
+        assert rest.line_um > 5.0
 
 
 def test_a_set_point_that_may_go_fast_lets_both_come_to_rest():

@@ -24,7 +24,7 @@ class RunningWorker:
         self.record["silent_ns"] = self.record["patience_ns"] = 10**10
         self.image = ProcessImage(self.record)
         self.outputs, self.signals = np.zeros(MAX_OUTPUTS), np.zeros(MAX_SIGNALS, SIGNAL)
-        self.worker = Worker(driver, self.image, rules, memory)
+        self.worker = Worker(driver, self.image, rules, memory, simulated=True)
         self.thread = threading.Thread(target=self.worker.run)
 
     def __enter__(self):

@@ -16,6 +16,7 @@ CUTS = {bus: "bus_off" if bus == "can" else "unplug" for bus in BUSES}
 
 # the device has no watchdog, and neither an amplifier nor an age that a stall of the machine would trip
 _CAN = (
+    ("watchdog: {ms: 300, rest_ms: 250, after_power_on: rest}", "watchdog: {ms: null, after_power_on: last}"),
     ("start: {lift_s: 0.2, ", "start: {lift_s: 0.3, "),
     ("ramp_s: 0.2}", "ramp_s: 0.3}"),
     ("max_age_us: 200000, range_um: [-30, 150]", "max_age_us: null"),

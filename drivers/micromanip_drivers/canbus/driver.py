@@ -21,6 +21,7 @@ from micromanip.driver import (
     Load,
     Steady,
     Task,
+    Watchdog,
     worst_case_s,
 )
 
@@ -85,7 +86,7 @@ class CanBus(BusDriver):
         return self.options.real_because
 
     @property
-    def watchdog(self) -> str | None:
+    def silence(self) -> Watchdog | None:
         return self.options.watchdog
 
     @property
@@ -104,7 +105,8 @@ class CanBus(BusDriver):
         frames = [(message.rate_hz, message.frame_s) for message in self._received]
         frames += [(message.rate_hz, message.frame_s) for message in self._sent]
         detail = " + ".join(f"{rate_hz:g} x {frame_s * 1e6:.0f} us" for rate_hz, frame_s in frames)
-        return (Load(str(self.options.channel), sum(rate_hz * frame_s for rate_hz, frame_s in frames), detail),)
+        share = sum(rate_hz * frame_s for rate_hz, frame_s in frames)
+        return self._link.loads(share, detail, sum(rate_hz for rate_hz, _ in frames))
 
     def open(self) -> None:
         self._link.open()
@@ -148,7 +150,7 @@ class CanBus(BusDriver):
         self._link.close()
 
     def steady(self) -> Steady | None:
-        if not MessageTables.hold_all(self._received, self._sent):
+        if not self._link.is_plain or not MessageTables.hold_all(self._received, self._sent):
             return None
         from . import exchange  # compiled: loaded only where it is going to be called
 

@@ -1,7 +1,9 @@
 """A CAN bus as the drivers use it: opened, sent to, received from, with errors by what is to be done about them.
 
-The receive loop is our own: python-can's Notifier needs a thread, and hides errors. Frames carry the time of their
-reception in CLOCK_MONOTONIC: the kernel's on SocketCAN, the bus's own on the test bus, that of being read elsewhere.
+Two ways lead to a bus. SocketCAN and the test bus have a socket to poll, and sending to it does not block: they are
+read and written directly, in compiled turns too. All other interfaces of python-can are served by threads
+(``threaded_bus.py``). Frames carry the time of their reception in CLOCK_MONOTONIC: the kernel's on SocketCAN, the bus's
+own on the test bus, that of being read elsewhere.
 
 The error frames of a CAN controller are counted, and bus-off is the end of the link. Only SocketCAN, and the test bus
 that follows it, tell the kinds of error apart (linux/can/error.h). How well a bus does is judged by its frames: most
@@ -16,16 +18,18 @@ import logging
 import re
 import select
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import can
 from can.interfaces.socketcan import SocketcanBus
 
-from micromanip.driver import BusError, LinkError, TransientError
+from micromanip.driver import BusError, LinkError, Load, StillOpening, TransientError
 
-from . import socketcan
+from . import socketcan, threaded_bus
 from .link_options import LinkOptions
+from .threaded_bus import Stuck, ThreadedBus
 
 TRANSMIT_TIMEOUT = 0x001
 CONTROLLER = 0x004
@@ -49,7 +53,9 @@ _FULL = (errno.ENOBUFS, errno.EAGAIN, errno.ENOMEM)
 _GONE = (errno.ENETDOWN, errno.ENODEV, errno.ENXIO, errno.EBADF, errno.EPIPE, errno.ECONNRESET, errno.ENOTCONN)
 _WITH_ERRNO = ("socketcan", "micromanip")  # elsewhere error_code is the vendor's own number
 _BUS_OFF = re.compile(r"bus.?off", re.IGNORECASE)
-_RAISED = (can.CanError, OSError, ValueError)
+_PLAIN = {"socketcan": "the kernel", "micromanip": "the test bus"}
+"""Interfaces with a descriptor to poll, to which sending does not block, and who stamps their frames."""
+_DIRECT = (*_PLAIN, "virtual")  # the last is a queue within this process
 _LIMIT = 128
 """Frames that one call takes at most: a babbling node must not keep the worker from sending."""
 
@@ -65,14 +71,49 @@ class CanLink:
         self.options = options
         self._identifiers = identifiers
         self._bus: can.BusABC | None = None
-        self._reader: socketcan.KernelReader | BusReader | None = None
+        self._reader: socketcan.KernelReader | BusReader | ThreadedBus | None = None
+        self._threads: ThreadedBus | None = None
+        """Of an interface that is served by them: kept until its library has let go of the device."""
         self._errors = ErrorFrames(options.device, options.interface)
         self._counters = {"frames_in": 0, "frames_out": 0, "transmit_full": 0}
-        self._overflows = 0  # of the openings before
+        self._before = {"overflows": 0, "bad_frames": 0}  # of the openings before
 
     def open(self) -> None:
-        """Reach the bus. Raises LinkError, also for an interface, a library or a device that isn't there."""
-        self.close()
+        """Reach the bus. Raises LinkError, also for an interface, a library or a device that isn't there.
+
+        StillOpening where a library takes its time: then it goes on, until ``close``.
+        """
+        if self._reader is None or self._reader is not self._threads:
+            self.close()
+            self._begin()
+        if self._threads is not None and self._reader is self._threads:
+            with self._explained():
+                self._threads.reach()
+
+    def open_fully(self) -> None:
+        """The same, however long it takes."""
+        while True:
+            with contextlib.suppress(StillOpening):
+                return self.open()
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether it has a socket of CAN frames as the kernel has them, for compiled turns."""
+        return self.options.interface in _PLAIN
+
+    def loads(self, share: float, detail: str, frames_per_s: float) -> list[Load]:
+        """Of the bus, with the way in which it is served, and of that way where it has a limit of its own."""
+        interface = self.options.interface
+        if interface in _PLAIN:
+            detail += f"; polled, stamped by {_PLAIN[interface]}"
+        bus = Load(str(self.options.channel), share, detail)
+        if interface in _DIRECT:
+            return [bus]
+        most = threaded_bus.FRAMES_PER_S_OF.get(interface, threaded_bus.FRAMES_PER_S)
+        told = f"{frames_per_s:g} of {most:g} frames/s, stamped as they are read"
+        return [bus, Load(f"threads for python-can's {interface}", frames_per_s / most, told)]
+
+    def _begin(self) -> None:
         options = self.options
         arguments: dict[str, Any] = {"bitrate": options.bitrate, "fd": options.fd, **options.interface_options}
         if options.data_bitrate is not None:
@@ -81,34 +122,54 @@ class CanLink:
             if why := socketcan.trouble(str(options.channel), options.bitrate, options.data_bitrate):
                 raise LinkError(f"{options.device}: {why}")
             arguments["can_filters"] = _filters(self._identifiers)
+        # without python-can's own configuration files and environment variables: nothing is set behind our back
+        opens = partial(can.Bus, options.channel, options.interface, ignore_config=True, **arguments)
+        if options.interface not in _DIRECT:
+            if self._threads is not None and not self._threads.is_gone:
+                raise LinkError(f"{options.device}: python-can's {options.interface} has not let go of it yet")
+            self._reader = self._threads = ThreadedBus(opens)
+            return
+        with self._explained():
+            bus = self._bus = opens()
+        self._reader = socketcan.KernelReader(bus.socket) if isinstance(bus, SocketcanBus) else BusReader(bus)
+
+    @contextlib.contextmanager
+    def _explained(self) -> Iterator[None]:
+        """What opening raises, as LinkError."""
+        options = self.options
         try:
-            # without python-can's own configuration files and environment variables: nothing is set behind our back
-            bus = can.Bus(options.channel, options.interface, ignore_config=True, **arguments)
+            yield
+        except BusError as error:
+            raise type(error)(f"{options.device}: {error}") from error
         except (can.CanInterfaceNotImplementedError, ImportError, NameError, AttributeError) as error:
             why = f"is the library of {options.interface} installed?"
             raise LinkError(f"{options.device} can't be opened: {_text(error)}; {why}") from error
-        except (*_RAISED, TypeError) as error:  # TypeError: an option that the interface doesn't take
+        except Exception as error:  # whatever a library has to say; TypeError: an option that it doesn't take
             raise LinkError(f"{options.device} can't be opened: {_text(error)}") from error
-        self._bus = bus
-        self._reader = socketcan.KernelReader(bus.socket) if isinstance(bus, SocketcanBus) else BusReader(bus)
 
     def close(self) -> None:
         """Let go of the bus; does no harm twice, never raises."""
         bus, reader = self._bus, self._reader
         self._bus = self._reader = None
-        if reader is not None:
-            self._overflows += reader.overflows
+        for name in self._before:
+            self._before[name] += getattr(reader, name, 0)
+        if isinstance(reader, ThreadedBus):
+            reader.close()
         if bus is not None:
             with contextlib.suppress(Exception):
                 bus.shutdown()
 
     def send(self, message: can.Message) -> None:
         """Hand a frame to the interface, without waiting. Raises TransientError if it is full, LinkError."""
-        if self._bus is None:
+        reader = self._reader
+        if reader is None:
             raise LinkError(f"{self.options.device} is not open")
         try:
-            self._bus.send(message, timeout=0)
-        except _RAISED as error:
+            if isinstance(reader, ThreadedBus):
+                reader.send(message)
+            elif self._bus is not None:
+                self._bus.send(message, timeout=0)
+        except Exception as error:  # whatever a library raises
             raise self.sorted("sending", error) from error
         self._counters["frames_out"] += 1
 
@@ -145,7 +206,8 @@ class CanLink:
     def statistics(self) -> Mapping[str, int]:
         """Counters since ``__init__``."""
         counters = {**self._counters, **self._errors.counters}
-        counters["overflows"] += self._overflows + (self._reader.overflows if self._reader else 0)
+        for name, before in self._before.items():
+            counters[name] = counters.get(name, 0) + before + getattr(self._reader, name, 0)
         return counters
 
     def _taken(self, until_ns: int) -> list[tuple[can.Message, int]]:
@@ -158,7 +220,7 @@ class CanLink:
             if left_s > 0.0:
                 reader.wait(left_s)  # first: it returns at once if something is there, and costs less than to look
             return reader.drain(_LIMIT)
-        except _RAISED as error:
+        except Exception as error:  # whatever a library raises
             raise self.sorted("receiving", error) from error
 
     def _without_errors(self, frames: list[tuple[can.Message, int]]) -> list[tuple[can.Message, int]]:
@@ -173,9 +235,13 @@ class CanLink:
         code = getattr(error, "errno", None)
         if code is None and self.options.interface in _WITH_ERRNO:
             code = getattr(error, "error_code", None)
-        if doing == "sending" and (code in _FULL or "full" in str(error).lower()):
+        if isinstance(error, Stuck):
+            return LinkError(f"{self.options.device}: {error}: does the adapter still read?")
+        if doing == "sending" and (isinstance(error, BlockingIOError) or code in _FULL or "full" in str(error).lower()):
             self._counters["transmit_full"] += 1
             return TransientError(f"{what} (transmit buffer full)")
+        if doing == "receiving" and isinstance(self._reader, ThreadedBus):
+            return LinkError(what)
         if code in _GONE or not isinstance(error, can.CanError) or _BUS_OFF.search(str(error)):
             return LinkError(what)
         return TransientError(what)  # of a vendor's library: again and again, and it is a lost link

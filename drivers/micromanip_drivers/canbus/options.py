@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import Field, model_validator
 
-from micromanip.driver import Section
+from micromanip.driver import Section, Watchdog
 from micromanip.driver.quantities import Latency, SampleRate
 
 from .link_options import LinkOptions
@@ -59,10 +59,7 @@ class CanBusOptions(LinkOptions):
         description="Longest silence of `receive`; then the link is lost until the next frame. null: no limit, for "
         "devices that send rarely or on request only.",
     )
-    watchdog: str | None = Field(
-        default=None,
-        description="The device's own reaction to missing frames, and its time, in a few words.",
-    )
+    watchdog: Watchdog | None = Field(default=None, description="What the device does by itself; null: nobody knows.")
 
     @model_validator(mode="after")
     def _silence_is_unusual(self) -> CanBusOptions:

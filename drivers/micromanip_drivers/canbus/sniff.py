@@ -29,7 +29,7 @@ def sniff(link: CanLink, messages: Mapping[tuple[int, bool], Any], seconds: floa
     `messages` are those of cantools, by (identifier, extended).
     """
     speakers: dict[tuple[int, bool], _Speaker] = {}
-    link.open()
+    link.open_fully()
     try:
         end_ns = time.monotonic_ns() + round(seconds * 1e9)
         while time.monotonic_ns() < end_ns:

@@ -29,6 +29,7 @@ _START = 1
 _ENTER_PRE_OPERATIONAL = 128
 _HEARTBEAT, _EMERGENCY = 0x700, 0x080
 
+_NO_REMOTE = 0x40000000
 _GENERIC_ERROR = 0x01
 _COMMUNICATION_ERROR = 0x10
 _IDENTITY = (("vendor_id", 1), ("product_code", 2), ("revision", 3), ("serial", 4))
@@ -128,11 +129,15 @@ def _history(sdo: Sdo, plan: NodePlan) -> Iterator[int]:
 
 
 def _configure(sdo: Sdo, plan: NodePlan, pdo: PdoPlan) -> None:
-    """Write what the configuration says otherwise than the EDS; a PDO rests while its mapping changes."""
+    """Write what the configuration says otherwise than the EDS; a PDO rests while its mapping changes.
+
+    The bit that forbids asking for the PDO by a remote frame stays as the node has it.
+    """
     mapping = pdo.mapping
     if not mapping.to_write and not mapping.transmission_to_write:
         return
-    cob_id = plan.dictionary.value(mapping.parameters, 1) & ~INVALID
+    has = sdo.read(mapping.parameters, 1)
+    cob_id = plan.dictionary.value(mapping.parameters, 1) & ~(INVALID | _NO_REMOTE) | has & _NO_REMOTE
     sdo.write(mapping.parameters, 1, cob_id | INVALID)
     if mapping.transmission_to_write:
         sdo.write(mapping.parameters, 2, mapping.transmission)

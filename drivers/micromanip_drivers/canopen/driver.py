@@ -17,7 +17,20 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from micromanip.driver import Answer, BusDriver, BusError, Channel, Inbox, LinkError, Load, Steady, Task, TransientError
+from micromanip.driver import (
+    Answer,
+    BusDriver,
+    BusError,
+    Channel,
+    Inbox,
+    LinkError,
+    Load,
+    Steady,
+    StillOpening,
+    Task,
+    TransientError,
+    Watchdog,
+)
 
 from ..canbus.link import CanLink
 from ..canbus.tables import Tables
@@ -70,6 +83,11 @@ class CanOpen(BusDriver):
         return self._options.real_because
 
     @property
+    def silence(self) -> Watchdog | None:
+        keys = [plan.options.watchdog for plan in self._nodes if plan.rpdos]
+        return keys[0] if len(set(keys)) == 1 else None
+
+    @property
     def watchdog(self) -> str | None:
         """Of all nodes with outputs, or none: a single output that nothing makes safe is an output at large."""
         watched: list[str] = []
@@ -79,8 +97,8 @@ class CanOpen(BusDriver):
                 continue
             if plan.options.watchdog_ms is not None:
                 watched.append(f"{waits} of {plan.name}, {plan.options.watchdog_ms} ms")
-            elif plan.options.watchdog is not None:
-                watched.append(f"{plan.options.watchdog} of {plan.name}")
+            elif plan.options.watchdog is not None and plan.options.watchdog.words:
+                watched.append(f"{plan.name} {plan.options.watchdog.words}")
             else:
                 return None
         return "; ".join(watched) or None
@@ -98,7 +116,7 @@ class CanOpen(BusDriver):
         return self._tasks
 
     def loads(self) -> Sequence[Load]:
-        return [self._timing.load()]
+        return self._link.loads(*self._timing.load())
 
     def open(self) -> None:
         try:
@@ -106,6 +124,8 @@ class CanOpen(BusDriver):
             self._receiver.clear()
             deadline_ns = time.monotonic_ns() + _OPEN_NS
             self._found = boot(self._link, self._options, self._nodes, self._receiver.watches, deadline_ns)
+        except StillOpening:
+            raise
         except TransientError as problem:  # there is no second try here: that is the worker's
             self._link.close()
             raise LinkError(str(problem)) from problem
@@ -141,7 +161,7 @@ class CanOpen(BusDriver):
 
     def steady(self) -> Steady | None:
         received, sent, watched = self._receiver.pdos, self._sent, self._receiver.watched
-        if not PdoTables.have_room(received, sent, len(watched)):
+        if not self._link.is_plain or not PdoTables.have_room(received, sent, len(watched)):
             return None
         from . import exchange  # compiled: loaded only where it is going to be called
 

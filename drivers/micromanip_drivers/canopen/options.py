@@ -41,7 +41,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from micromanip.driver import Scaled, Section
+from micromanip.driver import Scaled, Section, Watchdog
 from micromanip.driver.quantities import Latency, Real, SampleRate, Scale
 
 from ..canbus.link_options import LinkOptions
@@ -128,8 +128,8 @@ class NodeOptions(Section):
         description="Longest silence of the controller; then the node makes its outputs safe. Written at the start. "
         "null: no such watchdog, or one set up by other means.",
     )
-    watchdog: str | None = Field(
-        default=None, description="A watchdog set up by other means, in a few words; excludes watchdog_ms."
+    watchdog: Watchdog | None = Field(
+        default=None, description="What the node does by itself, set up by other means; excludes watchdog_ms."
     )
     watchdog_by: Literal["rpdo", "heartbeat"] = Field(
         default="rpdo",

@@ -25,7 +25,7 @@ _PAUSE_NS = 1_000_000
 def probe(options: CanOpenOptions, seconds: float) -> Iterator[Answer]:
     """Ask all 127 node numbers, one after the other; nothing is written. Raises LinkError."""
     link = CanLink(options)
-    link.open()
+    link.open_fully()
     try:
         end_ns = time.monotonic_ns() + round(seconds * 1e9)
         found: dict[int, dict[str, int]] = {}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from micromanip.driver import Load, worst_case_s
+from micromanip.driver import worst_case_s
 
 from .options import CanOpenOptions
 from .plan import SYNC, NodePlan, PdoPlan
@@ -35,8 +35,8 @@ class Timing:
         """How long a frame of `length` bytes keeps the bus, at worst."""
         return worst_case_s(length, self._options.bitrate)
 
-    def load(self) -> Load:
-        """The bus's load."""
+    def load(self) -> tuple[float, str, float]:
+        """The bus's load: share, how it comes about, frames a second."""
         groups: dict[tuple[str, float], float] = {}
         for frame in self.frames:
             group = frame.kind, frame.seconds
@@ -45,7 +45,7 @@ class Timing:
             f"{rate_hz:.0f} {kind} x {seconds * 1e6:.0f} us" for (kind, seconds), rate_hz in groups.items()
         )
         share = sum(frame.rate_hz * frame.seconds for frame in self.frames)
-        return Load(str(self._options.channel), share, detail)
+        return share, detail, sum(frame.rate_hz for frame in self.frames)
 
     def arrival_s(self, identifier: int) -> float:
         """From being ready to being received, at worst: behind a frame that is on the bus, and all that go first.

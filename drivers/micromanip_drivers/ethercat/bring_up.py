@@ -110,7 +110,7 @@ def bring_to_safeop(link: Link, options: EthercatOptions, image: Image, period_n
             require_mapping(name, "outputs", terminal.outputs, slave.output_pdos)
             require_mapping(name, "inputs", terminal.inputs, slave.input_pdos)
         lay_out(link, slave, image.placed[name])
-        if terminal.outputs and options.watchdog is not None:
+        if terminal.outputs and options.watchdog is not None and options.watchdog.ms is not None:
             set_watchdog(link, slave.station, options.watchdog.ms)
         if terminal.sync0_shift_us is not None:
             begin_sync0(link, slave.station, name, period_ns, round(1e3 * terminal.sync0_shift_us))

@@ -5,7 +5,7 @@
         driver: ethercat
         interface: eth1
         silence_ms: 5
-        watchdog: {ms: 100, rest_ms: 250, does: the terminals switch their outputs off}
+        watchdog: {ms: 100, rest_ms: 250, after_power_on: rest}
         terminals:
           amplifier:
             vendor: 0x4d4d

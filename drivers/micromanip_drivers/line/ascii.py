@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator, Mapping, Sequence
 
@@ -15,6 +16,8 @@ from .line_time import LineTime, Traffic
 from .port import Port
 
 _PAUSE_S = 0.05
+_NO_READING = -1
+"""Status of a sample for which the device has a word in place of a number."""
 _FORGIVE_NS = 300_000_000
 
 
@@ -54,7 +57,8 @@ class AsciiFraming(Framing):
                 self._conversation.tell(text, exchange.title, step.replies)
             return None
         for name, value, time_ns in self._asked(exchange):
-            inbox.put(exchange.indices[name], value, time_ns - round(exchange.latency_s * 1e9))
+            status = 0 if math.isfinite(value) else _NO_READING
+            inbox.put(exchange.indices[name], value, time_ns - round(exchange.latency_s * 1e9), status)
         return None
 
     def read_outputs(self) -> Sequence[float | None]:
@@ -65,7 +69,7 @@ class AsciiFraming(Framing):
                 continue
             try:
                 for name, value, _ in self._asked(exchange, [exchange.read_back]):
-                    found[exchange.indices[name]] = value
+                    found[exchange.indices[name]] = value if math.isfinite(value) else None
             except (TransientError, DeviceFault):
                 self._conversation.forgive(time.monotonic_ns() + _FORGIVE_NS)
         return found

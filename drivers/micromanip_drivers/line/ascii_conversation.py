@@ -12,7 +12,7 @@ import re
 import time
 from collections.abc import Iterator, Mapping, Sequence
 
-from micromanip.driver import Answer, DeviceFault, IdentityMismatch, LinkError, TransientError
+from micromanip.driver import Answer, DeviceFault, IdentityMismatch, LinkError, StillOpening, TransientError
 
 from . import ascii_presets
 from .ascii_options import Ascii
@@ -159,7 +159,7 @@ class Conversation:
                     self._is_introduction(line)
                     self._counters["late_lines"] += 1
                     continue
-                found = replies[len(numbers)].numbers(line)
+                found = replies[len(numbers)].readings(line)
                 if found is not None:
                     numbers.append((found, time_ns))
                 elif self._is_introduction(line):
@@ -167,6 +167,7 @@ class Conversation:
                 else:
                     self._lose(replies[-1])
                     self._counters["wrong_replies"] += 1
+                    self._silence.misunderstood(line)
                     raise TransientError(
                         f'{self._port.name}: "{line}" came for {what}, not a line such as '
                         f'"{replies[len(numbers)].template}"'
@@ -254,7 +255,8 @@ class Conversation:
             )
 
     def _identify(self, pattern: re.Pattern[str], deadline_ns: int) -> None:
-        before, said = self._port.counters["bytes_in"], ""
+        before = self._port.counters["bytes_in"]
+        said: list[str] = []
         while (now_ns := time.monotonic_ns()) < deadline_ns:
             self._lines.clear()
             self._ask_who()
@@ -263,11 +265,12 @@ class Conversation:
                 for line, _ in self._come(until_ns):
                     if self._is_introduction(line):
                         return
-                    said = line
-        if said:
+                    said.append(line)
+        if said and (len(set(said)) < len(said) or not self._port.may_be_starting):  # what it says once is a greeting
             raise IdentityMismatch(
-                f'{self._port.name} answers {self.who} with "{said}"; it must match "{pattern.pattern}"'
+                f'{self._port.name} answers {self.who} with "{said[-1]}"; it must match "{pattern.pattern}"'
             )
+        lost = StillOpening if self._port.may_be_starting else LinkError
         if count := self._port.counters["bytes_in"] - before:
-            raise LinkError(f"{self._port.name} sends {count} bytes that are no lines of text: is the baud rate right?")
-        raise LinkError(f"{self._port.name} does not answer {self.who}: is it switched on, is the baud rate right?")
+            raise lost(f"{self._port.name} sends {count} bytes that are no lines of text: is the baud rate right?")
+        raise lost(f"{self._port.name} does not answer {self.who}: is it switched on, is the baud rate right?")

@@ -44,8 +44,9 @@ class Exchange:
             if isinstance(field, AsciiOutput)
         }
         end = ascii_presets.terminator(options)
+        words = exchange.no_reading if isinstance(exchange, Read) else ()
         self.steps = [
-            Step(Request(request, outputs, end), [Reply(line) for line in replies])
+            Step(Request(request, outputs, end), [Reply(line, words) for line in replies])
             for request, replies in ascii_presets.steps(options, key, exchange)
         ]
         asking = ascii_presets.read_back(options, exchange) if isinstance(exchange, Write) else None

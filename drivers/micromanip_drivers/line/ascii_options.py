@@ -145,6 +145,11 @@ class Read(_Exchange):
     """Values requested at a fixed rate."""
 
     fields: dict[Name, AsciiInput] = Field(min_length=1, description="The inputs by name.")
+    no_reading: tuple[Text, ...] = Field(
+        default=(),
+        description="What the device says in place of a number without a reading: a bad sample. Known without this: "
+        "nan, inf, OVL, ----- and the like, and any word in a reply with more text than the number.",
+    )
 
     @model_validator(mode="after")
     def _fields_are_answered(self) -> Self:

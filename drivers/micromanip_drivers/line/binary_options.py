@@ -5,7 +5,7 @@
         driver: line
         serial: {device: /dev/ttyUSB0, baud: 4000000}
         silence_ms: 200
-        watchdog: outputs to 0 V after 10 ms without voltages
+        watchdog: {ms: 10, rest_ms: 5, after_power_on: rest}
         binary:
           sync: aa 55                                   # bytes 0 and 1 of every frame
           length: {at: 2, type: uint8, plus: 5}         # counts the payload: 2 sync, length, kind, 1 CRC are not in it

@@ -18,8 +18,10 @@ from micromanip.driver import (
     Load,
     Outcome,
     Steady,
+    StillOpening,
     Task,
     TransientError,
+    Watchdog,
 )
 
 from .ascii import AsciiFraming
@@ -63,7 +65,7 @@ class Line(BusDriver):
         return self._port.name
 
     @property
-    def watchdog(self) -> str | None:
+    def silence(self) -> Watchdog | None:
         return self._options.watchdog
 
     @property
@@ -84,8 +86,12 @@ class Line(BusDriver):
     def open(self) -> None:
         deadline_ns = time.monotonic_ns() + _OPEN_NS
         try:
-            self._port.open(deadline_ns)
+            if self._port.descriptor < 0:  # else it was opened just now, and not ready yet
+                self._port.open(deadline_ns)
+            self._port.settle(deadline_ns)
             self._framing.begin(deadline_ns)
+        except StillOpening:
+            raise
         except TransientError as problem:  # there is no second try here: that is the worker's
             self._port.close()
             raise LinkError(str(problem)) from problem
@@ -114,6 +120,7 @@ class Line(BusDriver):
 
     def probe(self, seconds: float) -> Iterator[Answer]:
         self._port.open(time.monotonic_ns() + _OPEN_NS)
+        self._port.settle(self._port.opened_ns + self._port.settle_ns)
         yield from self._framing.probe(seconds)
 
 

@@ -64,6 +64,11 @@ class Silence:
         self._name = name
         self._limit_ns = round(limit_ms * 1e6)
         self._since_ns: int | None = None
+        self._line = ""
+
+    def misunderstood(self, line: str) -> None:
+        """A line that came; it is told where nothing better does."""
+        self._line = line
 
     @property
     def limit_ns(self) -> int:
@@ -83,8 +88,10 @@ class Silence:
     def heard(self, now_ns: int, more: bool) -> None:
         """It was understood; `more`: and should speak again without being asked."""
         self._since_ns = now_ns if more else None
+        self._line = ""
 
     def check(self, now_ns: int) -> None:
         """Raises LinkError when it has been silent for too long."""
         if self._since_ns is not None and now_ns - self._since_ns > self._limit_ns:
-            raise LinkError(f"{self._name}: nothing understood for {self._limit_ns * 1e-6:g} ms")
+            came = f'; what came: "{self._line}"' if self._line else ""
+            raise LinkError(f"{self._name}: nothing understood for {self._limit_ns * 1e-6:g} ms{came}")

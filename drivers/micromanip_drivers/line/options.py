@@ -10,7 +10,7 @@ from typing import Annotated
 
 from pydantic import Field, model_validator
 
-from micromanip.driver import BusOptions
+from micromanip.driver import BusOptions, Watchdog
 
 from .ascii_options import Ascii
 from .binary_options import Binary
@@ -33,11 +33,7 @@ class LineOptions(BusOptions):
         default=500.0,
         description="Longest time without a valid message of a device that should send; then the link is lost.",
     )
-    watchdog: str | None = Field(
-        default=None,
-        min_length=1,
-        description="The device's own reaction to silence, and its time, in a few words.",
-    )
+    watchdog: Watchdog | None = Field(default=None, description="What the device does by itself; null: nobody knows.")
 
     @model_validator(mode="after")
     def _one_of_each(self) -> LineOptions:

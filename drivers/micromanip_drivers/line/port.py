@@ -9,9 +9,10 @@ import struct
 import time
 from abc import ABC, abstractmethod
 
-from micromanip.driver import LinkError, TransientError
+from micromanip.driver import LinkError, StillOpening, TransientError
 
 _COUNT = struct.Struct("i")
+_STARTING_NS = 3_000_000_000
 _AT_ONCE = 64
 """Reads that one call does at most: a babbling device must not keep the worker from writing."""
 
@@ -23,6 +24,8 @@ class Port(ABC):
     """True where each chunk that is received is whole, and has nothing to do with the one before."""
     largest = 65_536
     """Bytes that one reading takes at most."""
+    settle_ns = 0
+    """So long after opening nothing is sent: a board that is reset by it needs the time."""
     waiting_request = 0
     """``ioctl`` that asks the kernel for the bytes that it has taken and not sent yet; 0 where there is none."""
 
@@ -30,6 +33,8 @@ class Port(ABC):
         self.name = name
         self.counters = {"bytes_in": 0, "bytes_out": 0, "transmit_full": 0}
         self._descriptor: int | None = None
+        self.opened_ns = 0
+        """When it was opened (CLOCK_MONOTONIC)."""
         self.unsent = b""
         """What the kernel has not taken yet of what was sent."""
 
@@ -51,6 +56,23 @@ class Port(ABC):
         except OSError as problem:
             self.close()
             raise LinkError(f"{self.name} can't be opened: {said(problem)}") from problem
+        self.opened_ns = time.monotonic_ns()
+
+    def settle(self, until_ns: int) -> None:
+        """Let the time pass that the device needs once its port is open, and forget what it said meanwhile.
+
+        Raises StillOpening where that takes longer than `until_ns`, LinkError.
+        """
+        ready_ns = self.opened_ns + self.settle_ns
+        while self.settle_ns and time.monotonic_ns() < ready_ns:
+            if time.monotonic_ns() >= until_ns:
+                raise StillOpening(f"{self.name} is given {self.settle_ns * 1e-6:g} ms (settle_ms)")
+            self.receive(min(ready_ns, until_ns))
+
+    @property
+    def may_be_starting(self) -> bool:
+        """Whether it was opened so recently that a device which is reset by that may not be ready yet."""
+        return time.monotonic_ns() - self.opened_ns < self.settle_ns + _STARTING_NS
 
     def close(self) -> None:
         """Let go of it; does no harm twice, never raises."""

@@ -15,6 +15,7 @@ from pydantic import Field, model_validator
 from micromanip.driver import Section
 
 PortNumber = Annotated[int, Field(strict=True, ge=1, le=65_535)]
+Settle = Annotated[float, Field(strict=True, ge=0, le=10_000)]
 Microseconds = Annotated[float, Field(strict=True, ge=0, le=100_000)]
 
 
@@ -55,6 +56,9 @@ class SerialPort(Section):
         description="Ask the kernel for every byte at once; a USB adapter otherwise collects them for up to 16 ms. "
         "Ignored by ports that cannot.",
     )
+    settle_ms: Settle = Field(
+        default=0.0, description="Pause after opening, for a board that is reset by it; nothing is sent meanwhile."
+    )
     rs485: Rs485 | None = Field(default=None, description="RS-485; null: RS-232, RS-422 or USB.")
 
     @property
@@ -68,6 +72,9 @@ class TcpPort(Section):
 
     host: str = Field(min_length=1, description="Address of the device.")
     port: PortNumber = Field(description="TCP port of the device.")
+    settle_ms: Settle = Field(
+        default=0.0, description="Pause after opening, for a device that is deaf at first; nothing is sent meanwhile."
+    )
     link_Mbit_per_s: float = Field(
         default=100.0, strict=True, gt=0, le=100_000, description="Slowest part of the network."
     )

@@ -30,7 +30,7 @@ class SerialLine(Port):
 
     def __init__(self, options: SerialPort) -> None:
         super().__init__(options.device)
-        self._options = options
+        self._options, self.settle_ns = options, round(options.settle_ms * 1e6)
         self._serial: serial.Serial | None = None
         rs485 = options.rs485
         self._turnaround_ns = round(rs485.turnaround_us * 1e3) if rs485 else 0

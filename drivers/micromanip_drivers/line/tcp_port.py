@@ -22,6 +22,7 @@ class TcpConnection(Port):
     def __init__(self, options: TcpPort, silence_ms: float) -> None:
         super().__init__(f"tcp {options.host}:{options.port}")
         self._options, self._silence_ms = options, silence_ms
+        self.settle_ns = round(options.settle_ms * 1e6)
         self._socket: socket.socket | None = None
 
     @property

@@ -39,6 +39,8 @@ class Answer:
 
     exchange: Exchange
     pdu: bytes
+    asked: bytes
+    """The request, likewise."""
     sent_ns: int
     received_ns: int
 
@@ -46,6 +48,7 @@ class Answer:
 @dataclass(frozen=True)
 class _Request:
     exchange: Exchange
+    pdu: bytes
     frame: bytes
     head: bytes
     sent_ns: int
@@ -71,8 +74,16 @@ class Client:
         self._overdue: _Request | None = None
         """The one whose late answer would end the silence."""
         self._silent_until_ns = self._silence_ns = self._heard_ns = 0
+        self._asked_before: dict[int, bytes] = {}
+        """The request before the newest one of each transaction that writes."""
+        self._newest: dict[int, bytes] = {}
         self._timeouts = 0
         self._counters = dict.fromkeys(("requests", "answers", "timeouts", "bad_frames", "exceptions", "resyncs"), 0)
+
+    @property
+    def may_be_starting(self) -> bool:
+        """Whether the device may need more time since its line was opened: nothing of it was heard yet."""
+        return self._port.may_be_starting and self._heard_ns < self._port.opened_ns
 
     @property
     def waits(self) -> bool:
@@ -80,9 +91,14 @@ class Client:
         return self._request is not None
 
     def open(self, deadline_ns: int) -> None:
-        """Reach the line; a serial one is listened to until it is silent. Raises LinkError."""
-        self.close()
-        self._port.open(deadline_ns)
+        """Reach the line; a serial one is listened to until it is silent. Raises LinkError.
+
+        Raises StillOpening where it has to be called again; a line that is open is not opened anew then.
+        """
+        if self._port.descriptor < 0:
+            self.close()
+            self._connect(deadline_ns)
+        self._port.settle(deadline_ns)
         self._timeouts = 0
         if self._serial:
             self._be_silent(time.monotonic_ns() + self._drain_ns, self._drain_ns)
@@ -130,7 +146,10 @@ class Client:
         sent_ns = time.monotonic_ns()
         self._port.send(frame)
         self._counters["requests"] += 1
-        self._request = _Request(exchange, frame, exchange.answer_head(pdu), sent_ns, sent_ns + self._timeout_ns)
+        if exchange.written is not None:
+            self._asked_before[id(exchange)] = self._newest.get(id(exchange), b"")
+            self._newest[id(exchange)] = pdu
+        self._request = _Request(exchange, pdu, frame, exchange.answer_head(pdu), sent_ns, sent_ns + self._timeout_ns)
 
     def answer(self, until_ns: int) -> Answer | None:
         """The answer, as soon as it is there; None at `until_ns` without one.
@@ -159,17 +178,31 @@ class Client:
             if now_ns >= until_ns:
                 return None
 
+    def _connect(self, until_ns: int) -> None:
+        self._port.open(until_ns)
+        self._framing.in_doubt = False
+
     def statistics(self) -> Mapping[str, int]:
         """Counters since ``__init__``."""
-        return {**self._counters, "late": self._framing.late, **self._port.counters}
+        return {
+            **self._counters,
+            "late": self._framing.late,
+            "stray_bytes": self._framing.stray_bytes,
+            **self._port.counters,
+        }
 
     def _accepted(self, request: _Request, pdu: bytes) -> Answer:
         self._timeouts = 0
         if len(pdu) == EXCEPTION_BYTES and pdu[0] & 0x80:
             self._counters["exceptions"] += 1
             raise exception_error(request.exchange.title, pdu[1])
+        if self._serial and request.exchange.refusal(request.pdu, pdu) and self._is_of_before(request, pdu):
+            raise self._refused(request, BadFrame("it is the answer to the write before"))
         self._counters["answers"] += 1
-        return Answer(request.exchange, pdu, request.sent_ns, self._heard_ns)
+        return Answer(request.exchange, pdu, request.pdu, request.sent_ns, self._heard_ns)
+
+    def _is_of_before(self, request: _Request, pdu: bytes) -> bool:
+        return self._asked_before.get(id(request.exchange), b"")[: len(pdu)] == pdu
 
     def _refused(self, request: _Request, problem: BadFrame) -> TransientError:
         self._counters["bad_frames"] += 1
@@ -187,17 +220,21 @@ class Client:
         if self._serial:  # the true answer may still come, until it is late; what comes after that is not waited for
             self._be_silent(request.deadline_ns, self._gap_ns)
         else:
-            self._port.open(time.monotonic_ns() + self._timeout_ns)
+            self._connect(time.monotonic_ns() + self._timeout_ns)
 
     def _timed_out(self, request: _Request, now_ns: int) -> None:
         self._counters["timeouts"] += 1
+        self._framing.in_doubt = True
         text = f"{request.exchange.title}: no answer within {self._timeout_ns * 1e-6:g} ms"
         if self._buffer:
             text += f", only {len(self._buffer)} bytes of one"
         else:
             self._timeouts += 1
+        advice = "look at power, wires and the number of the unit"
+        if self._framing.came:
+            text, advice = f"{text}: {self._framing.came}", "is it a Modbus TCP device?"
         if self._timeouts >= _TIMEOUTS:
-            raise LinkError(f"{text}, {_TIMEOUTS} times in a row; look at power, wires and the number of the unit")
+            raise LinkError(f"{text}, {_TIMEOUTS} times in a row; {advice}")
         if self._serial:
             self._counters["resyncs"] += 1
             self._overdue = request if self._timeouts == 1 and not self._buffer else None
@@ -242,7 +279,7 @@ class Client:
             self._counters["bad_frames"] += 1
             self._counters["resyncs"] += 1
             self._buffer.clear()
-            self._port.open(time.monotonic_ns() + self._timeout_ns)
+            self._connect(time.monotonic_ns() + self._timeout_ns)
         if self._serial and self._heard_ns != before and now_ns < self._silent_until_ns:
             self._silent_until_ns = max(self._silent_until_ns, self._heard_ns + self._silence_ns)
         elif not self._serial and self._framing.late > late:

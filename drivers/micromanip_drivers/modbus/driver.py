@@ -25,8 +25,10 @@ from micromanip.driver import (
     Load,
     Outcome,
     PartMissing,
+    StillOpening,
     Task,
     TransientError,
+    Watchdog,
 )
 
 from .answers import Answers
@@ -64,13 +66,15 @@ class Modbus(BusDriver):
         self._asked = 0
         """The task whose request went out last."""
         self._missing: frozenset[int] = frozenset()
+        self._told: set[int] = set()
+        """Transactions that were taken otherwise than wished, which people know."""
 
     @property
     def device(self) -> str:
         return self._options.device
 
     @property
-    def watchdog(self) -> str | None:
+    def silence(self) -> Watchdog | None:
         return self._options.watchdog
 
     @property
@@ -101,7 +105,11 @@ class Modbus(BusDriver):
         except PartMissing as problem:
             self._missing = problem.tasks
             raise
-        except BusError:
+        except StillOpening:
+            raise
+        except BusError as problem:
+            if isinstance(problem, LinkError) and self._client.may_be_starting:
+                raise StillOpening(str(problem)) from problem
             self._client.close()
             raise
 
@@ -151,8 +159,16 @@ class Modbus(BusDriver):
             self._take(answer, inbox)
 
     def _take(self, answer: Answer, inbox: Inbox) -> None:
-        """Samples, and the word that a task's outputs have arrived: when all its requests are answered."""
+        """Samples, and the word that a task's outputs have arrived: when all its requests are answered.
+
+        A value that the device took otherwise has not arrived; that is said once.
+        """
         self._answers.take(answer, inbox)
+        if refusal := answer.exchange.refusal(answer.asked, answer.pdu):
+            if id(answer.exchange) not in self._told:
+                self._told.add(id(answer.exchange))
+                inbox.remark(refusal)
+            return
         for task, unanswered in self._unanswered.items():
             if id(answer.exchange) in unanswered:
                 unanswered.remove(id(answer.exchange))

@@ -33,6 +33,8 @@ _READ: dict[int, type[ModbusPDU]] = {
     3: ReadHoldingRegistersRequest,
     4: ReadInputRegistersRequest,
 }
+_SINGLE = (5, 6)
+"""Functions whose answer has the value that was taken."""
 _COIL_ON = b"\xff\x00"
 
 
@@ -76,8 +78,18 @@ class Exchange:
         return self._head + data
 
     def answer_head(self, request: bytes) -> bytes:
-        """How the answer must begin; for one that reads nothing that is all of it."""
-        return bytes((self.function, self._data_bytes)) if self._reads else request[:5]
+        """How the answer must begin."""
+        return bytes((self.function, self._data_bytes)) if self._reads else request[:3]
+
+    def refusal(self, request: bytes, answer: bytes) -> str | None:
+        """In numbers, what the device took instead of what was written; None where it says that it took that."""
+        if self._reads or self.written is None or answer == request[: len(answer)]:
+            return None
+        took, wished = (int.from_bytes(pdu[3:5], "big") for pdu in (answer, request))
+        address = self.written.fields[0].register.address
+        if self.function in _SINGLE:
+            return f"{self.title}: register {address} was set to {took} instead of {wished}: does the device limit it?"
+        return f"{self.title}: {took} registers were written from {address} on instead of {wished}"
 
     def codes(self, answer: bytes) -> Sequence[float]:
         """The numbers in an answer, in the order of `inputs`."""

@@ -13,6 +13,8 @@ _HEADER = struct.Struct(">HHHB")
 _LEAST, _MOST = 2, 254
 """Length field of a TCP frame: unit, and a PDU of 1 to 253 bytes."""
 EXCEPTION_BYTES = 2
+_NOISE = 4
+"""So many bytes beside an answer are less than one of another would be."""
 
 
 class Framing(ABC):
@@ -23,6 +25,15 @@ class Framing(ABC):
 
     late = 0
     """Answers that came when nobody waited for them any more."""
+
+    stray_bytes = 0
+    """Bytes of noise beside good answers."""
+
+    in_doubt = False
+    """Whether an answer to an earlier request may still come by this connection."""
+
+    came = ""
+    """What came since the last request and was passed over, in words."""
 
     @abstractmethod
     def seal(self, unit_id: int, pdu: bytes) -> bytes:
@@ -42,7 +53,10 @@ class Framing(ABC):
 
 
 class TcpFraming(Framing):
-    """Frames with a transaction number: an answer to another request is recognised, and dropped."""
+    """Frames with a transaction number: an answer to another request is recognised, and dropped.
+
+    A device that always answers with number 0 is believed, as long as no request of this connection went unanswered.
+    """
 
     overhead_bytes = _HEADER.size
 
@@ -50,14 +64,17 @@ class TcpFraming(Framing):
         self._number = 0
 
     def seal(self, unit_id: int, pdu: bytes) -> bytes:
-        self._number = self._number % 0xFFFF + 1
+        self._number, self.came = self._number % 0xFFFF + 1, ""
         return _HEADER.pack(self._number, 0, len(pdu) + 1, unit_id) + pdu
 
     def take(self, buffer: bytearray, unit_id: int, head: bytes, length: int) -> bytes | None:
         while (frame := _tcp_frame(buffer)) is not None:
             number, unit, pdu = frame
-            if number != self._number:
+            if number == 0 and self.in_doubt:
+                raise BadFrame(f"it has transaction number 0 instead of {self._number}, and may answer what was before")
+            if number not in (self._number, 0):  # requests begin at 1: 0 is that of a device which keeps none
                 self.late += 1
+                self.came = f"an answer came with transaction number {number} instead of {self._number}"
                 continue
             if unit != unit_id:
                 raise BadFrame(f"unit {unit} answered")
@@ -71,7 +88,10 @@ class TcpFraming(Framing):
 
 
 class RtuFraming(Framing):
-    """Frames with a checksum, and nothing that says to which request they belong."""
+    """Frames with a checksum, and nothing that says to which request they belong.
+
+    A few bytes of noise beside one, as a line without bias resistors makes them, do no harm to a good checksum.
+    """
 
     overhead_bytes = 3
 
@@ -81,26 +101,39 @@ class RtuFraming(Framing):
     def take(self, buffer: bytearray, unit_id: int, head: bytes, length: int) -> bytes | None:
         if not buffer:
             return None
-        if buffer[0] != unit_id:
+        skipped = next((at for at in range(_NOISE + 1) if _may_begin(buffer[at:], unit_id, head)), None)
+        if skipped is None and buffer[0] != unit_id:
             raise BadFrame(f"it begins with {buffer[0]}, not with the number of the unit")
-        began = bytes(buffer[1 : 1 + len(head)])
-        if began[:1] and began[0] == head[0] | 0x80:
+        if skipped is None:
+            raise BadFrame(f"it begins with {buffer[1 : 1 + len(head)].hex(' ')} instead of {head.hex(' ')}")
+        began = buffer[skipped:]
+        if began[1:2] and began[1] == head[0] | 0x80:
             length = EXCEPTION_BYTES
-        elif began != head[: len(began)]:
-            raise BadFrame(f"it begins with {began.hex(' ')} instead of {head.hex(' ')}")
-        if len(buffer) < length + self.overhead_bytes:
+        end = length + self.overhead_bytes
+        if len(began) < end:
             return None
-        frame = bytes(buffer)
         buffer.clear()
-        if len(frame) > length + self.overhead_bytes:
-            raise BadFrame(f"{len(frame) - length - self.overhead_bytes} bytes too many came")
+        frame, extra = bytes(began[:end]), len(began) - end
+        if extra > _NOISE:
+            raise BadFrame(f"{extra} bytes too many came")
         if sealed(frame[:-2]) != frame:
-            raise DamagedFrame("its checksum is wrong")
+            if skipped:
+                raise BadFrame(f"{skipped} bytes came before it, and its checksum is wrong")
+            raise DamagedFrame("its checksum is wrong") if not extra else BadFrame(f"{extra} bytes too many came")
+        self.stray_bytes += skipped + extra
         return frame[1:-2]
 
     def idle(self, buffer: bytearray) -> None:
         self.late += bool(buffer)
         buffer.clear()
+
+
+def _may_begin(began: bytearray, unit_id: int, head: bytes) -> bool:
+    """Whether the answer, or the exception to the request, may begin so; with nothing there it may still come."""
+    if not began:
+        return True
+    code = bytes(began[1 : 1 + len(head)])
+    return began[0] == unit_id and (code[:1] == bytes((head[0] | 0x80,)) or code == head[: len(code)])
 
 
 def sealed(frame: bytes) -> bytes:
@@ -124,7 +157,7 @@ def _tcp_frame(buffer: bytearray) -> tuple[int, int, bytes] | None:
         return None
     number, protocol, length, unit = _HEADER.unpack_from(buffer)
     if protocol != 0 or not _LEAST <= length <= _MOST:
-        raise BadFrame("it has no Modbus TCP header")
+        raise BadFrame(f"it has no Modbus TCP header: it begins with {buffer[: _HEADER.size].hex(' ')}")
     end = _HEADER.size - 1 + length
     if len(buffer) < end:
         return None

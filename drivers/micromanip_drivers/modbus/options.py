@@ -30,7 +30,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from micromanip.driver import BusOptions, Section
+from micromanip.driver import BusOptions, Section, Watchdog
 
 from ..line.port_options import SerialPort, TcpPort
 from ..line.section import Name
@@ -85,10 +85,7 @@ class ModbusOptions(BusOptions):
         description="Silence required on a serial line after a time-out; longer than any device's latest answer, "
         "which would pass for the next request's. null: three times timeout_ms.",
     )
-    watchdog: str | None = Field(
-        default=None,
-        description="The device's own reaction to missing writes, and its time, in a few words.",
-    )
+    watchdog: Watchdog | None = Field(default=None, description="What the device does by itself; null: nobody knows.")
     units: dict[Name, Unit] = Field(min_length=1, description="Devices by name.")
 
     @model_validator(mode="after")

@@ -34,7 +34,7 @@ class Opening:
         Nobody else sends to it: who opens it has its lock. So nothing is sent for as long as its watchdog takes.
         """
         if self._options.watchdog is not None:
-            time.sleep((self._options.watchdog.ms + self._options.watchdog.rest_ms) * 1e-3)
+            time.sleep(self._options.watchdog.still_ns * 1e-9)
         opened = self.connected()
         try:
             if self._options.identity is not None:

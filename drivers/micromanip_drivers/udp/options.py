@@ -7,7 +7,7 @@
         port: 4840
         listen: 4841
         silence_ms: 20
-        watchdog: {ms: 100, rest_ms: 250, does: the amplifiers ramp to 0 V in 0.2 s}
+        watchdog: {ms: 100, rest_ms: 250, after_power_on: rest}
         crc: {name: crc32.iso_hdlc}                       # the last four of every datagram
         identity:
           request: a5 01                                  # whole but for its CRC

@@ -33,16 +33,31 @@ from .polarity import Polarity, check_polarity
 from .quality import HELD_OUT_PERCENT, Quality, judge_coverage
 from .rest import check_rest
 from .travel import check_answer, check_travel, require_centred
-from .validation import Validation, validate
+from .validation import Validation, coupling, validate
 
 Array = NDArray[np.float64]
 
 TRIANGLE_S = 12.0
+FOLLOWED = 0.7
+"""The set-point may move at this share of what the output can do."""
+
+
+@dataclass(frozen=True)
+class ClosedOuter:
+    """The outer loop of an axis: the stage's model, the design, the loop as measured, what fresh experiments say."""
+
+    stage: StageModel
+    design: OuterDesign
+    loop: Sensitivity
+    validation: Validation
 
 
 @dataclass(frozen=True)
 class Commissioned:
-    """Everything that was found about one axis; `configuration` holds its new tuning."""
+    """Everything that was found about one axis; `configuration` holds its new tuning.
+
+    `outer` is None where no outer loop could be proven: `without_outer` says why, and the axis runs in mode strain.
+    """
 
     axis: str
     configuration: Configuration
@@ -57,10 +72,10 @@ class Commissioned:
     actuator: Actuator
     pid: PidDesign
     strain_loop: Sensitivity
-    stage: StageModel
-    outer: OuterDesign
-    outer_loop: Sensitivity
-    validation: Validation
+    outer: ClosedOuter | None
+    without_outer: str
+    coupling: dict[str, float]
+    """Share of this axis' movement that each other gauge, and each other stage sensor, sees."""
     undone: Undone | None = None
     """What the feedforward of mode strain undoes; None where the configuration does not say how late the gauge is."""
     learned: tuple[str, ...] = ()
@@ -106,15 +121,21 @@ def _commission(
         slope=f"{polarity.slope_um_per_V:.3f} um/V",
         noise_of_the_gauge_at_rest=f"{polarity.noise_um:.3f} um rms",
     )
+    configuration = followable(configuration, axis, polarity.slope_um_per_V)
+    settings = settings.model_copy(update={"setpoint": configuration.axes[axis].setpoint})
+    steps.learn(setpoints_slew_limit=f"{settings.setpoint.slew_um_per_ms:g} um/ms")
     say("major loop")
     triangle, others_um = _triangle(configuration, experiment, axis)
     judge_coverage(axis, triangle["voltage_V"], triangle["strain_um"], settings.setpoint.range_um)
-    travel = check_travel(configuration, axis, triangle, others_um)
-    steps.learn(stage_over_gauge=f"{travel.slope:.2f}")
+    travel = None
+    if f"stage_{axis}" in configuration.signals:
+        travel = check_travel(configuration, axis, triangle, others_um)
+        steps.learn(stage_over_gauge=f"{travel.slope:.2f}")
     say("answer to a step")
     answer = check_answer(configuration, experiment, axis, _holding_voltage(triangle, settings.centre_um))
     steps.learn(gauge_after_a_step=f"63 % in {answer.rise_ms:.1f} ms")
-    require_centred(configuration, axis, travel)
+    if travel is not None:
+        require_centred(configuration, axis, travel)
     say("excitation")
     record, held_out = (record_hysteresis(configuration, experiment, axis, each) for each in (seed, seed + 1))
     judge_record(_as_record(axis, record))
@@ -164,12 +185,21 @@ def _commission(
         if tooth is not None:
             knobs = replace(knobs, tooth_seen_Hz=tooth[0])
             steps.learn(tooth_where_it_works=f"{tooth[1]:.2f} um at {tooth[0]:g} Hz")
-    say("stage dynamics")
-    stage = identify_stage(tuned, experiment, axis, seed)
-    stage, outer, outer_loop = close_outer(tuned, experiment, axis, actuator, stage, knobs, seed, say, learned)
-    say("validation")
-    tuned = with_axis(tuned, axis, outer=outer.outer)
-    validation = validate(tuned, experiment, axis)
+    outer, without = None, "the axis has no stage sensor"
+    if travel is not None:
+        say("stage dynamics")
+        stage = identify_stage(tuned, experiment, axis, seed)
+        try:
+            stage, designed, loop = close_outer(tuned, experiment, axis, actuator, stage, knobs, seed, say, learned)
+        except CheckFailed as problem:  # the strain loop is proven: it is not thrown away
+            without = str(problem).removeprefix(f"axis {axis}: ")
+            steps.learn(no_outer_loop=without)
+        else:
+            say("validation")
+            tuned = with_axis(tuned, axis, outer=designed.outer)
+            outer = ClosedOuter(stage, designed, loop, validate(tuned, experiment, axis))
+    if outer is None:
+        tuned = with_axis(tuned, axis, outer=None, mode="strain")
     undone, kept = None, settings.actuator
     if kept is not None and actuator.path == AT_ONCE:
         asked_Hz = settings.accept.frequencies_Hz
@@ -181,10 +211,23 @@ def _commission(
         )  # fmt: skip
         kept = undone.actuator
     tuned = with_axis(tuned, axis, actuator=kept)
+    if settings.untuned and outer is not None:  # it said nothing of how it is to run
+        tuned = with_axis(tuned, axis, mode="stage")
     return Commissioned(
         axis, tuned, polarity, triangle, record, held_out, quality, tanh, affine, percent, actuator, pid, strain_closed,
-        stage, outer, outer_loop, validation, undone, tuple(learned), None if tooth is None else tooth[0],
+        outer, without, coupling(tuned, experiment, axis), undone, tuple(learned),
+        None if tooth is None else tooth[0],
     )  # fmt: skip
+
+
+def followable(configuration: Configuration, axis: str, slope_um_per_V: float) -> Configuration:
+    """With a set-point no faster than its output can follow: beyond, the outer loop's model is wrong."""
+    setpoint, output = configuration.axes[axis].setpoint, configuration.outputs[f"voltage_{axis}"]
+    most = FOLLOWED * slope_um_per_V * output.fastest_V_per_s * 1e-3
+    if setpoint.slew_um_per_ms <= most:
+        return configuration
+    slower = float(f"{0.99 * most:.2g}")
+    return with_axis(configuration, axis, setpoint=setpoint.model_copy(update={"slew_um_per_ms": slower}))
 
 
 def _holding_voltage(record: dict[str, Array], centre_um: float) -> float:

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from micromanip.control.outer_gains import outer_gains
 from micromanip.errors import CheckFailed
-from micromanip.settings.schema.axis import Axis
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.wiring.timing import AT_ONCE
@@ -78,11 +77,7 @@ def close_strain(
         if loop.agrees or by_bus:
             return actuator, pid, loop
         learned.append(loop.sentence)
-        found = identify(measured, period_s, Wanted(ORDERS, DELAYS))
-        if found.problem is not None:
-            learned.append(f"in the closed loop: {found.problem}")
-            break
-        actuator = replace(actuator, found=found)
+        actuator = replace(actuator, found=identify(measured, period_s, Wanted(ORDERS, DELAYS)))
     raise CheckFailed(
         f"axis {axis}: the tuning is withdrawn, the strain loop is not what was predicted: {'; '.join(learned)}. "
         f"{pid.limited_by[0].upper()}{pid.limited_by[1:]}"
@@ -116,7 +111,7 @@ def close_outer(
             stage.noise_um if knobs.noise_um is None else knobs.noise_um,
             unsure=None if by_bus else partial(_interpolated, hertz=hertz, values=relative),
             bears=Borne(stage.linear, strain, actuator, period_s, settings.accept),
-            reach=_reach(settings, period_s),
+            reach=Reach.of(settings, period_s),
             gain_dB=settings.accept.gain_margin_dB,
             phase_deg=settings.accept.phase_margin_deg,
             overshoot=0.01 * settings.accept.overshoot_percent,
@@ -136,18 +131,9 @@ def close_outer(
             return stage, outer, loop
         learned.append(loop.sentence)
         stage = with_response(stage, measured, period_s)
-        if stage.found.problem is not None:
-            learned.append(f"in the closed loop: {stage.found.problem}")
-            break
     raise CheckFailed(
         f"axis {axis}: the tuning is withdrawn, the outer loop is not what was predicted: {'; '.join(learned)}"
     )
-
-
-def _reach(settings: Axis, period_s: float) -> Reach:
-    low, high = settings.setpoint.range_um
-    nearer = min(settings.centre_um - low, high - settings.centre_um)
-    return Reach(settings.setpoint.slew_um_per_ms * 1e3 * period_s, nearer)
 
 
 def _interpolated(omega: Array, hertz: Array, values: Array) -> Array:

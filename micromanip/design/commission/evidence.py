@@ -77,3 +77,8 @@ class Evidence:
     def passed(self) -> bool:
         """Whether no criterion fails."""
         return all(criterion.passed for criterion in self.criteria)
+
+    @property
+    def proven(self) -> bool:
+        """Whether none fails but for accuracy: such an axis may run."""
+        return all(criterion.passed or criterion.acceptance for criterion in self.criteria)

@@ -12,7 +12,7 @@ from .drawing import figure_json, style
 from .evidence import Evidence, Plot, Section
 from .verdict import Verdict
 
-_SIGNS = {Verdict.PASS: "✓", Verdict.FAIL: "✗", Verdict.NONE: "–"}
+_SIGNS = {Verdict.PASS: "✓", Verdict.LESS: "✓", Verdict.FAIL: "✗", Verdict.NONE: "–"}
 
 
 def badge(found: Verdict) -> str:

@@ -8,8 +8,10 @@ from numpy.typing import NDArray
 from ..analysis import AxisAnalysis
 from ..evaluation import Run
 from ..loops import Margins, System, grid, refined
+from ..tuning import StageModel
 from .axis import Commissioned
 from .evidence import Curve, Plot
+from .validation import Validation
 
 Array = NDArray[np.float64]
 
@@ -118,20 +120,20 @@ def folded(x: Array, y: Array, bins: int) -> tuple[Array, Array]:
     return low + (np.flatnonzero(kept) + 0.5) * (high - low) / bins, mean
 
 
-def tried_orders(found: Commissioned) -> Plot:
+def tried_orders(stage: StageModel) -> Plot:
     """Held-out error of each order of the stage's model."""
-    tried = found.stage.found.tried
+    tried = stage.found.tried
     order, error = np.array(list(tried), dtype=float), np.array(list(tried.values()))
     curve = Curve("held-out error", order, error, marks=True)
-    note = f"1 is the measurement's own confidence; order {found.stage.found.order} is used."
+    note = f"1 is the measurement's own confidence; order {stage.found.order} is used."
     return Plot("Order of the stage's dynamics", "order", "error", (curve,), note, log_y=True)
 
 
-def measured_response(found: Commissioned) -> tuple[Plot, ...]:
+def measured_response(stage: StageModel) -> tuple[Plot, ...]:
     """Set-point to stage: model beside the measured response, and its coherence."""
-    measured = found.stage.found.measured
+    measured = stage.found.measured
     hertz, seen = measured.frequency_Hz, measured.response
-    pairs = (("measured", seen), ("model", found.stage.found.at(hertz)))
+    pairs = (("measured", seen), ("model", stage.found.at(hertz)))
     gain = tuple(Curve(name, hertz, np.abs(values)) for name, values in pairs)
     model = np.unwrap(np.angle(pairs[1][1]))
     # measured beside the model: its own unwrapping is lost where there is noise only
@@ -202,11 +204,11 @@ def _closed(loop: System) -> NDArray[np.complex128]:
     return np.linalg.eigvals(loop.closed()).astype(complex)
 
 
-def responses(found: Commissioned) -> tuple[Plot, Plot]:
+def responses(check: Validation) -> tuple[Plot, Plot]:
     """Step of the stage, and what a disturbance does with and without the outer loop."""
-    t_s, reference, stage = found.validation.step
+    t_s, reference, stage = check.step
     step = (Curve("reference", 1e3 * t_s, reference), Curve("capacitive sensor", 1e3 * t_s, stage))
-    late, without, closed = found.validation.rejected
+    late, without, closed = check.rejected
     both = (Curve("without outer loop", 1e3 * late, without), Curve("with outer loop", 1e3 * late, closed))
     return (
         Plot("Step of the stage, outer loop closed", "time, ms", "um", step, "Played on a fresh experiment."),

@@ -96,7 +96,7 @@ class Production:
             f"<= {limit:.3g} um rms, following the tracker for {TRACKED_S - _FADED_IN_S:g} s; "
             f"uncompensated {seen.uncompensated_rms:.0f} um"
         )
-        return Criterion(axis, name, seen.rms <= limit, value, wanted)
+        return Criterion(axis, name, seen.rms <= limit, value, wanted, acceptance=True)
 
     def sections(self, axis: str) -> tuple[Section, ...]:
         """What is told of it in the report."""
@@ -133,7 +133,7 @@ def obstacle(configuration: Configuration) -> str | None:
             return f"it has no signal {', '.join(missing)}: name the tracker's channels in signals"
     untuned = [name for name, axis in configuration.axes.items() if axis.outer is None]
     if untuned:
-        return f"axis {', '.join(untuned)} has no outer loop yet: commission it from the tuned file, or all at once"
+        return f"axis {', '.join(untuned)} has no outer loop: commission it from the tuned file, or all at once"
     return None
 
 

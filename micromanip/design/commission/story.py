@@ -6,8 +6,9 @@ import numpy as np
 
 from ..analysis import AxisAnalysis
 from ..evaluation import Run
+from ..tuning import StageModel
 from .acceptance import acceptance
-from .axis import Commissioned
+from .axis import ClosedOuter, Commissioned
 from .evidence import Evidence, Plot, Section
 from .plots import (
     figure_2,
@@ -30,8 +31,7 @@ def evidence(found: Commissioned, analysis: AxisAnalysis, runs: list[Run], index
         _hysteresis(found),
         _inverse(analysis),
         _strain(found, analysis),
-        _stage(found),
-        _outer(found, analysis),
+        *(() if found.outer is None else (_stage(found.outer), _outer(found, found.outer, analysis))),
         _experiment(found, runs, index),
     )
     return Evidence(found.axis, acceptance(found, analysis, runs, index), sections)
@@ -104,8 +104,8 @@ def _strain(found: Commissioned, analysis: AxisAnalysis) -> Section:
     return Section("Strain PID", text, figures, plots)
 
 
-def _stage(found: Commissioned) -> Section:
-    mode_Hz, damping = resonance(found)
+def _stage(found: ClosedOuter) -> Section:
+    mode_Hz, damping = resonance(found.stage)
     figures = {
         "model": f"order {found.stage.found.order} behind {found.stage.linear.delay_cycles} cycles",
         "model beside the measured response": f"{found.stage.fit_percent:.1f} %",
@@ -115,12 +115,12 @@ def _stage(found: Commissioned) -> Section:
         "A multisine on the set-point excites the stage. The strain loop of this axis is closed; the other axes rest "
         "at their park voltages."
     )
-    return Section("Stage dynamics", text, figures, (tried_orders(found), *measured_response(found)))
+    return Section("Stage dynamics", text, figures, (tried_orders(found.stage), *measured_response(found.stage)))
 
 
-def resonance(found: Commissioned) -> tuple[float, float]:
+def resonance(stage: StageModel) -> tuple[float, float]:
     """Frequency (Hz) and damping ratio of the least damped mode of the stage's model."""
-    s = np.log(found.stage.found.modes.poles.astype(complex)) / found.stage.found.dt
+    s = np.log(stage.found.modes.poles.astype(complex)) / stage.found.dt
     swinging = s[s.imag > 0]
     if not len(swinging):
         return float("nan"), 1.0
@@ -128,29 +128,28 @@ def resonance(found: Commissioned) -> tuple[float, float]:
     return float(abs(least) / (2 * np.pi)), float(-least.real / abs(least))
 
 
-def _outer(found: Commissioned, analysis: AxisAnalysis) -> Section:
-    outer = found.outer.outer
+def _outer(found: Commissioned, closed: ClosedOuter, analysis: AxisAnalysis) -> Section:
+    outer, design = closed.design.outer, closed.design
     figures = {
         "control weight": f"{outer.control_weight:g}",
         "random walk": f"{outer.disturbance_um:g} um a cycle",
         "sensor noise": f"{1e3 * outer.sensor_noise_um:.1f} nm",
         "noise of the set-point": f"{outer.input_noise_um:g} um a cycle",
-        "bandwidth": f"{found.outer.bandwidth_Hz:.0f} Hz",
-        "step, by the model": f"{100 * found.outer.step.overshoot:.0f} % over, settled after "
-        f"{1e3 * found.outer.step.settling_s:.0f} ms",
-        "what limits it": found.outer.limited_by,
-        "error at rest after the step": f"{1e3 * found.validation.settled_um:.0f} nm rms",
+        "bandwidth": f"{design.bandwidth_Hz:.0f} Hz",
+        "step, by the model": f"{100 * design.step.overshoot:.0f} % over, settled after "
+        f"{1e3 * design.step.settling_s:.0f} ms",
+        "what limits it": design.limited_by,
+        "error at rest after the step": f"{1e3 * closed.validation.settled_um:.0f} nm rms",
+        "measured in the loop": closed.loop.sentence,
     }
-    if found.outer_loop is not None:
-        figures["measured in the loop"] = found.outer_loop.sentence
-    for name, share in found.validation.coupling.items():
+    for name, share in found.coupling.items():
         figures[f"seen by {name}"] = f"{100 * share:+.2f} %"
     plots = () if analysis.stage is None else loop_plots("Outer loop", analysis.stage.loop, analysis.stage.margins)
     text = (
         "Kalman filter and LQG on the capacitive sensor: of those whose step is as accepted and that keep their "
         "margins, the one that leaves least of a disturbance."
     )
-    return Section("Outer loop", text, figures, (*plots, *responses(found)))
+    return Section("Outer loop", text, figures, (*plots, *responses(closed.validation)))
 
 
 def _experiment(found: Commissioned, runs: list[Run], index: int) -> Section:

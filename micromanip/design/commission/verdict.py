@@ -1,4 +1,4 @@
-"""PASS, FAIL or NOT JUDGED: what the criteria of one axis, and of all, come to."""
+"""PASS, PASS WITH LESS, FAIL or NOT JUDGED: what the criteria of one axis, and of all, come to."""
 
 from __future__ import annotations
 
@@ -12,21 +12,31 @@ class Verdict(Enum):
     """The word that stands in the report."""
 
     PASS = "PASS"
+    LESS = "PASS WITH LESS"
     FAIL = "FAIL"
     NONE = "NOT JUDGED"
 
 
 def of_axis(evidence: Evidence) -> Verdict:
-    """Of one axis: without any criterion it is not judged, which is no pass."""
+    """Of one axis: without any criterion it is not judged, which is no pass; less accurate than asked is one."""
     if not evidence.criteria:
         return Verdict.NONE
-    return Verdict.PASS if evidence.passed else Verdict.FAIL
+    if evidence.passed:
+        return Verdict.PASS
+    return Verdict.LESS if evidence.proven else Verdict.FAIL
 
 
 def overall(axes: Sequence[Evidence]) -> Verdict:
     """Of all axes: one failure fails, and nothing passes while an axis is not judged."""
     found = {of_axis(evidence) for evidence in axes} or {Verdict.NONE}
-    return next(verdict for verdict in (Verdict.FAIL, Verdict.NONE, Verdict.PASS) if verdict in found)
+    order = (Verdict.FAIL, Verdict.NONE, Verdict.LESS, Verdict.PASS)
+    return next(verdict for verdict in order if verdict in found)
+
+
+def missed(evidence: Evidence) -> str | None:
+    """The accuracy that was asked for and not reached, in words; None where there is none."""
+    names = [f"{c.name}: {c.value}" for c in evidence.criteria if c.acceptance and not c.passed]
+    return "; ".join(names) or None
 
 
 def sentence(axes: Sequence[Evidence]) -> str:

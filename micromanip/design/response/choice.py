@@ -27,7 +27,7 @@ Complex = NDArray[np.complex128]
 Recorded = tuple[Multisine, Array, Array]
 """What was played, and its records (n,) of input and output."""
 
-ATTEMPTS, _LONGER = 3, 2
+ATTEMPTS, _LONGER = 2, 2
 _ENOUGH = 1.15
 _FLOOR = 0.01
 """A line is never trusted better than to this share: no model is exact, and none should chase one line."""
@@ -37,13 +37,14 @@ _DELAY_ORDER = 6
 _STATIC = (0.5, 2.0)
 """A model that is right on all lines may be anything below them."""
 _SURE, _KNOWN = 2.0, 0.1
+NOTHING = "nothing of the response stands out of its noise"
 _TURNS, _MORE = 5, 2.0
 """How often a line of too large an error is trusted more, and by how much at most each time."""
 
 
 @dataclass(frozen=True)
 class Wanted:
-    """Orders and delays (samples) to choose from, and what is to be reached.
+    """Orders and delays (samples) to choose from, and what a higher order or a longer measurement is tried for.
 
     `error`: of the model beside the measurement, `confidence`: standard deviation of the measurement, both as shares,
     wherever the response is above `matters` of its median size, up to `upper_Hz`; above, only the radius tells.
@@ -62,7 +63,8 @@ class Identified:
     """The model, what it was fitted to, its `radius` (k,) of uncertainty at the lines, and what was tried.
 
     `tried` has the held-out error of each order, 1 being the measurement's own confidence. `problem` says in words
-    why it is not good enough, None where it is.
+    what is less well known than was `Wanted`, None where nothing is. It refuses no design: whether the frequency
+    matters is for the loop's margins within the radius, and for those measured in the loop.
     """
 
     modes: Modes
@@ -177,7 +179,7 @@ def _problem(found: Identified, wanted: Wanted) -> str | None:
     measured = found.measured
     matters = _matters(measured, wanted)
     if not matters.any():
-        return "nothing of the response stands out of its noise"
+        return NOTHING
     sure = "the response is only known to +-{:.0f} %, +-{:.0f} % are needed"
     near = f"the model of order {found.order} is {{:.0f}} % beside the measured response, {{:.0f}} % are allowed"
     judged = ((measured.relative, wanted.confidence, _SURE, sure), (found.error, wanted.error, 1.0, near))
@@ -215,13 +217,15 @@ class Attempted:
 def identify_again(record: Callable[[int, int], Recorded], wanted: Wanted, what: str, look_for: str) -> Attempted:
     """The model of what `record` measures: it is given the attempt, from 0, and how many times more to play.
 
-    Raises CheckFailed, "`what`, in 3 attempts: why. `look_for`", where none of the models is what is `wanted`.
+    It is measured once more, for longer, where less is known than was `wanted`; then the model is what it is.
+    Raises CheckFailed, "`what`: why. `look_for`", where no response stands out of the noise.
     """
-    problem = None
     for attempt in range(ATTEMPTS):
         wave, u, y = record(attempt, _LONGER**attempt)
-        found = identify(measure(wave, u, y), 1.0 / wave.rate_hz, wanted)
+        measured = measure(wave, u, y)
+        found = identify(measured, 1.0 / wave.rate_hz, wanted)
         if found.problem is None:
-            return Attempted(found, y, attempt + 1)
-        problem = found.problem
-    raise CheckFailed(f"{what}, in {ATTEMPTS} attempts: {problem}. {look_for}")
+            break
+    if not (measured.relative < wanted.confidence).any():
+        raise CheckFailed(f"{what}: {NOTHING} in {ATTEMPTS} attempts. {look_for}")
+    return Attempted(found, y, attempt + 1)

@@ -79,7 +79,7 @@ def tune_outer(
     `late_cycles` after it was taken. The stage's step is to stay below `overshoot` (a share of it) and settle within
     `settling_s`, with a reserve; where no loop does, the one that comes nearest is taken, and said. `unsure` gives the
     uncertainty of the model's response at angular frequencies as a share of it: wherever the plant is within, Ms stays
-    below 3. Within `reach` a large swing of the mode dies out, where samples are seen at once. `bears` is asked whether
+    below 3. Within `reach` a swing of the mode dies out, of whatever size. `bears` is asked whether
     a design that has its margins also bears what else it must. Raises CheckFailed where
     the margins are not to be had, with what is.
     """
@@ -107,6 +107,8 @@ def tune_outer(
         if search.best is not None:
             break
         search.look([regulator])
+    if search.best is None:
+        search.descend(regulators)
     best = search.best
     asked = "" if bandwidth_Hz is None else f" at {bandwidth_Hz:g} Hz"
     if best is None or (bandwidth_Hz is not None and best[1].bandwidth_Hz < 0.8 * bandwidth_Hz):

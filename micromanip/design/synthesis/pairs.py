@@ -15,7 +15,7 @@ from micromanip.settings.schema.axis import LinearModel, Outer
 
 from ..loops import Margins, System
 from ..step import StepAnswer, predicted_step
-from .saturation import Reach, comes_to_rest
+from .saturation import Reach, Samples, comes_to_rest
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -160,9 +160,10 @@ class Task:
         return None if self.bears(candidate.outer, candidate.gains) else FRAGILE
 
     def _comes_to_rest(self, gains: OuterGains) -> bool:
-        if self.reach is None or not self.at_once:
+        if self.reach is None:
             return True
-        return comes_to_rest(gains, len(self.model.A), self.reach, self.period_s)
+        samples = Samples(self.sample_cycles, self.late_cycles)
+        return comes_to_rest(gains, len(self.model.A), self.reach, self.period_s, samples)
 
 
 def _robust(loop: System, unsure: Callable[[Array], Array]) -> float:

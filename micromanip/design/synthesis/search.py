@@ -59,6 +59,23 @@ class Search:
                     if not self._taken(chain[k], step, np.inf):
                         chain = chain[:k]
 
+    def descend(self, regulators: list[tuple[Outer, OuterGains, StepAnswer]]) -> None:
+        """Each regulator's filters from the slowest on, as long as they hold everything.
+
+        By halves a regulator is given up whose middle filter, and slower ones, don't: what is proven may lie between.
+        """
+        for outer, gains, step in regulators:
+            for input_um in _INPUTS_UM:
+                held = False
+                for pair in self._task.chain(outer, gains, input_um):
+                    least = np.inf if self.best is None else self.best[0]
+                    if self.merit(pair) >= least:
+                        continue
+                    if self._taken(pair, step, np.inf):
+                        held = True
+                    elif held:
+                        break
+
     def refine(self, excess: Callable[[StepAnswer], float]) -> None:
         """Walk downhill from the best pair of the grid, in steps between its own; then widen the oscillator.
 

@@ -6,10 +6,20 @@ import math
 import time
 from collections.abc import Sequence
 
+from micromanip.bus.beginning import begin
 from micromanip.bus.driver import BusDriver, Outcome
-from micromanip.bus.errors import BusError, IdentityMismatch, LinkError, OutputRefused, PartMissing, TransientError
+from micromanip.bus.errors import (
+    BusError,
+    IdentityMismatch,
+    LinkError,
+    OutputRefused,
+    OutputsUnknown,
+    PartMissing,
+    TransientError,
+)
 from micromanip.bus.inbox import Inbox
 from micromanip.bus.last_given import LastGiven
+from micromanip.bus.opening import opened
 from micromanip.bus.output_writer import OutputWriter
 from micromanip.bus.safe_state import LAST_SWITCH, VOLTAGE, SafeOutput, SafeState
 from micromanip.bus.schedule import Schedule
@@ -29,18 +39,29 @@ _VERIFY_S, _VERIFY_SHARE = 0.5, 0.01
 class BusRest:
     """The way of a bus' outputs to their safe values."""
 
-    def __init__(self, bus: BusDriver, outputs: Sequence[SafeOutput], ramp_s: float) -> None:
-        """`outputs` are those of the driver, in its order."""
+    def __init__(
+        self,
+        bus: BusDriver,
+        outputs: Sequence[SafeOutput],
+        ramp_s: float,
+        *,
+        at_rest: bool = False,
+        simulated: bool = False,
+    ) -> None:
+        """`outputs` are those of the driver, in its order. A person says that they are `at_rest`; a `simulated` device
+        that nobody knows anything of counts as such a one.
+        """
+        self._at_rest, self._simulated = at_rest, simulated
         self._bus, self._outputs = bus, outputs
         self._way = WayToRest(bus.tasks, outputs)
         self._way.failed(None)  # whatever it reads is nobody's here
         self._task_of = self._way.task_of
         periods_s = [1.0 / bus.tasks[self._task_of[i]].rate_hz for i in range(len(outputs))]
-        self._safe = SafeState(outputs, periods_s, ramp_s, dead_ns=0)
+        rests = [channel.safe for channel in bus.outputs]
+        self._safe = SafeState(outputs, periods_s, ramp_s, 0, rests)
         self._writer = OutputWriter(bus, self._safe, self._note)
         self._inbox = Inbox()
         self._memory: LastGiven | None = None
-        self._is_told = False
         self._problems: dict[int, str] = {}
         self._begun_s: float
         self._since_s: dict[int, float] = {}
@@ -57,16 +78,20 @@ class BusRest:
     def run(self) -> list[str]:
         """Bring them to rest; what is not known to be there, and why, a line each."""
         self._recall()
+        if self._at_rest or self._simulated:
+            self._safe.assume_safe(where_unknown=not self._at_rest)
         self._begun_s = time.monotonic()
         problem: BusError | None = None
         try:
             while not self._is_over():
                 try:
-                    self._serve(self._opened())
+                    is_open, missing = self._opened()
+                    if is_open:
+                        self._serve(missing)
                 except BusError as found:
                     problem = found
-                    if isinstance(found, IdentityMismatch):
-                        break  # whatever answers, it is not ours to write to
+                    if isinstance(found, IdentityMismatch | OutputsUnknown):
+                        break  # whatever answers, it is not ours to write to, or nobody knows what
                     time.sleep(_AGAIN_S)
                 finally:
                     self._bus.close()
@@ -77,15 +102,14 @@ class BusRest:
             return self._verified() if self._reads_back else []
         return [self._line(i, problem) for i in self._safe.unsafe]
 
-    def _opened(self) -> PartMissing | None:
-        """What is missing, where the rest of it is there. Raises BusError."""
+    def _opened(self) -> tuple[bool, PartMissing | None]:
+        """Whether the link is open, and what is missing where the rest of it is there. Raises BusError."""
         try:
-            self._bus.open()
+            return opened(self._bus, lambda *_: not self._is_over()), None
         except PartMissing as problem:
             for number in problem.tasks:
                 self._way.failed(number, broke=True)
-            return problem
-        return None
+            return True, problem
 
     def _recall(self) -> None:
         """Begin from what the outputs were given last by whoever it was."""
@@ -102,17 +126,16 @@ class BusRest:
             self._memory.write(last)
 
     def _read_back(self) -> None:
-        if self._asks or any(map(math.isnan, self._safe.last)):
-            self._asks = False
-            values = self._bus.read_outputs()
-            self._asks = True
-            self._reads_back = any(value is not None for value in values)
-            self._safe.read_back(values)
-        last = zip(self._bus.outputs, self._outputs, self._safe.last, strict=True)
-        unknown = [channel.name for channel, output, value in last if output.kind == VOLTAGE and math.isnan(value)]
-        if unknown and not self._is_told:
-            self.notes.append(f"nobody knows what {', '.join(unknown)} had: the first value is the safe one")
-        self._is_told = True
+        values = begin(self._bus, self._safe, self._writer, lambda: None, self._read_outputs)
+        self._reads_back = self._reads_back or any(value is not None for value in values)
+
+    def _read_outputs(self) -> Sequence[float | None]:
+        if not self._asks and not any(map(math.isnan, self._safe.last)):
+            return [None] * len(self._outputs)
+        self._asks = False
+        values = self._bus.read_outputs()
+        self._asks = True
+        return values
 
     def _serve(self, missing: PartMissing | None) -> None:
         """One life of the link. Raises BusError once it is lost and every task has had its turn."""
@@ -208,7 +231,7 @@ class BusRest:
         end_s = time.monotonic() + _VERIFY_S
         while True:
             try:
-                self._bus.open()
+                opened(self._bus, lambda *_: time.monotonic() <= end_s)
                 differing = [
                     f"{self._named(i)} was given and reads {value:g}{self._unit(i)}"
                     for i, value in enumerate(self._bus.read_outputs())

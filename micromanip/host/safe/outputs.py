@@ -40,11 +40,12 @@ class Found:
     notes: Sequence[str] = ()
 
 
-def make_safe(plan: SafePlan, wait_s: float = 0.0) -> SafeReport:
+def make_safe(plan: SafePlan, wait_s: float = 0.0, *, at_rest: bool = False) -> SafeReport:
     """Open each driver, bring its outputs to their safe values, close it again; does no harm twice.
 
-    Waits up to `wait_s` for a controller that is ramping down. Raises CheckFailed where a controller still has one of
-    the devices: then nothing was touched.
+    A person says that the outputs are `at_rest`: they begin there where a device can't be read back. Waits up to
+    `wait_s` for a controller that is ramping down. Raises CheckFailed where a controller still has one of the devices:
+    then nothing was touched.
     """
     wiring = plan.wiring
     outputs = {name: wiring.safe_outputs(name, plan.configuration) for name in wiring.buses}
@@ -53,27 +54,27 @@ def make_safe(plan: SafePlan, wait_s: float = 0.0) -> SafeReport:
     except DeviceUnavailable as problem:
         raise CheckFailed(f"nothing was touched: {problem}") from problem
     with locks:
-        return _reported(_all_safe(wiring.drivers, outputs, plan.configuration.start.ramp_s))
+        return _reported(_all_safe(wiring.drivers, outputs, plan.configuration.start.ramp_s, at_rest))
 
 
 def _all_safe(
-    drivers: Mapping[str, CyclicDriver], outputs: Mapping[str, Sequence[SafeOutput]], ramp_s: float
+    drivers: Mapping[str, CyclicDriver], outputs: Mapping[str, Sequence[SafeOutput]], ramp_s: float, at_rest: bool
 ) -> dict[str, Found]:
     """All that have outputs, at the same time: none waits until another one's device has been given up."""
     with ThreadPoolExecutor(len(drivers)) as threads:
         tasks = {
-            name: threads.submit(_one_safe, name, driver, outputs.get(name, ()), ramp_s)
+            name: threads.submit(_one_safe, name, driver, outputs.get(name, ()), ramp_s, at_rest)
             for name, driver in drivers.items()
             if driver.outputs
         }
     return {name: task.result() for name, task in tasks.items()}
 
 
-def _one_safe(name: str, driver: CyclicDriver, outputs: Sequence[SafeOutput], ramp_s: float) -> Found:
+def _one_safe(name: str, driver: CyclicDriver, outputs: Sequence[SafeOutput], ramp_s: float, at_rest: bool) -> Found:
     try:
         if not isinstance(driver, BusBridge):
             return Found(failed=_make_safe(name, driver))
-        rest = BusRest(driver.bus, outputs, ramp_s)
+        rest = BusRest(driver.bus, outputs, ramp_s, at_rest=at_rest, simulated=driver.simulated)
         return Found(
             [f"driver {name}: {line}" for line in rest.run()], [f"driver {name}: {line}" for line in rest.notes]
         )

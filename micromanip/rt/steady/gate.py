@@ -87,6 +87,20 @@ def rests(st: Record) -> bool:
 
 
 @compiled
+def was_silent(st: Record, task: int, now_ns: int) -> bool:
+    """Whether the device's watchdog may have led an output of `task` away from what it was given."""
+    t = st["task"][task]
+    if now_ns - t["fed_ns"] <= st["begins_ns"]:
+        return False
+    for j in range(t["outputs"]):
+        o = st["output"][t["output"][j]]
+        furthest = max(abs(o["lowest"] - o["rest"]), abs(o["highest"] - o["rest"]))
+        if o["kind"] == VOLTAGE and not furthest <= o["step"] + _EQUAL_V:
+            return True
+    return False
+
+
+@compiled
 def note_turn(st: Record, image: Record, task: int, now_ns: int) -> None:
     """The outputs of `task` have had their turn."""
     t = st["task"][task]
@@ -95,10 +109,10 @@ def note_turn(st: Record, image: Record, task: int, now_ns: int) -> None:
 
 
 @compiled
-def note_sent(st: Record, task: int) -> None:
+def note_sent(st: Record, task: int, now_ns: int) -> None:
     """The device may have what was decided of the outputs of `task`: it has not confirmed that yet."""
     t = st["task"][task]
-    t["unconfirmed"] = 1
+    t["unconfirmed"], t["sent_ns"] = 1, now_ns
     for i in range(st["outputs"]):
         t["sent"][i] = st["value"][i]
     for j in range(t["outputs"]):
@@ -108,9 +122,14 @@ def note_sent(st: Record, task: int) -> None:
 
 
 @compiled
-def note_given(st: Record, image: Record, turns: Any, values: Any, task: int, given: Any, now_ns: int) -> None:
-    """The device has taken the outputs of `task` as `given`, one for each output: image and file remember that."""
+def note_given(
+    st: Record, image: Record, turns: Any, values: Any, task: int, given: Any, fed_ns: int, now_ns: int
+) -> None:
+    """The device has taken the outputs of `task` as `given`, one for each output, sent at `fed_ns`: image and file
+    remember that.
+    """
     t = st["task"][task]
+    t["fed_ns"] = fed_ns
     t["given"] += 1
     if t["outputs"] == 0:
         return
@@ -138,7 +157,7 @@ def take_confirmed(st: Record, image: Record, inbox: Record, turns: Any, values:
         t = st["task"][k]
         if t["unconfirmed"] != 0:
             t["unconfirmed"] = 0
-            note_given(st, image, turns, values, k, t["sent"], now)
+            note_given(st, image, turns, values, k, t["sent"], t["sent_ns"], now)
 
 
 @compiled

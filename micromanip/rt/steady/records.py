@@ -18,10 +18,13 @@ TASK = record(
     ("output", "i8", (MAX_OUTPUTS,)),
     ("given", "i8"),
     ("unconfirmed", "i8"),
+    ("sent_ns", "i8"),
+    ("fed_ns", "i8"),
     ("sent", "f8", (MAX_OUTPUTS,)),
 )
 """One task: its grid, how often it was done, which outputs it writes, how often the device had taken those; whether it
-has still to confirm the values `sent` last (of all outputs of the driver)."""
+has still to confirm the values `sent` last (of all outputs of the driver), at ``sent_ns``. What it took last was sent
+at ``fed_ns``, 0 for nothing."""
 
 OUTPUT = record(
     ("kind", "i8"),
@@ -32,8 +35,10 @@ OUTPUT = record(
     ("last", "f8"),
     ("lowest", "f8"),
     ("highest", "f8"),
+    ("rest", "f8"),
 )
-"""One output: its limits, what the device was given last, and between which bounds that is known to lie."""
+"""One output: its limits, what the device was given last, between which bounds that is known to lie, and where the
+device's own watchdog leads it (`rest`)."""
 
 STEADY = record(
     ("receive", "i8"),
@@ -44,6 +49,7 @@ STEADY = record(
     ("following", "i8"),
     ("look_ns", "i8"),
     ("dead_ns", "i8"),
+    ("begins_ns", "i8"),
     ("until_ns", "i8"),
     ("decided_ns", "i8"),
     ("listened_ns", "i8"),
@@ -81,6 +87,6 @@ device has taken, as they were sent last."""
 NOTHING_SENT, SENT_IN_DOUBT, UNCONFIRMED = 1, 2, 3
 """What ``send`` returns where it sent nothing, where nobody knows, and where the device has still to confirm it, which
 is nothing out of the ordinary."""
-ASKED, STATE_CHANGES, LEFT_OVER = 4, 5, 6
+ASKED, STATE_CHANGES, LEFT_OVER, SILENT = 4, 5, 6, 7
 """Why the compiled loop returned, beside what ``send`` says: Python asked or a signal came, the outputs do not go on as
-they were, the driver has left something to Python."""
+they were, the driver has left something to Python, the device's watchdog may have moved it."""

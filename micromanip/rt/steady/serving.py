@@ -28,8 +28,8 @@ from micromanip.rt.record import Record
 from micromanip.rt.signatures import array_of
 from micromanip.rt.wire.datagrams import wait
 
-from .gate import decide, note_given, note_sent, note_turn, rests, state_holds, take_confirmed, take_wanted
-from .records import ASKED, INBOX, LEFT_OVER, STATE_CHANGES, STEADY, UNCONFIRMED
+from .gate import decide, note_given, note_sent, note_turn, rests, state_holds, take_confirmed, take_wanted, was_silent
+from .records import ASKED, INBOX, LEFT_OVER, SILENT, STATE_CHANGES, STEADY, UNCONFIRMED
 
 
 @compiled
@@ -71,7 +71,9 @@ def publish(image: Record, inbox: Record) -> int:
 
 @compiled
 def perform(st: Record, image: Record, turns: Any, values: Any, task: int, now: int) -> int:
-    """Do `task` with what was decided; 0, or what ``send`` says."""
+    """Do `task` with what was decided; 0, or what ``send`` says, or SILENT."""
+    if was_silent(st, task, now):
+        return SILENT
     code = call_exchange(st["send"], st["context"], st["value"].ctypes.data, 0, now, task)
     if code != 0 and code != UNCONFIRMED:
         st["failed"] = task
@@ -80,9 +82,9 @@ def perform(st: Record, image: Record, turns: Any, values: Any, task: int, now: 
     note_turn(st, image, task, now)
     st["calls"] += 1
     if code == UNCONFIRMED:
-        note_sent(st, task)
+        note_sent(st, task, now)
     else:
-        note_given(st, image, turns, values, task, st["value"], now_ns(st["timespec"]))
+        note_given(st, image, turns, values, task, st["value"], now, now_ns(st["timespec"]))
     return 0
 
 

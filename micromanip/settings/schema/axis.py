@@ -65,6 +65,10 @@ class Inner(Settings):
     notch: Notch | None = Field(default=None, description="Notch before the PID; null: none.")
 
 
+UNTUNED = Inner(mode="pid", K_V_per_um=1e-3, Ti_ms=1e3, Td_ms=0.0, filter_ms=0.0)
+"""The PID of an axis whose section `inner` is missing: it is never closed, `commission` finds the first."""
+
+
 class LinearModel(Settings):
     """Stage position (um) from actuator set-point (um), one step per loop cycle, inner loop closed."""
 
@@ -139,6 +143,9 @@ class Commissioned(Settings):
     )
     report: str = Field(min_length=1, description="File of the report, relative to the folder of the results.")
     date: str = Field(min_length=1, description="Day of the commissioning.")
+    less: str | None = Field(
+        default=None, description="What was asked for and not reached: the axis is proven, and less accurate."
+    )
 
 
 class Axis(Settings):
@@ -156,7 +163,9 @@ class Axis(Settings):
     hysteresis_affine: Live[PrandtlIshlinskii | None] = Field(
         default=None, description="Affine model for configuration B of `evaluate`; `run` does not use it."
     )
-    inner: Live[Inner]
+    inner: Live[Inner] = Field(
+        default=UNTUNED, description="PID on the strain gauge; without it the axis is untuned, and in mode voltage."
+    )
     actuator: Live[Actuator | None] = Field(
         default=None, description="Linear dynamics that the feedforward inverts beside the hysteresis; null: none."
     )
@@ -172,6 +181,11 @@ class Axis(Settings):
     )
     accept: NewStart[Accept] = Field(default=Accept(), description="Acceptance limits of `commission`.")
     commissioned: Live[Commissioned | None] = Field(default=None, description="Report that belongs to this tuning.")
+
+    @property
+    def untuned(self) -> bool:
+        """Whether nothing is known yet by which a loop could be closed."""
+        return self.inner is UNTUNED or self.inner == UNTUNED
 
     @property
     def undone(self) -> Actuator | None:
@@ -202,11 +216,24 @@ class Axis(Settings):
                 del tuning[name]
         return tuning
 
+    @model_validator(mode="before")
+    @classmethod
+    def _untuned_in_open_loop(cls, section: Any) -> Any:
+        """An axis without `inner` and `mode` is in mode voltage."""
+        if isinstance(section, dict) and "inner" not in section and "mode" not in section:
+            return {**section, "mode": "voltage"}
+        return section
+
     @model_validator(mode="after")
     def _is_reachable(self) -> Self:
         low, high = self.setpoint.range_um
         if not low <= self.centre_um <= high:
             raise ValueError(f"centre_um {self.centre_um:g} is outside setpoint.range_um {low:g}..{high:g}")
+        if self.mode != "voltage" and self.untuned:
+            raise ValueError(
+                f"mode {self.mode} needs the section inner; without it the axis is untuned: leave mode out, the axis "
+                "moves in open loop (mode voltage), and `commission` tunes it"
+            )
         if self.mode == "stage" and self.outer is None:
             raise ValueError("mode stage needs the section outer; mode strain does without")
         if self.inner.mode != "pid" and isinstance(self.hysteresis, NoModel) and self.mode != "voltage":

@@ -40,7 +40,7 @@ def test_a_tracker_that_the_user_described_stays():
 def test_what_cannot_track_stays_as_it_is_and_says_why():
     half = in_production(FACTORY, REST)
     assert half.configuration == FACTORY
-    assert "axis x, y, z has no outer loop yet" in half.obstacle
+    assert "axis x, y, z has no outer loop" in half.obstacle
     blind = UNFOLLOWED.model_copy(
         update={"signals": {k: v for k, v in UNFOLLOWED.signals.items() if k != "deviation_y"}}
     )

@@ -115,6 +115,6 @@ def test_a_bus_that_is_gone_is_a_lost_link(monkeypatch, error):
 
 
 def test_a_code_of_a_vendor_is_not_taken_for_an_errno(monkeypatch):
-    link = failing(monkeypatch, can.CanOperationError("hiccup", errno.ENETDOWN), interface="kvaser")
+    link = failing(monkeypatch, can.CanOperationError("hiccup", errno.ENETDOWN), interface="virtual")
     with pytest.raises(TransientError, match="hiccup"):
         link.receive(0)

@@ -73,7 +73,9 @@ def test_load_is_that_of_the_packed_line():
     (load,) = bus.loads()
     heartbeats = 2 * 12.5 * 65e-6  # a byte, 65 bits, three times in 240 ms
     assert load.share == pytest.approx(0.515 + heartbeats)
-    assert load.detail == "1000 SYNC x 55 us + 3000 TPDO x 115 us + 1000 RPDO x 115 us + 25 heartbeat x 65 us"
+    frames, _, served = load.detail.partition("; ")
+    assert frames == "1000 SYNC x 55 us + 3000 TPDO x 115 us + 1000 RPDO x 115 us + 25 heartbeat x 65 us"
+    assert served == "polled, stamped by the test bus"
     latencies = [channel.latency_s * 1e6 for channel in bus.inputs]
     # SYNC 55, then by identifier 0x185, 0x206 (the RPDO), 0x285, 0x385 at 115 each, up to its own; before all that the
     # longest of lower priority, which had the bus already: a PDO for the first two, a heartbeat of 65 for the last
@@ -186,8 +188,10 @@ def test_an_eds_that_maps_no_pdo_is_refused(folder, name, head, value, said):
 
 def test_watchdog(folder):
     assert driver(nodes__amplifier__watchdog_ms=DELETE).watchdog is None
-    by_other_means = driver(nodes__amplifier__watchdog_ms=DELETE, nodes__amplifier__watchdog="switch S3, 50 ms")
-    assert by_other_means.watchdog == "switch S3, 50 ms of amplifier"
+    by_other_means = driver(
+        nodes__amplifier__watchdog_ms=DELETE, nodes__amplifier__watchdog={"ms": 50, "after_power_on": "rest"}
+    )
+    assert by_other_means.watchdog == "amplifier at rest 0 ms after 50 ms of silence"
     edit(folder, "amplifier", r"\[1400sub5\].*?\n\n", "")
     refused(r"has no 1400sub5, so it can't wait for that rpdo; watchdog_by: heartbeat is possible", folder)
     edit(folder, "amplifier", r"\[1016sub1\].*?\n\n", "")
@@ -201,7 +205,7 @@ def test_watchdog(folder):
         ({"nodes__sensor__watchdog_ms": 20}, "this node has no rpdo"),
         ({"nodes__sensor__tpdo": {}}, "a node needs a tpdo or an rpdo"),
         ({"own_node_id": 5}, r"nodes\.sensor\.node_id: 5 is also that of own_node_id"),
-        ({"nodes__amplifier__watchdog": "x"}, "leave it or watchdog_ms out"),
+        ({"nodes__amplifier__watchdog": {"ms": 20, "after_power_on": "rest"}}, "leave it or watchdog_ms out"),
     ],
 )
 def test_keys_that_are_refused(changes, match):

@@ -7,6 +7,7 @@ import pytest
 from micromanip.bus.errors import DeviceFault, IdentityMismatch, LinkError
 from micromanip.bus.inbox import Inbox
 from micromanip.emulation.can.canopen_node import OPERATIONAL, PRE_OPERATIONAL
+from micromanip.emulation.can.canopen_objects import WRONG_VALUE, Abort
 
 from .cell import AMPLIFIER, EDS, SENSOR, cell, run, wait_for
 
@@ -184,3 +185,22 @@ def test_nothing_is_ever_stored(at, opened):
     opened.close()
     opened.open()
     assert [node.objects.stores for node in at.nodes.values()] == [0, 0]
+
+
+def test_a_node_that_answers_no_remote_frames_keeps_that_bit(at):
+    objects = at.nodes["sensor"].objects
+    has, no_remote, download = objects.raw(0x1800, 1), 0x40000000, objects.download
+    objects.put(0x1800, 1, has | no_remote)
+
+    def refusing(index, subindex, data):
+        if index == 0x1800 and subindex == 1 and not int.from_bytes(data, "little") & no_remote:
+            raise Abort(WRONG_VALUE)
+        download(index, subindex, data)
+
+    objects.download = refusing
+    bus = at.driver(
+        nodes__sensor__tpdo={1: {"rate_hz": 200.0, "transmission": "event", "signals": {"strain_x": {"scale": 1e-4}}}},
+    )
+    bus.open()
+    bus.close()
+    assert objects.raw(0x1800, 1) == has | no_remote

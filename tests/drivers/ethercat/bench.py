@@ -112,7 +112,7 @@ def options(interface="none0", **changes):
         "interface": interface,
         "simulated": True,
         "silence_ms": 2,
-        "watchdog": {"ms": 1000, "rest_ms": 5, "does": "ramps to 0 V"},
+        "watchdog": {"ms": 1000, "rest_ms": 5, "after_power_on": "rest"},
         "cyclic_safe": True,
         "terminals": {"amplifier": AMPLIFIER, "gauge": GAUGE},
     }

@@ -11,7 +11,7 @@ RECEIVED, SENT = 20, 13
 
 FRAMING = {
     "silence_ms": 200,
-    "watchdog": "0 V after 10 ms without voltages",
+    "watchdog": {"ms": 10, "rest_ms": 5, "after_power_on": "rest"},
     "binary": {
         "sync": "aa 55",
         "length": {"at": 2, "type": "uint8", "plus": 5},

@@ -186,6 +186,6 @@ def test_rates_and_latencies():
     assert {round(1e6 * channel.latency_s, 3) for channel in board.inputs} == {50.0}  # 20 bytes at 4 Mbaud
     assert {round(1e6 * channel.latency_s, 3) for channel in board.outputs} == {32.5}
     assert [task.name for task in board.tasks] == ["voltages"]
-    assert board.watchdog == "0 V after 10 ms without voltages"
+    assert board.watchdog == "at rest 5 ms after 10 ms of silence"
     assert board.device == "/dev/ttyUSB0"
     assert built(changed(BOARD, "watchdog", None)).watchdog is None

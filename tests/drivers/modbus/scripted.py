@@ -44,10 +44,12 @@ class Unit:
 
 
 class Scripted:
-    """The driver, opened; `unit` answers. The greeting is request 1."""
+    """The driver, opened; `unit` answers, in its `manner` if it has one. The greeting is request 1."""
 
-    def __init__(self, *, serial, **keys):
+    def __init__(self, *, serial, manner=None, **keys):
         self.unit = Unit(serial)
+        if manner is not None:
+            self.unit.said = dict.fromkeys(range(1, 1000), manner)
         self.driver = Modbus(Modbus.Options.model_validate(options(serial=serial, **keys)), None)
         self.port = ScriptedPort(self.unit)
         self.driver._client._port = self.port

@@ -117,7 +117,7 @@ def test_a_wrong_transaction_number_is_never_believed():
 
 def test_after_rubbish_a_serial_line_is_found_again():
     scripted = Scripted(serial=True)
-    scripted.unit.said[2] = lambda frame, request: [(0.0, b"\x55\xaa\x17"), (0.003, frame)]
+    scripted.unit.said[2] = lambda frame, request: [(0.0, b"\x55\xaa\x17\x55\xaa\x17"), (0.003, frame)]
     with pytest.raises(TransientError, match="no answer but something else"):
         scripted.turn()
     values, _ = turns(scripted, 0.1)

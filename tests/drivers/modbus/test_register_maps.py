@@ -80,5 +80,5 @@ def test_what_is_written_is_what_the_unit_gets(found, data):
         unit.add_output(HOLDING, DeviceRegister(name, address, kind), f"u.{name}")
     for exchange in plan.exchanges:
         request = exchange.request(wanted)
-        assert answer(unit, request, 0) == exchange.answer_head(request)
+        assert answer(unit, request, 0) == request[:5]
     assert memory.values == wanted

@@ -27,7 +27,7 @@ def options(port, **changes):
         "port": port,
         "simulated": True,
         "silence_ms": 2,
-        "watchdog": {"ms": 10, "rest_ms": 5, "does": "ramps to 0 V"},
+        "watchdog": {"ms": 10, "rest_ms": 5, "after_power_on": "rest"},
         "crc": {"name": "crc32.iso_hdlc"},
         "receive": {
             "head": "a5 10",

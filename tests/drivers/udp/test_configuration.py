@@ -29,7 +29,7 @@ def test_check_tells_what_the_wire_carries(capsys):
     assert (out["name"], back["name"]) == ("out", "in")
     assert out["share_percent"] == pytest.approx(100 * 10_000 * 8 * (23 + 66) / 100e6, abs=0.1)
     assert back["share_percent"] == pytest.approx(100 * 10_000 * 8 * (61 + 66) / 100e6, abs=0.1)
-    assert report["drivers"]["cell"]["watchdog"].startswith("the amplifiers ramp")
+    assert report["drivers"]["cell"]["watchdog"].startswith("at rest 250 ms after 100 ms")
 
 
 def test_a_wire_that_is_too_slow_is_refused(tmp_path):

@@ -19,6 +19,7 @@ from micromanip.driver import (
     OutputRefused,
     Task,
     TransientError,
+    Watchdog,
 )
 
 from . import wire
@@ -56,8 +57,8 @@ class UdpStage(BusDriver):
         return f"udp {self.options.host}:{self.options.port}"
 
     @property
-    def watchdog(self):
-        return "the amplifier's own: 0 V after 20 ms without a datagram"
+    def silence(self):
+        return Watchdog(ms=20, rest_ms=0, after_power_on="rest")  # the amplifier's own, to 0 V
 
     @property
     def inputs(self):

@@ -1,0 +1,77 @@
+"""What a device does by itself once no more commands come: the one place that says what it may have then.
+
+The link tells whether commands arrive, not what the device did meanwhile: its watchdog may have led it to rest, and it
+may have been switched off and on. So outputs that can't be read back begin anew where the device must be, or nowhere
+(``docs/decisions/0017-bus-workers.md``).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from .number_options import Section
+
+Milliseconds = Annotated[float, Field(strict=True, gt=0, le=6_500)]
+"""As long as the watchdog of an EtherCAT terminal can be; one that is longer guards nothing anyhow."""
+
+_SHARE = 0.9
+"""A device that had no command for this part of its watchdog's time can't be known to have its last value still."""
+
+UNKNOWN = (-math.inf, math.inf)
+
+
+class Watchdog(Section):
+    """The device's own reaction to missing commands, and to being switched on; its rest is `safe` of each output."""
+
+    ms: Milliseconds | None = Field(
+        description="Time without commands until it begins to go to rest; null: it keeps what it was given."
+    )
+    rest_ms: Annotated[float, Field(strict=True, ge=0, le=10_000)] = Field(
+        default=0.0, description="Time from there until all outputs are at their `safe` values, at most."
+    )
+    latches: bool = Field(
+        default=False, strict=True, description="Then it takes commands only after somebody has reset it."
+    )
+    after_power_on: Literal["rest", "last", "unknown"] = Field(
+        description="Outputs of a device that was switched off and on: at their `safe` values, what they were given "
+        "last, or nobody knows."
+    )
+
+    @property
+    def begins_ns(self) -> float:
+        """Silence after which it may have begun to go to rest."""
+        return math.inf if self.ms is None else _SHARE * 1e6 * self.ms
+
+    @property
+    def still_ns(self) -> int:
+        """Silence after which it is at rest, if it ever is."""
+        return 0 if self.ms is None else round(1e6 * (self.ms + self.rest_ms))
+
+    @property
+    def leads_to_rest(self) -> bool:
+        """Whether it is at rest after a silence, switched off and on meanwhile or not."""
+        return self.ms is not None and self.after_power_on == "rest"
+
+    @property
+    def words(self) -> str | None:
+        """What it does when this machine has died; None where it does nothing."""
+        if self.ms is None:
+            return None
+        return f"at rest {self.rest_ms:g} ms after {self.ms:g} ms of silence" + (", latching" if self.latches else "")
+
+
+def after_silence(
+    watchdog: Watchdog | None, silent_ns: int, given: tuple[float, float], rest: float
+) -> tuple[float, float]:
+    """Between which values an output lies whose link was lost, `silent_ns` after the last command that it may have had.
+
+    `given` are the bounds of what it was given, ``UNKNOWN`` where nobody knows; `rest` is where it rests.
+    """
+    if watchdog is None:
+        return UNKNOWN
+    if watchdog.leads_to_rest:
+        return (rest, rest) if silent_ns >= watchdog.still_ns else (min(given[0], rest), max(given[1], rest))
+    return given if watchdog.ms is None and watchdog.after_power_on == "last" else UNKNOWN

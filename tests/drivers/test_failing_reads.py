@@ -1,5 +1,6 @@
 """Devices whose reads fail while they take what is written: their outputs come to rest all the same."""
 
+import contextlib
 import time
 
 import pytest
@@ -7,6 +8,7 @@ from micromanip_drivers.line.driver import Line
 from micromanip_drivers.modbus.driver import Modbus
 
 from micromanip.bus import device_lock
+from micromanip.bus.last_given import LastGiven
 from micromanip.bus.safe_state import VOLTAGE, SafeOutput
 from micromanip.bus.worker import Rules
 from micromanip.emulation.modbus.frames import RtuFrames, TcpFrames
@@ -112,7 +114,14 @@ class TwoUnits(LinePeer):
             units["amplifier"]["tasks"] |= {
                 "state": {"function": 3, "rate_hz": 10.0, "read": {"state": {"address": 9, "type": "uint16"}}}
             }
-        options = {**self.wire.options, "timeout_ms": 30.0, "response_ms": 2.0, "drain_ms": 90.0, "units": units}
+        options = {
+            **self.wire.options,
+            "timeout_ms": 30.0,
+            "response_ms": 2.0,
+            "drain_ms": 90.0,
+            "units": units,
+            "watchdog": {"ms": None, "after_power_on": "last"},
+        }
         return Modbus(Modbus.Options.model_validate(options), folder)
 
 
@@ -170,6 +179,9 @@ def test_the_worker_brings_them_to_rest(device, tmp_path, loop_lives):
 def test_without_a_worker_they_come_to_rest(device, tmp_path):
     device.has, device.fails = HIGH_V, device.to_fail
     driver = device.driver(tmp_path)
+    names = [channel.name for channel in driver.outputs]
+    with contextlib.closing(LastGiven.open(driver.device, names, tmp_path)) as memory:  # of who controlled it before
+        memory.write([HIGH_V, *([0.0] * (len(names) - 1))])
     rest = BusRest(driver, outputs(driver), RAMP_S)
     failed = rest.run()
     assert device.has == 0.0, failed

@@ -31,6 +31,7 @@ SECTIONS = {
         "diff": "the file against what runs",
         "save": "write running values into the file",
         "reload": "take over the file as it is now",
+        "apply": "put a tuned file in force where the cell runs, or back",
         "candidate": "a candidate tuning beside what runs: set, show, promote, discard",
     },
     "Design, and what was recorded": {

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import micromanip.rt
 
-ALLOWED = {"numpy", "numba", "llvmlite", "micromanip.errors", *sys.stdlib_module_names}
+ALLOWED = {"numpy", "numba", "llvmlite", "micromanip.errors", "micromanip.files", *sys.stdlib_module_names}
 
 
 def test_rt_imports_numpy_and_numba_only():

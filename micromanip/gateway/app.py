@@ -74,6 +74,7 @@ class Gateway:
             *(Route(path, _page(home if path == "/" else name)) for name, path in PATHS.items()),
             Route("/api/status", self._status),
             Route(ORDERS_PATH, self._order, methods=["POST"]),
+            Route("/api/seen", self._seen, methods=["POST"]),
             Route("/api/sensitivity", self._sensitivity, methods=["POST"]),
             Route("/api/move", self._move, methods=["POST"]),
             Route("/api/response", self._response, methods=["POST"]),
@@ -119,6 +120,12 @@ class Gateway:
         if order not in ORDERS:
             raise UsageError(f"an order is one of {', '.join(ORDERS)}, not {order!r:.40}")
         await self._cell.order(order, token.name)
+        return JSONResponse({"accepted": True})
+
+    async def _seen(self, request: Request) -> Response:
+        self._known(request, operates=True)
+        await _body(request)
+        self._cell.seen()
         return JSONResponse({"accepted": True})
 
     async def _sensitivity(self, request: Request) -> Response:

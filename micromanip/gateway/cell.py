@@ -87,6 +87,9 @@ class Cell:
         self.socket = socket
         self.source: Source | None = None
         self.status: Status | None = None
+        self.unseen: dict[str, Any] | None = None
+        """Faults and black boxes, as a status has them, of a controller that is gone, until they were `seen`."""
+        self._latched: tuple[int, dict[str, Any]] | None = None
         self.problem: str | None = "not asked yet"
         """Why there is no status."""
         self.heard_s = 0.0
@@ -119,6 +122,24 @@ class Cell:
         self._wake.set()
         return answer
 
+    def take(self, status: Status | None) -> None:
+        """A new status, None where no controller answers; what was latched in one that is gone stays to be seen."""
+        self.status, ring = status, self.source.inode if self.source is not None else 0
+        if self._latched is not None and (status is None or ring != self._latched[0]):
+            self.unseen, self._latched = self._latched[1], None
+        if status is None:
+            return
+        if status["fault_reports"]:
+            self._latched = ring, {name: status[name] for name in ("fault_reports", "trips")}
+            self.unseen = None
+        else:  # it was reset, by somebody who saw it
+            self._latched = None
+
+    def seen(self) -> None:
+        """Somebody has seen what the controller before had."""
+        self.unseen = None
+        self._notify(None)
+
     async def _in_thread(self, work: Callable[[], Any]) -> Any:
         return await asyncio.get_running_loop().run_in_executor(self._threads, work)
 
@@ -144,11 +165,12 @@ class Cell:
     async def _look(self) -> None:
         while True:
             try:
-                self.status = await self._in_thread(self._ask)
+                self.take(await self._in_thread(self._ask))
                 self.problem, self.heard_s = None, time.monotonic()
                 rest_s = _LOOK_S
             except (MicromanipError, OSError, ValueError) as problem:
-                self.status, self.problem = None, str(problem)
+                self.take(None)
+                self.problem = str(problem)
                 if self._client is not None:
                     self._client.close()
                     self._client = None

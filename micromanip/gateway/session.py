@@ -197,5 +197,6 @@ class Session:
             "status": cell.status,
             "problem": cell.problem,
             "differs": self._differs(),
+            "unseen": cell.unseen,
             "silent_s": 0.0 if cell.status is not None or not cell.heard_s else time.monotonic() - cell.heard_s,
         }

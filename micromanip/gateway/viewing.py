@@ -71,7 +71,7 @@ class RecordedCell:
 
     def __init__(self, source: RecordedSource) -> None:
         self.source: Any = source
-        self.status = None
+        self.status = self.unseen = None
         self.problem: str | None = None
         self.heard_s = 0.0
         self.listeners: set[Any] = set()

@@ -280,6 +280,27 @@ def test_a_fault_and_a_lost_controller_are_told(app, played):
     asyncio.run(play())
 
 
+def test_the_fault_of_a_controller_that_is_gone_stays_until_somebody_has_seen_it(app, played):
+    """It comes up again at once, as a service does, and its fault would be gone with it."""
+    cell = played.cell
+    cell.take(status("FAULT", [FAULT]))
+    assert cell.unseen is None, "the status has it"
+    cell.take(None)
+    cell.source.inode = 2  # the memory of the next controller
+    cell.take(status("READY"))
+    assert cell.unseen == {"fault_reports": [FAULT], "trips": []}
+    assert ask(app, "/api/seen", method="POST", body={}, token=SEE)[0] == 403, "a screen on the wall has seen nothing"
+    assert cell.unseen
+    assert ask(app, "/api/seen", method="POST", body={}, token=DO)[0] == 200
+    assert cell.unseen is None
+
+
+def test_a_fault_that_was_reset_is_not_shown_once_more(played):
+    for told in (status("FAULT", [FAULT]), status("READY"), None, status("READY")):
+        played.cell.take(told)
+    assert played.cell.unseen is None
+
+
 @pytest.mark.parametrize("content", ["text/plain", "application/x-www-form-urlencoded", "multipart/form-data"])
 def test_a_form_of_another_page_orders_nothing(app, content):
     code, _, text = ask(app, "/api/order", method="POST", body={"order": "arm"}, token=DO, content=content)

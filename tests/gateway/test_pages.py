@@ -111,18 +111,42 @@ def test_the_cell_page_shows_values_and_a_fault_with_its_next_step(browser, addr
     assert browser.value("document.activeElement.value") == "no"
     browser.value("document.activeElement.click()")
     browser.until(f"!{asked}")
-    played.cell.status = status("FAULT", [FAULT])
+    played.cell.take(status("FAULT", [FAULT]))
     browser.until("document.querySelector('#state b').textContent === 'FAULT'")
     assert FAULT["next_step"] in browser.value("document.querySelector('.fault').textContent")
     for state in ("FAULT", "NO CONTROLLER"):
         if state == "NO CONTROLLER":
-            played.cell.status, played.cell.problem = None, "no controller answers"
+            played.cell.take(None)
+            played.cell.problem = "no controller answers"
         browser.until(f"document.querySelector('#state b').textContent === '{state}'")
         for width in (390, 1280):
             browser("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=False)
             assert browser.value("document.documentElement.scrollWidth <= innerWidth"), f"{state} fits at {width}"
-    in_order(browser, address)
+    assert FAULT["next_step"] in browser.value("document.querySelector('.fault').textContent"), "it stays to be seen"
     played.cell.status, played.cell.problem = status(), None
+    browser.until("document.querySelector('#state b').textContent === 'TRACKING'")
+    browser.value("document.getElementById('seen').click()")
+    browser.until("document.getElementById('faults').hidden")
+    in_order(browser, address)
+
+
+@pytest.mark.parametrize("path", ["/scope", "/moves", "/margins"])
+def test_every_page_holds_and_disarms_after_a_question(browser, address, played, path):
+    signed_in(browser, address, path)
+    seen = "[...document.querySelectorAll('#orders button')].filter((b) => b.offsetParent || b.offsetWidth)"
+    browser.until(f"{seen}.length === 2 && {seen}.every((b) => !b.disabled)")
+    assert browser.value(f"{seen}.map((b) => b.dataset.order).join()") == "hold,disarm"
+    for name in ("hold", "disarm"):
+        browser.value(f"document.querySelector('[data-order={name}]').click()")
+        assert browser.until("document.getElementById('question').open")
+        assert browser.value("document.activeElement.value") == "yes"
+        browser.value("document.querySelector('#question [value=no]').click()")
+    for width in (390, 1280):
+        browser("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=False)
+        assert browser.value("document.documentElement.scrollWidth <= innerWidth")
+    played.cell.status = None
+    browser.until(f"{seen}.every((b) => b.disabled)")
+    in_order(browser, address)
 
 
 def test_the_scope_triggers_at_the_cycle_and_reads_the_sine(browser, address, played):

@@ -1,14 +1,7 @@
-// The cell page: state, faults, axes, timing, links; orders, each after a question.
+// The cell page: state, faults, axes, timing, links.
 import { Connection, post } from "./connection.js";
-import { by, cell, count, element, figure, head, isMeant, notice, rows, themeButton } from "./page.js";
+import { by, cell, count, element, figure, head, notice, rows, themeButton } from "./page.js";
 
-const QUESTIONS = {
-  arm: ["Arm the cell?", "It begins to move."],
-  hold: ["Hold?", "The correction is frozen where it is, the loops stay closed. ARM goes on."],
-  disarm: ["Disarm?", "Every output ramps to its park voltage."],
-  reset: ["Clear the latched fault?", "Nothing moves."],
-};
-const STOPS = ["hold", "disarm"];
 const MEANING = {
   OFF: "ended", STARTING: "starting", READY: "at rest, waits for ARM", ARMING: "lifting, closing the loops",
   TRACKING: "correcting", HOLDING: "frozen, loops closed", RAMPING: "on its way to park",
@@ -32,14 +25,13 @@ function show(message) {
     document.title = `${state} - micromanip`;
   }
   const silent = message.silent_s > 0 ? `, last heard of ${message.silent_s.toFixed(0)} s ago` : "";
-  banner.lastChild.textContent = (MEANING[state] ?? "") + silent;
+  banner.lastChild.textContent = (message.unseen && !status ? "the fault that it had is below" : MEANING[state] ?? "") + silent;
   notice(message.problem ?? message.differs ?? "", Boolean(message.problem));
-  for (const id of ["axes", "faults"]) by(id).hidden = !status;
+  showFaults(message);
+  by("axes").hidden = !status;
   document.querySelector(".more").hidden = !status;
-  for (const button of by("orders").querySelectorAll("button")) button.disabled = !status || !operates;
   if (!status) return;
   by("where").textContent = status.configuration;
-  showFaults(status);
   showAxes(status.axes);
   showTiming(status);
   showLinks(status.links);
@@ -47,14 +39,23 @@ function show(message) {
   showRun(status);
 }
 
-function showFaults(status) {
-  by("faults").hidden = status.fault_reports.length === 0;
-  const trips = Object.fromEntries(status.trips.map((trip) => [trip.code, trip.file]));
-  by("faults").replaceChildren(...status.fault_reports.map((fault) => element("article", { className: "card fault" },
+/** The faults that are latched; else those of a controller that is gone, until somebody has seen them. */
+function showFaults({ status, unseen }) {
+  const { fault_reports: faults, trips: files } = unseen ?? status ?? { fault_reports: [], trips: [] };
+  by("faults").hidden = faults.length === 0;
+  const shown = JSON.stringify([faults, files, Boolean(unseen)]);
+  if (by("faults").dataset.shown === shown) return;
+  by("faults").dataset.shown = shown;
+  const trips = Object.fromEntries(files.map((trip) => [trip.code, trip.file]));
+  by("faults").replaceChildren(...faults.map((fault) => element("article", { className: "card fault" },
     element("h2", {}, fault.seen),
     fault.next_step ? element("p", { className: "next" }, element("b", {}, "Next step: "), fault.next_step) : null,
     fault.likely_causes.length ? element("div", {}, "Likely:", element("ul", {}, ...fault.likely_causes.map((cause) => element("li", {}, cause)))) : null,
     element("p", { className: "faint" }, [fault.cycle === null ? "" : `cycle ${fault.cycle}`, trips[fault.code] ? `black box ${trips[fault.code]}` : ""].filter(Boolean).join(", ")))));
+  if (!unseen || !operates) return;
+  const seen = element("button", { id: "seen" }, "Seen");
+  seen.addEventListener("click", () => post("/api/seen", {}).catch((problem) => notice(problem.message, true)));
+  by("faults").append(element("p", {}, "The controller that had this fault is gone. ", seen));
 }
 
 function showAxes(axes) {
@@ -117,33 +118,19 @@ function showRun(status) {
   ]);
 }
 
-async function order(name) {
-  if (by("question").open || !operates || by("orders").querySelector(`[data-order="${name}"]`).disabled) return;
-  if (!(await isMeant(...QUESTIONS[name], STOPS.includes(name) ? "yes" : "no"))) return;
-  by("said").textContent = `${name} ...`;
-  try {
-    await post("/api/order", { order: name });
-    by("said").textContent = `${name}: done`;
-  } catch (problem) {
-    by("said").textContent = problem.message;
-  }
-}
-
 const connection = new Connection((message) => {
   if (message.type === "hello") {
     operates = message.scope === "operate";
     range = message.cell?.range_V ?? {};
-    by("orders").hidden = !operates;
   } else if (message.type === "status") {
     show(message);
     connection.drawn();
   }
 }, (why) => show({ status: null, problem: why, silent_s: 0 }));
 
-for (const button of by("orders").querySelectorAll("button")) button.addEventListener("click", () => order(button.dataset.order));
 document.addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey || event.target.matches?.("input, select")) return;
   const name = { a: "arm", h: "hold", d: "disarm", r: "reset" }[event.key];
-  if (name) order(name);
+  if (name) connection.orders.give(name);
 });
 themeButton();

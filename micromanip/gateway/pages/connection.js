@@ -1,4 +1,5 @@
 // The live connection. The token goes into the first message, never into an address; it is kept for this tab only.
+import { Orders } from "./orders.js";
 import { by, element } from "./page.js";
 
 const KEPT = "token";
@@ -40,6 +41,7 @@ export class Connection {
   constructor(hear, lost) {
     this.hear = hear;
     this.lost = lost;
+    this.orders = new Orders(post);
     this.socket = null;
     this.failed = 0; // tries in a row that brought nothing
     by("forget").addEventListener("click", () => {
@@ -62,6 +64,7 @@ export class Connection {
         by("who").textContent = `${message.name} (${message.scope === "operate" ? "operates" : "observes"})`;
         by("forget").hidden = !token();
       }
+      this.orders.hear(message);
       this.hear(message);
     });
     socket.addEventListener("close", async (event) => {
@@ -75,6 +78,7 @@ export class Connection {
         this.failed = 0;
         this.begin(unknown);
       } else {
+        this.orders.arrange(false);
         this.lost(`${refused ?? "The gateway does not answer"}; trying again.`);
         setTimeout(() => this.begin(), AGAIN_MS);
       }

@@ -36,11 +36,12 @@ export function swatch({ colour }) {
 }
 
 /** State, configuration, and what is wrong, of a status message. */
-export function showStatus({ status, problem, differs }) {
+export function showStatus({ status, problem, differs, unseen }) {
   by("state").textContent = status?.state ?? "NO CONTROLLER";
   by("where").textContent = status?.configuration ?? "";
-  const fault = status?.fault_reports.at(-1);
-  notice(problem ?? (fault ? `${fault.seen}. ${fault.next_step}` : differs ?? ""), Boolean(problem ?? fault));
+  const fault = (unseen ?? status)?.fault_reports.at(-1);
+  const bad = [problem, fault ? `${fault.seen}. ${fault.next_step}` : null].filter(Boolean);
+  notice(bad.join(". ") || (differs ?? ""), bad.length > 0);
 }
 
 /** Whether the person says yes; enter means `usual`. */

@@ -35,7 +35,7 @@ def play(
 ) -> NDArray[Any]:
     """Rows, one per cycle, of `duration_s` of TRACKING with `samples` played; the loop arms and stops softly.
 
-    `process` keeps the machining force of a simulation.
+    Each sample stands at its own time, see `at_own_time`. `process` keeps the machining force of a simulation.
     Raises CheckFailed where a fault ended it, or cycles are missing from the recording.
     """
     from micromanip.host.daemon import Options, serve
@@ -65,7 +65,8 @@ def play(
     if len(wanted) < 0.99 * duration_s * variant.loop.rate_hz:
         raise CheckFailed("the experiment was cut short")
     # a cycle that an overrun skipped held its output: its row is that of the cycle before
-    return rows[np.searchsorted(rows["cycle"], wanted, side="right") - 1]
+    rows = rows[np.searchsorted(rows["cycle"], wanted, side="right") - 1]
+    return at_own_time(rows, variant, prepared.wiring)
 
 
 class LiveExperiment:
@@ -86,8 +87,7 @@ class LiveExperiment:
         played = np.zeros((1, MAX_AXES)) if samples is None else samples
         with LiveLine() as line:
             kept, path = self._process, self._socket_path
-            rows = play(self._prepared, configuration, played, seconds, path, line, process=kept)
-        return at_own_time(rows, configuration, self._prepared.wiring)[::every]
+            return play(self._prepared, configuration, played, seconds, path, line, process=kept)[::every]
 
     def path(self, configuration: Configuration, axis: str) -> FeedbackPath:
         """What the sensors and the output of `axis` take."""

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from campaigns.running_controller import MICROMANIP, PATIENCE_S, TAG, descriptor_of, tagged, until
+from micromanip.cli.new import text_for
 from micromanip.host.shared_memory import STATUS, Segment
 from micromanip.rt import mailbox as w
 from micromanip.rt.states import TRACKING
@@ -24,6 +25,8 @@ SHORT = (
     ("spin_us: 60 ", "spin_us: 10 "),
     ("loop:\n", "start: {check_s: 0.05, sweep_s: 0.3, lift_s: 0.2, settle_s: 0.1, authority_s: 0.2}\n\nloop:\n"),
 )
+SLOW_BUS = "seed: 1, bus: {input_rate_Hz: 250, input_latency_us: 6000, output_rate_Hz: 250, output_latency_us: 6000}}"
+OLDER = "_x: {driver: cell, max_age_us: 30000, range_um: "
 
 
 code_of = partial(command.code_of, "identify")
@@ -85,10 +88,10 @@ def test_a_gauge_of_the_wrong_sign_is_told_at_once_and_the_recording_stays(tmp_p
 class Live:
     """``micromanip identify --live`` in a session of its own."""
 
-    def __init__(self, folder, seconds):
+    def __init__(self, folder, seconds, text=None):
         self.tag, self.folder, self.out = uuid.uuid4().hex, folder, folder / "out"
         config = folder / "cell.yaml"
-        config.write_text(changed(FACTORY.read_text(), *SHORT))
+        config.write_text(text or changed(FACTORY.read_text(), *SHORT))
         arguments = ["--axis", "x", "--live", "--seconds", str(seconds), "--out", str(self.out)]
         with (folder / "stdout").open("wb") as out, (folder / "stderr").open("wb") as err:
             self.process = subprocess.Popen(
@@ -126,8 +129,8 @@ class Live:
 def live(tmp_path):
     started = []
 
-    def start(seconds):
-        started.append(Live(tmp_path, seconds))
+    def start(seconds, text=None):
+        started.append(Live(tmp_path, seconds, text))
         return started[-1]
 
     yield start
@@ -148,6 +151,29 @@ def test_live_on_the_simulation(live):
     assert 40.0 < np.ptp(columns["strain_um"]) < 130.0
     # the record is the experiment, not its beginning: the voltage is that of the upper three quarters
     assert columns["voltage_V"].min() > 15.0
+
+
+def lag_ms(file):
+    """By how much the strain is behind the voltage, to the millisecond of the rows."""
+    columns, most = table(file), 40
+    voltage, strain = columns["voltage_V"], columns["strain_um"][most:]
+    left = [
+        np.polyfit(voltage[most - rows : len(voltage) - rows], strain, 3, full=True)[1][0] for rows in range(most + 1)
+    ]
+    return int(np.argmin(left))
+
+
+@pytest.mark.live
+def test_the_ways_of_a_slow_bus_are_not_in_a_recording_of_the_running_loop(live, tmp_path):
+    """Samples and voltages every 4 ms, each 6 ms on its way: 12 ms and more, of which nothing is the plant's."""
+    quick = text_for("simulated", ["x"])
+    slow = changed(quick, ("seed: 1}", SLOW_BUS), ("_x: {driver: cell, range_um: [-30,", OLDER + "[-30,"),
+                   ("_x: {driver: cell, range_um: [-300,", OLDER + "[-300,"))  # fmt: skip
+    (tmp_path / "quick.yaml").write_text(quick)
+    assert code_of(tmp_path / "quick.yaml", "--axis", "x", "--seconds", "2", "--out", tmp_path) == 0
+    run = live(2, slow)
+    assert run.end() == 0, run.said
+    assert abs(lag_ms(run.out / "x_multisine.csv") - lag_ms(tmp_path / "x_multisine.csv")) <= 2
 
 
 @pytest.mark.live

@@ -37,7 +37,7 @@ ELSEWHERE = OUTPUTS.replace("device,", "spare,")
 BOARD = """\
     serial: {{device: {device}, baud: 4000000}}
     silence_ms: 200
-    watchdog: {ms: 100, rest_ms: 250, after_power_on: rest}
+    watchdog: {{ms: 100, rest_ms: 250, after_power_on: rest}}
     binary:
       sync: aa 55
       length: {{at: 2, type: uint8, plus: 5}}
@@ -76,7 +76,7 @@ BOARD = """\
 GCS = """\
     {port}
     silence_ms: 500
-    watchdog: {ms: 100, rest_ms: 250, after_power_on: rest}
+    watchdog: {{ms: 100, rest_ms: 250, after_power_on: rest}}
     ascii:
       preset: gcs
       identity: Physik Instrumente.*E-727

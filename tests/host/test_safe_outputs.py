@@ -245,12 +245,13 @@ def test_one_driver_keeps_no_other_one_from_rest(config, driver, monkeypatch):
     assert x != y
 
 
-def test_notes_name_their_driver(config):
+def test_what_nobody_knows_is_not_written_to_and_named(config):
     bus = Bus()
     bus.asked = False
     report = make_safe(planned(config, {"bus": bridge(bus)}, {"bus": OUTPUTS}))
-    assert report.failed == []
-    assert report.notes == ["driver bus: nobody knows what voltage_x, voltage_y had: the first value is the safe one"]
+    assert report.safe == []
+    assert all(line.startswith("driver bus: ") for line in report.failed)
+    assert "nobody knows what voltage_x, voltage_y of bench has: nothing is written" in report.failed[0]
 
 
 def test_what_has_no_outputs_is_not_opened_and_not_called_safe(config):

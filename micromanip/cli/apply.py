@@ -48,7 +48,8 @@ def command(tuned: Path | None, service: str | None, back: bool, yes: bool, sock
         raise UsageError("name the file to apply, or --back: one of them")
     with Client(socket_path) as client:
         status = client.status()
-        file, running = Path(status["configuration"]), client.configuration()["text"]
+        running = client.configuration()["text"]
+        file = _running_file(Path(status["configuration"]), running)
     before = prepared(Source.parse(file, running))
     new = _newest_backup(file) if tuned is None else tuned
     # as it will be read in its new place: what it names lies beside it there
@@ -101,6 +102,16 @@ def _require(changed: list[dict[str, Any]], restarts: bool, state: str, service:
         raise CheckFailed(f"some of it takes outputs at rest, and the cell is {state}: `micromanip disarm` first")
 
 
+def _running_file(file: Path, text: str) -> Path:
+    """Where the controller has its file, which it may name as it is seen from another folder than this."""
+    if file.is_absolute() or (file.is_file() and file.read_text(encoding="utf-8") == text):
+        return file.absolute()
+    raise UsageError(
+        f"the controller was started with {file}, seen from a folder of its own: call `apply` there, or start it with "
+        "an absolute path"
+    )
+
+
 def _newest_backup(file: Path) -> Path:
     found = sorted(file.parent.glob(f"{file.stem}.{_BACKUP}-*{file.suffix}"))
     if not found:
@@ -129,14 +140,20 @@ class Applied:
             self._in_force()
             self._await(self.new.source.hash)
         except MicromanipError as problem:
-            self._write(self.file, old)
-            self.backup.unlink()
-            said = f"{str(problem).rstrip('.')}. {self.file} is as it was"
-            try:
-                self._in_force()
-            except MicromanipError as again:
-                said += f", but it could not be put in force again: {again}"
-            raise CheckFailed(said) from problem
+            raise CheckFailed(f"{str(problem).rstrip('.')}. {self._back(old)}") from problem
+        except BaseException:  # Ctrl-C while it is waited for
+            echo(self._back(old), err=True)
+            raise
+
+    def _back(self, old: str) -> str:
+        """Put the old file back in its place and in force; what came of it, in words."""
+        self._write(self.file, old)
+        self.backup.unlink()
+        try:
+            self._in_force()
+        except MicromanipError as problem:
+            return f"{self.file} is as it was, but could not be put in force again: {problem}"
+        return f"{self.file} is as it was"
 
     def _write(self, file: Path, text: str) -> None:
         from micromanip.settings.write import write_atomically
@@ -171,7 +188,7 @@ class Applied:
                 status = client.status()
         except MicromanipError as problem:
             return str(problem)
-        if status["state"] in _STARTING:
+        if status["state"] in _STARTING or (self.service is not None and status["state"] == "FAULT"):
             return f"it is {status['state']}"
         return None if status["configuration_sha256"] == sha256 else "another configuration runs"
 

@@ -96,3 +96,16 @@ def test_one_of_file_and_back(apply):
     assert apply()[0] == 64
     assert apply("x.yaml", "--back")[0] == 64
     assert "nothing to put back" in apply("--back")[2]
+
+
+def test_ctrl_c_while_it_is_waited_for_takes_it_back(cell, apply, monkeypatch):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    before = cell.config.read_text()
+    monkeypatch.setattr("micromanip.cli.apply.Applied._await", interrupted)
+    code, _, err = apply(tuned(cell, CALMER))
+    assert code != 0
+    assert "is as it was" in err
+    assert cell.config.read_text() == before
+    assert running(cell) == 0.6

@@ -52,6 +52,7 @@ CAMPAIGNS = {
     "faults": Campaign("faults of nine buses on the whole daemon, each noticed in time and undone", "15 min"),
     "watched": Campaign("minutes recorded in full under browsers, metrics and OPC UA; nothing is lost", "11 min", 10),
     "robustness": Campaign("drawn plants commissioned; true margins beside those claimed", "25 min", 100),
+    "foreign": Campaign("the same for plants of a class that the design does not know", "25 min", 40),
     "accuracy": Campaign("path error and sines of drawn plants and the real loop, beside the bound", "15 min", 50),
     "counterfactual": Campaign("tunings predicted on a recording, beside their simulation", "3 min", 20),
     "budget": Campaign("the error budget beside experiments with causes switched off", "4 min", 5),

@@ -88,7 +88,7 @@ def analyse_axis(
     else:
         tracker = configuration.reference.of(axis) if isinstance(configuration.reference, Tracker) else None
         late = experiment.path(configuration, axis).stage_late if experiment is not None else 0
-        stage = analyse_stage(settings, tracker, period_s, late)
+        stage = analyse_stage(settings, tracker, period_s, late, strain)
     samples: list[Sample] = []
     strain_side, stage_side = strain.side if strain else None, stage.side if stage else None
     if strain_side or stage_side:

@@ -12,7 +12,7 @@ from micromanip.settings.schema.accept import Accept
 from .analysis import AxisAnalysis
 from .criterion import Criterion
 from .describing import LimitCycle
-from .loops import Margins, Sample, worst
+from .loops import HELD_SENSITIVITY, Margins, Sample, worst
 
 _LOST = 0.2
 """A played cell has lost its path where the rms error is above this share of the movement."""
@@ -40,6 +40,8 @@ def criteria(analysis: AxisAnalysis) -> list[Criterion]:
     if analysis.stage is not None:
         for part in _loop("outer loop", (analysis.stage.margins,), [""], analysis.settings.accept):
             add(*part)
+        if analysis.stage.at_slopes:
+            add(*_at_slopes(analysis.stage.at_slopes))
         kept = "dies out" if analysis.stage.rests else "is kept alive by the set-point's slew limit"
         add("outer loop: a swing of any size", analysis.stage.rests, kept, "dies out")
         if analysis.inverse is not None and analysis.settings.inner.mode != "pid":
@@ -95,6 +97,18 @@ def _loop(name: str, found: tuple[Margins, ...], where: list[str], accept: Accep
             f">= {accept.phase_margin_deg:g} deg",
         ),
     ]
+
+
+def _at_slopes(found: tuple[tuple[float, Margins], ...]) -> Part:
+    """The outer loop at the worst slope of the hysteresis, as if its inverse did not follow."""
+    slope, worst_there = max(found, key=lambda each: each[1].sensitivity if each[1].stable else np.inf)
+    size = f"Ms {told(worst_there.sensitivity, HELD_SENSITIVITY, 2)}" if worst_there.stable else "unstable"
+    return (
+        "outer loop: at every slope",
+        worst_there.stable and worst_there.sensitivity <= HELD_SENSITIVITY,
+        f"{size} at {slope:.2f} times the slope, {worst_there.gain_dB:.1f} dB, {worst_there.phase_deg:.0f} deg",
+        f"Ms <= {HELD_SENSITIVITY:g}, the feedforward held at its own slope",
+    )
 
 
 def _cycles(cycles: tuple[LimitCycle, ...], unit: str) -> str:
@@ -170,6 +184,7 @@ def report(analysis: AxisAnalysis) -> dict[str, Any]:
     if analysis.stage is not None:
         document["stage"] = {
             "margins": _margins(analysis.stage.margins),
+            "at_slopes": [{"slope": slope, **_margins(found)} for slope, found in analysis.stage.at_slopes],
             "limit_cycles": [asdict(c) for c in analysis.stage.cycles],
         }
     document["samples"] = [

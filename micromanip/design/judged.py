@@ -29,7 +29,7 @@ from .describing import (
     inverse_operator,
     judge,
 )
-from .loops import SPREAD, Margins, StageSide, StrainSide, System, grid, model_system, over_path, refined
+from .loops import SPREAD, Margins, StageSide, StrainSide, System, grid, held_plant, model_system, over_path, refined
 from .synthesis.saturation import Reach, Samples, comes_to_rest
 
 Array = NDArray[np.float64]
@@ -69,7 +69,8 @@ class Strain:
 class Stage:
     """The whole outer loop around its model; limit cycles where the inverse does not fit the actuator.
 
-    `rests`: a swing of any size dies out although the set-point's slew is limited.
+    `at_slopes`: multiples of the actuator's slope with the margins there, the feedforward held at its own slope, as an
+    inverse would be that does not fit. `rests`: a swing of any size dies out although the set-point's slew is limited.
     """
 
     side: StageSide
@@ -77,6 +78,7 @@ class Stage:
     margins: Margins
     cycles: tuple[LimitCycle, ...]
     rests: bool
+    at_slopes: tuple[tuple[float, Margins], ...] = ()
 
 
 def analyse_inverse(model: PrandtlIshlinskii, settings: Axis) -> Inverse:
@@ -142,8 +144,13 @@ def analyse_strain(settings: Axis, actuator: Actuator, inverse: Inverse | None) 
     return Strain(actuator, side, slopes, loops, tuple(margins(loop) for loop in loops), cycles)
 
 
-def analyse_stage(settings: Axis, tracker: AxisTracker | None, period_s: float, late_cycles: int = 0) -> Stage:
-    """Margins of the loop broken at the set-point; limit cycles with an inverse that is wrong by ``SPREAD``."""
+def analyse_stage(
+    settings: Axis, tracker: AxisTracker | None, period_s: float, late_cycles: int = 0, strain: Strain | None = None
+) -> Stage:
+    """Margins of the loop broken at the set-point; limit cycles with an inverse that is wrong by ``SPREAD``.
+
+    With the `strain` loop that it is around, the margins at its slopes, too.
+    """
     outer = settings.outer
     if outer is None:
         raise ValueError("the axis has no section outer")
@@ -158,7 +165,13 @@ def analyse_stage(settings: Axis, tracker: AxisTracker | None, period_s: float, 
     side = StageSide(gains, outer.model, outer.sample_cycles, late_cycles)
     samples, alone = Samples(outer.sample_cycles, late_cycles), outer_gains(outer, None, period_s)
     rests = comes_to_rest(alone, len(outer.model.A), Reach.of(settings, period_s), period_s, samples)
-    return Stage(side, loop, margins(loop), tuple(cycles), rests)
+    at_slopes: tuple[tuple[float, Margins], ...] = ()
+    if strain is not None:
+        plants = [(slope, held_plant(slope, strain.side, outer.model, period_s)) for slope in strain.slopes]
+        at_slopes = tuple(
+            (slope, margins(stage_loop(gains, plant, outer.sample_cycles, late_cycles))) for slope, plant in plants
+        )
+    return Stage(side, loop, margins(loop), tuple(cycles), rests, at_slopes)
 
 
 def mismatches(model: PrandtlIshlinskii, offset_um: float) -> list[Callable[[float], complex]]:

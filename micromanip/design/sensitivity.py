@@ -29,6 +29,8 @@ Response = Callable[[Array], Complex]
 
 AGREEMENT = 0.2
 """How far the measured distance to -1 may be from the predicted one, beyond its confidence, as a share."""
+KEPT = 0.8
+"""Share of the predicted margins that the measured ones must have."""
 _SURE, _UNKNOWN = 2.0, 20.0
 WINDOW, _NARROW = 7, 3
 """Lines over which measured and modelled plant are compared by default; by fewer it is seen what that flattens."""
@@ -62,6 +64,12 @@ class Sensitivity:
     def agrees(self) -> bool:
         """Whether prediction and measurement are one within `AGREEMENT`."""
         return self.apart <= AGREEMENT
+
+    @property
+    def as_predicted(self) -> bool:
+        """The same, and its margins are those that were predicted, but for a share of `KEPT`."""
+        found, said = self.measured_margins(), self.margins
+        return self.agrees and found.gain_dB >= KEPT * said.gain_dB and found.phase_deg >= KEPT * said.phase_deg
 
     @property
     def seen(self) -> bool:

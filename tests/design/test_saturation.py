@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from micromanip.control.outer_gains import outer_gains
-from micromanip.design.commission.validation import at_rest
+from micromanip.design.commission.limit_cycle import stage_at_rest, strain_at_rest
 from micromanip.design.experiment import with_axis
 from micromanip.design.synthesis.saturation import Reach, Samples, comes_to_rest
 from micromanip.rt.states import LIMIT_CYCLE, NO_FAULT
@@ -63,7 +63,10 @@ def test_a_loop_whose_samples_come_seldom_and_late_is_judged_as_well(knobs, calm
     samples, reach = Samples(outer.sample_cycles, path.stage_late), Reach.of(axis, PERIOD_S)
     assert samples.cycles == 5
     assert comes_to_rest(outer_gains(outer, None, PERIOD_S), len(outer.model.A), reach, PERIOD_S, samples) is calm
-    rest = at_rest(with_axis(SELDOM.configuration, "x", outer=outer), experiment, "x")
+    tuned = with_axis(SELDOM.configuration, "x", outer=outer)
+    strain, inner = strain_at_rest(tuned, experiment, "x")
+    assert not strain.swings
+    rest = stage_at_rest(tuned, experiment, "x", inner)
     assert rest.swings is not calm
     assert rest.floor_um < 0.3
     if not calm:

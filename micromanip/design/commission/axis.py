@@ -23,33 +23,25 @@ from ..identification import design, recording, samples_for, variant
 from ..loops import over_path
 from ..record import Record, judge_record
 from ..sensitivity import Sensitivity
-from ..synthesis import OuterDesign, PidDesign, Undone, undo
-from ..tuning import StageModel, burn_in, hysteresis_models, identify_stage, record_hysteresis
+from ..synthesis import PidDesign, Undone, undo
+from ..tuning import burn_in, hysteresis_models, identify_stage, record_hysteresis
 from .at_rest import tooth_at_work
-from .closing import Say, close_outer, close_strain
+from .closing import Say, close_strain
 from .knobs import Knobs
+from .ladder import ClosedOuter, prove_outer
+from .limit_cycle import Rest, strain_at_rest
 from .partial import Steps
 from .polarity import Polarity, check_polarity
 from .quality import HELD_OUT_PERCENT, Quality, judge_coverage
 from .rest import check_rest
 from .travel import check_answer, check_travel, require_centred
-from .validation import Validation, coupling, validate
+from .validation import coupling
 
 Array = NDArray[np.float64]
 
 TRIANGLE_S = 12.0
 FOLLOWED = 0.7
 """The set-point may move at this share of what the output can do."""
-
-
-@dataclass(frozen=True)
-class ClosedOuter:
-    """The outer loop of an axis: the stage's model, the design, the loop as measured, what fresh experiments say."""
-
-    stage: StageModel
-    design: OuterDesign
-    loop: Sensitivity
-    validation: Validation
 
 
 @dataclass(frozen=True)
@@ -72,6 +64,7 @@ class Commissioned:
     actuator: Actuator
     pid: PidDesign
     strain_loop: Sensitivity
+    strain_rest: Rest
     outer: ClosedOuter | None
     without_outer: str
     coupling: dict[str, float]
@@ -175,6 +168,8 @@ def _commission(
         f"{pid.inner.filter_ms:g} ms; {pid.limited_by}",
         strain_loop=strain_closed.sentence,
     )
+    strain_rest, inner = strain_at_rest(tuned, experiment, axis)
+    steps.learn(gauge_at_rest=strain_rest.told)
     tooth = None
     if running is not None and settings.outer is None and knobs.tooth(settings) is None:
         say("tooth where it works")
@@ -190,14 +185,12 @@ def _commission(
         say("stage dynamics")
         stage = identify_stage(tuned, experiment, axis, seed)
         try:
-            stage, designed, loop = close_outer(tuned, experiment, axis, actuator, stage, knobs, seed, say, learned)
+            outer = prove_outer(tuned, experiment, axis, actuator, stage, knobs, inner, seed, say, learned)
         except CheckFailed as problem:  # the strain loop is proven: it is not thrown away
-            without = str(problem).removeprefix(f"axis {axis}: ")
+            without = str(problem)
             steps.learn(no_outer_loop=without)
         else:
-            say("validation")
-            tuned = with_axis(tuned, axis, outer=designed.outer)
-            outer = ClosedOuter(stage, designed, loop, validate(tuned, experiment, axis))
+            tuned = with_axis(tuned, axis, outer=outer.design.outer)
     if outer is None:
         tuned = with_axis(tuned, axis, outer=None, mode="strain")
     undone, kept = None, settings.actuator
@@ -215,7 +208,7 @@ def _commission(
         tuned = with_axis(tuned, axis, mode="stage")
     return Commissioned(
         axis, tuned, polarity, triangle, record, held_out, quality, tanh, affine, percent, actuator, pid, strain_closed,
-        outer, without, coupling(tuned, experiment, axis), undone, tuple(learned),
+        strain_rest, outer, without, coupling(tuned, experiment, axis), undone, tuple(learned),
         None if tooth is None else tooth[0],
     )  # fmt: skip
 

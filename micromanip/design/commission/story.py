@@ -8,7 +8,7 @@ from ..analysis import AxisAnalysis
 from ..evaluation import Run
 from ..tuning import StageModel
 from .acceptance import acceptance
-from .axis import ClosedOuter, Commissioned
+from .axis import Commissioned
 from .evidence import Evidence, Plot, Section
 from .plots import (
     figure_2,

@@ -6,14 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import detrend
 
 from micromanip.control.outer_gains import OuterGains, outer_gains
 from micromanip.settings.schema.model import Configuration
 
 from ..experiment import EXCITED, Experiment, alone, parked, resting, with_reference
 from ..step import StepAnswer, course, judge_step
-from .at_rest import STANDS_OUT, strongest_line
+from .limit_cycle import Held, Rest, stage_at_rest
 from .tracking import path_error
 
 Array = NDArray[np.float64]
@@ -21,36 +20,6 @@ Array = NDArray[np.float64]
 _BEFORE_S, _AFTER_S = 0.5, 0.5
 _MOVE_UM, _MOVE_S = 20.0, 1.0
 _SHOWN_S = 0.1
-_REST_S, _SWING_HZ, _WINDOW_S, _LOUDER = 2.0, (3.0, 1000.0), 0.5, 3.0
-"""Time at rest, of which the second half counts; where a swing is looked for, in spectra of that length; how much more
-than without the outer loop there may be with it."""
-
-
-@dataclass(frozen=True)
-class Rest:
-    """The stage at rest, rms: `open_um` without the outer loop, `closed_um` with it.
-
-    With it a line of `line_um` at `line_Hz` stands out of its neighbours `ratio` times; without it the same line has
-    `open_line_um`. A limit cycle is such a line.
-    """
-
-    open_um: float
-    closed_um: float
-    line_Hz: float
-    line_um: float
-    ratio: float
-    open_line_um: float
-
-    @property
-    def floor_um(self) -> float:
-        """Noise that nobody can ask a loop to be below; what the loop itself adds excuses nothing."""
-        return min(self.open_um, self.closed_um)
-
-    @property
-    def swings(self) -> bool:
-        """Whether the outer loop keeps a swing alive."""
-        own = self.ratio > STANDS_OUT and self.line_um > _LOUDER * self.open_line_um
-        return own or self.closed_um > _LOUDER * self.open_um
 
 
 @dataclass(frozen=True)
@@ -71,8 +40,8 @@ class Validation:
     rejected: tuple[Array, Array, Array]
 
 
-def validate(configuration: Configuration, experiment: Experiment, axis: str) -> Validation:
-    """Play both experiments on `axis`; the other axes hold their working points."""
+def validate(configuration: Configuration, experiment: Experiment, axis: str, inner: Held) -> Validation:
+    """Play the experiments on `axis`; the other axes are parked. `inner` is the axis with the strain loop alone."""
     rate_hz, i = configuration.loop.rate_hz, list(configuration.axes).index(axis)
     before, after = round(_BEFORE_S * rate_hz), round(_AFTER_S * rate_hz)
     samples = parked(configuration, before + after)
@@ -83,7 +52,7 @@ def validate(configuration: Configuration, experiment: Experiment, axis: str) ->
     stage, reference = (np.asarray(rows[name], dtype=float) for name in ("stage_um", "reference_um"))
     late = t_s > 0.6 * _AFTER_S
     settled = float(np.sqrt(np.mean((stage - reference)[late] ** 2)))
-    rest = at_rest(configuration, experiment, axis)
+    rest = stage_at_rest(configuration, experiment, axis, inner)
     answer = judge_step(t_s, stage, rest.floor_um)
     near = (t_s > -0.02) & (t_s < 0.15)
     step = t_s[near], reference[near], stage[near]
@@ -97,19 +66,6 @@ def validate(configuration: Configuration, experiment: Experiment, axis: str) ->
         amplitude_um,
         rejection(configuration, axis),
     )
-
-
-def at_rest(configuration: Configuration, experiment: Experiment, axis: str) -> Rest:
-    """Hold `axis` at its working point, at first by its strain loop alone."""
-    rate_hz, i, seen = configuration.loop.rate_hz, list(configuration.axes).index(axis), []
-    for mode in ("strain", "stage"):
-        held = with_reference(alone(configuration, axis, mode), EXCITED)
-        rows = experiment(held, _REST_S, resting(configuration, axis, round(_REST_S * rate_hz)))["axis"][:, i]
-        seen.append(detrend(np.asarray(rows["stage_um"][len(rows) // 2 :], dtype=float)))
-    hertz, size_um, ratio = strongest_line(seen[1], rate_hz, _SWING_HZ, _WINDOW_S)
-    near = (0.9 * hertz, 1.1 * hertz + 2.0 / _WINDOW_S)
-    before_um = strongest_line(seen[0], rate_hz, near, _WINDOW_S)[1]
-    return Rest(float(seen[0].std()), float(seen[1].std()), hertz, size_um, ratio, before_um)
 
 
 def coupling(configuration: Configuration, experiment: Experiment, axis: str) -> dict[str, float]:

@@ -5,11 +5,12 @@ from micromanip.control.pid import pid_system
 from micromanip.control.stage_loop import model_system, stage_loop
 from micromanip.control.system import System, delay, from_state_space
 
-from .monte_carlo import Sample, StageSide, StrainSide, monte_carlo, worst
+from .monte_carlo import HELD_SENSITIVITY, Sample, StageSide, StrainSide, held_plant, monte_carlo, worst
 from .perturbation import SPREAD, Perturbation, draw
 from .strain_loop import closed_ratio, over_path, strain_loop
 
 __all__ = [
+    "HELD_SENSITIVITY",
     "SPREAD",
     "Margins",
     "Perturbation",
@@ -23,6 +24,7 @@ __all__ = [
     "draw",
     "from_state_space",
     "grid",
+    "held_plant",
     "margins",
     "model_system",
     "monte_carlo",

@@ -25,6 +25,8 @@ from ..parallel import each
 from .perturbation import Perturbation, draw, model_dynamics, perturbed, perturbed_delay, shift
 from .strain_loop import closed_ratio, over_path, strain_loop
 
+HELD_SENSITIVITY = 4.0
+"""Largest Ms of an outer loop at any slope of the hysteresis, the feedforward held: as bad as an inverse can be."""
 _SMALLEST_UM = 0.5
 _UNSTABLE = Margins(1.0, 1.0, 0.0, np.nan, 0.0, 0.0, np.nan, (), np.inf)
 
@@ -94,6 +96,17 @@ def drawn_plant(drawn: Perturbation, strain: StrainSide | None, model: LinearMod
         own, moved = delay(strain.own_delay, period_s), shift(strain.actuator, drawn)
         mechanics = closed_ratio(strain.inner, strain.actuator, moved, late, slope, own).then(dynamics)
     return perturbed_delay(model, drawn, period_s).then(mechanics)
+
+
+def held_plant(slope: float, strain: StrainSide, model: LinearModel, period_s: float) -> System:
+    """Set-point to stage where the actuator's slope is another while the feedforward keeps its own.
+
+    An inverse that fits changes its slope with the actuator, and the loop stays the nominal one; this is the worst that
+    one can be which does not.
+    """
+    own = delay(strain.own_delay, period_s)
+    ratio = closed_ratio(strain.inner, strain.actuator, None, own, slope, own)
+    return delay(model.delay_cycles, period_s).then(ratio.then(model_dynamics(model, period_s)))
 
 
 def sample(seed: int, strain: StrainSide | None, stage: StageSide | None, period_s: float) -> Sample:

@@ -82,12 +82,12 @@ def held(found: CommissionedCell, plant: Foreign) -> dict[str, float]:
     axis, analysis = found.axes[0], found.analyses[0]
     period_s, settings = found.configuration.loop.period_ns * 1e-9, found.configuration.axes[AXIS]
     assert analysis.strain is not None
-    slopes = plant.slopes_um_per_V(axis.actuator.centre_V, _SWING_V)
+    slopes = plant.slopes_um_per_V(axis.actuator.centre_V, _SWING_V, settings.setpoint.range_um)
     plants = [plant.truth(slope, period_s) for slope in slopes]
     pid = pid_system(settings.inner, period_s)  # type: ignore[arg-type]
     compared = [("strain", analysis.strain.margins, [margins(pid.then(each.actuator())) for each in plants])]
     if analysis.stage is not None and settings.outer is not None:
-        gain = abs(harmonics(inverse_operator(axis.tanh.model), _SWING_UM, settings.centre_um).gain)
+        gain = abs(harmonics(inverse_operator(settings.hysteresis), _SWING_UM, settings.centre_um).gain)
         gains = outer_gains(settings.outer, None, period_s)
         true = [margins(stage_loop(gains, each.behind(settings, gain))) for each in plants]
         compared.append(("outer", (analysis.stage.margins,), true[:1]))

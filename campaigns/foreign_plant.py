@@ -156,11 +156,17 @@ class Foreign:
         c["stage_zero"] = self.lever * (free + 66.0)
         return record
 
-    def slopes_um_per_V(self, centre_V: float, swing_V: float) -> tuple[float, float, float]:
-        """The plant's slope for a small swing about `centre_V`, right after a turn, and at most along a branch."""
-        up = np.concatenate([np.linspace(0.0, 150.0, 3001), np.linspace(150.0, 0.0, 3001)])
+    def slopes_um_per_V(
+        self, centre_V: float, swing_V: float, range_um: tuple[float, float]
+    ) -> tuple[float, float, float]:
+        """The plant's slope for a small swing about `centre_V`, right after a turn, and at most along a branch.
+
+        The branch is that of the whole stroke, inside the set-points `range_um`.
+        """
+        up = np.concatenate([np.linspace(0.0, 150.0, 3001), np.linspace(149.95, 0.0, 3000)])
         moved = self.free_um(up)
-        steepest = float(np.max(np.diff(moved)[np.abs(np.diff(up)) > 0] / np.diff(up)[np.abs(np.diff(up)) > 0]))
+        slopes, at_um = np.diff(moved) / np.diff(up), moved[:-1] - moved[0]
+        steepest = float(slopes[(at_um > range_um[0]) & (at_um < range_um[1])].max())
         turn = 2.0 * np.pi * np.arange(4000) / 1000.0
         way = np.concatenate([np.linspace(0.0, centre_V, 2000), centre_V + swing_V * np.sin(turn)])
         last = self.free_um(way)[-1000:]

@@ -85,7 +85,7 @@ def held(found: CommissionedCell, plant: Plant) -> dict[str, float]:
     true = strain_margins(plant, settings, centre_V, analysis.strain.slopes, period_s)
     compared = [("strain", analysis.strain.margins, true)]
     if analysis.stage is not None:
-        gain = abs(harmonics(inverse_operator(axis.tanh.model), _SWING_UM, settings.centre_um).gain)
+        gain = abs(harmonics(inverse_operator(settings.hysteresis), _SWING_UM, settings.centre_um).gain)
         compared.append(
             ("outer", (analysis.stage.margins,), [outer_margins(plant, settings, centre_V, gain, period_s)])
         )

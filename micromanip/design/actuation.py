@@ -51,6 +51,8 @@ class Actuator:
     path: FeedbackPath = AT_ONCE
     """What a bus adds between the two, which is not in ``dynamics``."""
     attempts: int = 1
+    branch_um_per_V: float = 0.0
+    """Steepest slope along a branch, where a slow record of the whole stroke has shown it."""
 
     @cached_property
     def dynamics(self) -> System:

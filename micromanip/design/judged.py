@@ -24,6 +24,7 @@ from .describing import (
     Verdict,
     actuator_operator,
     amplitudes_up_to,
+    branch_slopes,
     gain_map,
     harmonics,
     inverse_operator,
@@ -99,11 +100,12 @@ def small_slope(dynamics: System) -> float:
 
 
 def slopes_of(
-    settings: Axis, swing_um: float, inverse: Inverse | None, seen_um_per_V: float
+    settings: Axis, swing_um: float, inverse: Inverse | None, seen_um_per_V: float, branch_um_per_V: float = 0.0
 ) -> tuple[float, tuple[float, ...]]:
     """Slope (um/V) of the hysteresis model for a swing about the centre; and the slopes that margins must hold for.
 
-    These are multiples of the identified one, rising: 1, `SLOPES`, and the flattest and steepest of the model's map.
+    These are multiples of the identified one, rising: 1, `SLOPES`, and the flattest and steepest of the model's map and
+    branches, and of a branch as recorded, `branch_um_per_V`.
     A model of another class than the actuator may make small swings too flat, and the steepest too many times as steep
     by that: where the response shows more, `seen_um_per_V`, the steepest is a multiple of what was seen.
     """
@@ -112,6 +114,7 @@ def slopes_of(
         return 1.0, SLOPES
     identified = 1.0 / abs(harmonics(inverse_operator(model), swing_um, settings.centre_um).gain)
     um_per_V = [1.0 / gain for gain in inverse.verdict.gain_range_V_per_um if np.isfinite(gain)]
+    um_per_V += [*branch_slopes(model, settings.setpoint.range_um), *([branch_um_per_V] if branch_um_per_V else [])]
     flattest = min([SLOPES[0], *(slope / identified for slope in um_per_V)])
     steepest = max([SLOPES[-1], *(slope / max(identified, seen_um_per_V / _ADDED) for slope in um_per_V)])
     return identified, (flattest, 1.0, steepest)
@@ -121,7 +124,7 @@ def analyse_strain(settings: Axis, actuator: Actuator, inverse: Inverse | None) 
     """Margins for the identified slope and the flattest and steepest of the map; limit cycles about the centre."""
     model = settings.hysteresis if isinstance(settings.hysteresis, PrandtlIshlinskii) else None
     seen_um_per_V = small_slope(actuator.dynamics)
-    identified, slopes = slopes_of(settings, actuator.swing_um, inverse, seen_um_per_V)
+    identified, slopes = slopes_of(settings, actuator.swing_um, inverse, seen_um_per_V, actuator.branch_um_per_V)
     seen = over_path(actuator.system, actuator.path)
     loops = tuple(strain_loop(settings.running_inner, seen, slope) for slope in slopes)
     cycles: tuple[LimitCycle, ...] = ()

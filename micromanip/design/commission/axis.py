@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.errors import CheckFailed
+from micromanip.settings.schema.axis import Axis
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.wiring.timing import AT_ONCE
 
@@ -20,6 +21,7 @@ from ..actuation import Actuator, identify_actuator
 from ..experiment import Experiment, with_axis
 from ..hysteresis import HysteresisFit
 from ..identification import design, recording, samples_for, variant
+from ..judged import analyse_inverse
 from ..loops import over_path
 from ..record import Record, judge_record
 from ..sensitivity import Sensitivity
@@ -32,7 +34,7 @@ from .ladder import ClosedOuter, prove_outer
 from .limit_cycle import Rest, strain_at_rest
 from .partial import Steps
 from .polarity import Polarity, check_polarity
-from .quality import HELD_OUT_PERCENT, Quality, judge_coverage
+from .quality import HELD_OUT_PERCENT, Quality, judge_coverage, steepest_branch
 from .rest import check_rest
 from .travel import check_answer, check_travel, require_centred
 from .validation import coupling
@@ -149,16 +151,19 @@ def _commission(
             f"of the stroke, {HELD_OUT_PERCENT:g} % are needed: look for slip, a loose gauge or a disturbance meanwhile"
             f"{answer.slow(max(settings.accept.frequencies_Hz))}"
         )
-    tuned = with_axis(configuration, axis, hysteresis=tanh.model, hysteresis_affine=affine.model)
+    learned: list[str] = []
+    chosen = _regular(settings, tanh, affine, learned)
+    tuned = with_axis(configuration, axis, hysteresis=chosen.model, hysteresis_affine=affine.model)
     say("actuator")
     actuator = identify_actuator(configuration, experiment, axis, seed, _holding_voltage(record, settings.centre_um))
-    learned: list[str] = []
+    branch_um_per_V = steepest_branch(triangle["voltage_V"], triangle["strain_um"], settings.setpoint.range_um)
+    actuator = replace(actuator, branch_um_per_V=branch_um_per_V)
     steps.learn(
         actuator=f"order {actuator.found.order}, delay {actuator.delay} cycles, fit {actuator.fit_percent:.1f} % about "
         f"{actuator.centre_V:.0f} V"
     )
     say("strain PID")
-    left_um = 0.01 * min(percent.values()) * tanh.stroke_um
+    left_um = 0.01 * percent[chosen.structure.name] * tanh.stroke_um
     actuator, pid, strain_closed = close_strain(
         tuned, experiment, axis, actuator, polarity, left_um, seed, say, learned
     )
@@ -221,6 +226,15 @@ def followable(configuration: Configuration, axis: str, slope_um_per_V: float) -
         return configuration
     slower = float(f"{0.99 * most:.2g}")
     return with_axis(configuration, axis, setpoint=setpoint.model_copy(update={"slew_um_per_ms": slower}))
+
+
+def _regular(settings: Axis, tanh: HysteresisFit, affine: HysteresisFit, learned: list[str]) -> HysteresisFit:
+    """The model that runs as feedforward: tanh, unless only the affine one has a regular inverse."""
+    problems = analyse_inverse(tanh.model, settings).verdict.problems
+    if not problems or analyse_inverse(affine.model, settings).verdict.problems:
+        return tanh
+    learned.append(f"the tanh model has no regular inverse ({problems[0]}): the affine model runs")
+    return affine
 
 
 def _holding_voltage(record: dict[str, Array], centre_um: float) -> float:

@@ -54,7 +54,8 @@ def close_strain(
         hysteresis = settings.hysteresis
         assert isinstance(hysteresis, PrandtlIshlinskii)
         inverse = analyse_inverse(hysteresis, settings)
-        _, slopes = slopes_of(settings, actuator.swing_um, inverse, small_slope(actuator.dynamics))
+        seen_um_per_V, branch_um_per_V = small_slope(actuator.dynamics), actuator.branch_um_per_V
+        _, slopes = slopes_of(settings, actuator.swing_um, inverse, seen_um_per_V, branch_um_per_V)
         if by_bus:
             slopes = (slopes[0], 1.0, max(slopes[-1], BUS_SLOPE))
         noise_um = polarity.noise_um

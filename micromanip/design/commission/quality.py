@@ -15,6 +15,8 @@ Array = NDArray[np.float64]
 
 COVERAGE, HELD_OUT_PERCENT, STAGE_FIT_PERCENT, COHERENCE = 0.6, 2.0, 80.0, 0.8
 _BINS, _FLAT = 12, 0.35
+_PIECE, _POINTS = 0.03, 20
+"""Of the voltage that a triangle covers, a piece's share; samples that a slope takes at least."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +46,22 @@ def judge_coverage(axis: str, voltage_V: Array, strain_um: Array, setpoint_um: R
             "setpoint.range_um, or look why the stroke is short"
         )
     return Quality(coverage, flattest)
+
+
+def steepest_branch(voltage_V: Array, strain_um: Array, setpoint_um: Range) -> float:
+    """Steepest slope (um/V) of a slow triangle within the set-points, over pieces of a way up or down; 0: none."""
+    turns = np.flatnonzero(np.diff(np.sign(np.diff(voltage_V)), prepend=0.0))
+    piece_V, steepest = _PIECE * float(np.ptp(voltage_V)), 0.0
+    for way in np.split(np.arange(len(voltage_V)), turns + 1):
+        if len(way) == 0 or np.ptp(voltage_V[way]) < piece_V:
+            continue
+        count = int(np.ptp(voltage_V[way]) / piece_V)
+        for part in np.array_split(way, count):
+            moved = strain_um[part]
+            inside = setpoint_um[0] <= moved.mean() <= setpoint_um[1]
+            if inside and len(part) > _POINTS:
+                steepest = max(steepest, float(np.polyfit(voltage_V[part], moved, 1)[0]))
+    return steepest
 
 
 def _flattest(voltage_V: Array, strain_um: Array) -> tuple[float, float]:

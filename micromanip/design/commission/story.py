@@ -10,6 +10,7 @@ from ..tuning import StageModel
 from .acceptance import acceptance
 from .axis import Commissioned
 from .evidence import Evidence, Plot, Section
+from .ladder import ClosedOuter
 from .plots import (
     figure_2,
     figure_5,

@@ -7,7 +7,7 @@ from .limit_cycles import LimitCycle, limit_cycles
 from .operator import actuator_operator, inverse_operator
 from .quadrature import Harmonics, gains, harmonics
 from .singularities import Verdict, judge
-from .sweep import GainMap, Sweep, amplitudes_up_to, gain_map, sweep
+from .sweep import GainMap, Sweep, amplitudes_up_to, branch_slopes, gain_map, sweep
 
 __all__ = [
     "GainMap",
@@ -17,6 +17,7 @@ __all__ = [
     "Verdict",
     "actuator_operator",
     "amplitudes_up_to",
+    "branch_slopes",
     "gain_map",
     "gains",
     "harmonics",

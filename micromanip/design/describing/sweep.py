@@ -75,3 +75,21 @@ def gain_map(model: PrandtlIshlinskii, range_um: Range, offsets: int = 41, ampli
             row = _row(operator, float(centre), amplitude[inside])
             gain[i, inside], headroom[i, inside] = row.gain_V_per_um, row.headroom
     return GainMap(offset, amplitude, gain, headroom)
+
+
+def branch_slopes(model: PrandtlIshlinskii, range_um: Range, points: int = 401) -> tuple[float, float]:
+    """The flattest and the steepest slope (um/V) of the model on its way through `range_um`, up and down.
+
+    A describing function averages over a swing: while a set-point moves one way, a small signal on it meets the branch.
+    """
+    operator, way = inverse_operator(model), np.linspace(*range_um, points)
+    there_and_back = np.concatenate([way, way[-2:0:-1]])
+    w, total = np.zeros(len(operator.thresholds)), np.zeros(2 * len(there_and_back) + 1)
+    path_um = np.concatenate([there_and_back, there_and_back, way[:1]])
+    for k, u in enumerate(path_um):
+        w = np.maximum(u - operator.thresholds, np.minimum(u + operator.thresholds, w))
+        total[k] = operator.gain * u + w @ operator.weights
+    settled = slice(len(there_and_back), None)  # the first round begins at rest
+    slopes = np.diff(path_um[settled]) / np.diff(operator.after(total[settled]))
+    slopes = slopes[np.isfinite(slopes) & (slopes > 0.0)]  # beyond its range an inverse has none
+    return float(slopes.min(initial=np.inf)), float(slopes.max(initial=0.0))

@@ -9,10 +9,20 @@ from rt.outer_loops import designed
 
 from micromanip.control.margins import margins
 from micromanip.control.outer_gains import outer_gains
-from micromanip.design.loops import System, delay, model_system, over_path, pid_system, stage_loop, strain_loop
+from micromanip.design.loops import (
+    StrainSide,
+    System,
+    delay,
+    held_plant,
+    model_system,
+    over_path,
+    pid_system,
+    stage_loop,
+    strain_loop,
+)
 from micromanip.rt.laws.pid import PID_PARAMETERS, PID_STATE, pid_output
 from micromanip.settings.load import load_with_source
-from micromanip.settings.schema.axis import Inner
+from micromanip.settings.schema.axis import Inner, LinearModel
 from micromanip.settings.wiring.timing import AT_ONCE, FeedbackPath
 
 CONFIG = Path(__file__).parents[2] / "config" / "paper.yaml"
@@ -51,6 +61,24 @@ def test_strain_loop_is_the_product():
     pid = K + K * PERIOD_S / (Ti * difference) + K * Td * difference / (Tf * difference + PERIOD_S)
     expected = 1.3 * pid * 0.18 / (z - 0.7)
     assert strain_loop(PID, plant, 1.3).response(omega) == pytest.approx(expected, rel=1e-10)
+
+
+def test_at_another_slope_the_feedforward_keeps_its_own():
+    """``g P (F + C) / (1 + g P C)`` over that of the slope 1, F the inverse of P at rest."""
+    P, F = System(np.array([[0.7]]), np.array([0.3]), np.array([0.6]), 0.0, PERIOD_S), 1.0 / 0.6
+    side = StrainSide(PID, P, None, (0.0, 1.0), 0.6)
+    model = LinearModel(A=[[0.9]], B=[0.1], C=[5.0], delay_cycles=0)
+    omega = np.geomspace(10.0, 3e4, 30)
+    C, G = pid_system(PID, PERIOD_S).response(omega), P.response(omega)
+
+    def around(slope):
+        return slope * G * (F + C) / (1.0 + slope * G * C)
+
+    nominal = held_plant(1.0, side, model, PERIOD_S).response(omega)
+    assert nominal == pytest.approx(model_system(model, PERIOD_S).response(omega), rel=1e-9)
+    for slope in (0.4, 1.7):
+        found = held_plant(slope, side, model, PERIOD_S).response(omega)
+        assert found / nominal == pytest.approx(around(slope) / around(1.0), rel=1e-9)
 
 
 @pytest.mark.parametrize(("sample_cycles", "late"), [(1, 0), (10, 0), (10, 3), (10, 10), (5, 5)])

@@ -113,7 +113,7 @@ def close_outer(
             stage.linear,
             period_s,
             stage.noise_um if knobs.noise_um is None else knobs.noise_um,
-            unsure=None if by_bus else partial(_interpolated, hertz=hertz, values=relative),
+            unsure=partial(_interpolated, hertz=hertz, values=relative),
             bears=Borne(stage.linear, strain.side, actuator, period_s, settings.accept, strain.slopes),
             reach=Reach.of(settings, period_s),
             gain_dB=settings.accept.gain_margin_dB,

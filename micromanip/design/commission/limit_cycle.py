@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import detrend
+from scipy.signal import detrend, welch
 
 from micromanip.settings.schema.model import Configuration
 
@@ -113,7 +113,15 @@ def stage_at_rest(configuration: Configuration, experiment: Experiment, axis: st
 def compared(still: Seen, closed: Seen, rate_hz: float) -> Rest:
     """One sensor without the loop, `still`, and with it."""
     hertz, size_um, ratio = strongest_line(closed.moved_um, rate_hz, _SWING_HZ, _WINDOW_S)
-    near = (0.9 * hertz, 1.1 * hertz + 2.0 / _WINDOW_S)
-    before_um = strongest_line(still.moved_um, rate_hz, near, _WINDOW_S)[1]
+    before_um = _loudest(still.moved_um, rate_hz, hertz)
     step_um = max(still.step_um, closed.step_um)
     return Rest(float(still.moved_um.std()), float(closed.moved_um.std()), hertz, size_um, ratio, before_um, step_um)
+
+
+def _loudest(y: Array, rate_hz: float, hertz: float) -> float:
+    """Largest amplitude of `y` (n,) in its spectrum near a frequency."""
+    if not len(y):
+        return 0.0
+    at_Hz, power = welch(y, rate_hz, "hann", round(_WINDOW_S * rate_hz), scaling="spectrum")
+    near = np.abs(at_Hz - hertz) <= 0.1 * hertz + 2.0 / _WINDOW_S
+    return float(np.sqrt(2.0 * power[near].max(initial=0.0)))

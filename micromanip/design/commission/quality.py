@@ -53,7 +53,7 @@ def steepest_branch(voltage_V: Array, strain_um: Array, setpoint_um: Range) -> f
     turns = np.flatnonzero(np.diff(np.sign(np.diff(voltage_V)), prepend=0.0))
     piece_V, steepest = _PIECE * float(np.ptp(voltage_V)), 0.0
     for way in np.split(np.arange(len(voltage_V)), turns + 1):
-        if len(way) == 0 or np.ptp(voltage_V[way]) < piece_V:
+        if piece_V == 0.0 or len(way) == 0 or np.ptp(voltage_V[way]) < piece_V:
             continue
         count = int(np.ptp(voltage_V[way]) / piece_V)
         for part in np.array_split(way, count):

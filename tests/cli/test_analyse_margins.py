@@ -54,6 +54,7 @@ def test_every_criterion_is_judged(report):
         "outer loop: stable",
         "outer loop: gain margin",
         "outer loop: phase margin",
+        "outer loop: at every slope",
         "outer loop: a swing of any size",
         "outer loop: limit cycle",
         "outer loop: drawn plants",

@@ -29,7 +29,9 @@ def axis(mode, weight=0.08):
 
 
 def test_the_share_of_the_feedback_that_is_left_is_what_is_judged():
-    seen = SimpleNamespace(system=PLANT, dynamics=PLANT, delay=0, path=AT_ONCE, swing_um=20.0, centre_V=60.0)
+    seen = SimpleNamespace(
+        system=PLANT, dynamics=PLANT, delay=0, path=AT_ONCE, swing_um=20.0, centre_V=60.0, branch_um_per_V=0.0
+    )
     running = axis("strain")
     found = analyse_strain(running, seen, None)
     weaker = running.inner.model_copy(update={"K_V_per_um": 0.8 * running.inner.K_V_per_um})

@@ -43,6 +43,10 @@ class Window(TypedDict):
     deviation_peak: float
 
 
+NO_SIGNAL = "no signal"
+"""So begins why a quantity is unknown for as long as the cell is wired like this."""
+
+
 class Value(TypedDict):
     """A quantity now and before; `latest` is None where it is not known or stale, and `unknown` then says why."""
 

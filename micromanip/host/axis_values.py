@@ -13,7 +13,7 @@ import numpy as np
 from micromanip.rt.laws.reference import SIGNAL
 from micromanip.rt.phases import CHECKING_STAGE, CLOSED, LIFTING, PHASE_NAMES, SWEEPING
 from micromanip.rt.states import STAGE, VOLTAGE
-from micromanip.status_reply import AxisValues, Value
+from micromanip.status_reply import NO_SIGNAL, AxisValues, Value
 
 from .controller import Controller
 from .windows import DIGITS, Array, Windows
@@ -106,7 +106,7 @@ class AxesValues:
     def _no_sample(self, axis: Any, row: Any, role: str, signal: str) -> str:
         """Why there is no sample of a sensor that counts; what it reads, where that is the reason."""
         if axis[role] < 0:
-            return f"no signal {signal}"
+            return f"{NO_SIGNAL} {signal}"
         age_ns = int(row[f"{role}_age_ns"])
         why = f"for {'2 s or more' if age_ns >= _OLDEST_NS else f'{age_ns * 1e-6:.3g} ms'}"
         reading, (low, high) = self._controller.status["signals"][axis[role]], axis[f"{role}_range_um"]

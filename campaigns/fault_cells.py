@@ -18,7 +18,10 @@ _LOCK = "lock: {time_constant_ms: 100, within_us: 150}"
 def example(name, *changes):
     """The example called `name`, not armed; each (pattern, replacement) done once."""
     text = (CONFIG / name).read_text(encoding="utf-8")
-    own = (r"arm_on_start: true ", "arm_on_start: false"), (r"coast_ms: 300", "coast_ms: 50")  # a fault is to be seen soon
+    own = (
+        (r"arm_on_start: true ", "arm_on_start: false"),
+        (r"coast_ms: 300", "coast_ms: 50"),
+    )  # a fault is to be seen soon
     for pattern, replacement in (*own, *changes):
         text, count = re.subn(pattern, replacement, text)
         assert count == 1, f"{name}: {pattern} is there {count} times"

@@ -50,7 +50,7 @@ class AxesValues:
         """Figures by axis at `now_ns`, CLOCK_MONOTONIC; `latest` is the newest row of the ring, None without any."""
         windows = zip(self._windows.over(_SECOND_S, now_ns), self._windows.over(_MINUTE_S, now_ns), strict=True)
         report: dict[str, AxisValues] = {}
-        for i, name in enumerate(self._names):
+        for i, (name, axis) in enumerate(self._controller.prepared.configuration.axes.items()):
             position, setpoint, strain, voltage, headroom, error = (
                 Value(latest=value, unknown=why, second=second, minute=minute)
                 for (value, why), (second, minute) in zip(self._now(i, latest, now_ns), windows, strict=False)
@@ -64,7 +64,9 @@ class AxesValues:
                 error_um=error,
                 error_of=_error_of(self._parameters[i]),
                 tooth_Hz=_found_Hz(i, latest, "tooth_Hz"),
-                joints_Hz=[_found_Hz(i, latest, name) for name in _JOINTS[: self._oscillations(i)]],
+                joints_Hz=[_found_Hz(i, latest, joint) for joint in _JOINTS[: self._oscillations(i)]],
+                untuned=axis.untuned,
+                less=axis.commissioned.less if axis.commissioned else None,
             )
         return report
 

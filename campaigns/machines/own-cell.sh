@@ -14,12 +14,14 @@ wrong() {
     journalctl -q --no-pager -n 40 -u micromanip
     exit 1
 }
-typed() { # typed CODE COMMAND...: its output, and its exit code must be CODE
+typed() { # typed CODE COMMAND...: its output, but for tables of timing, files and long lists; its exit code must be CODE
     local code=$1
     shift
     echo "\$ $*"
-    "$@" 2>&1
-    [ $? = "$code" ] || wrong "exit code of $*, $code is right"
+    "$@" >said 2>&1
+    code_is=$?
+    sed -e '/ Timing, us/,$d' -e '/^    [-+@]/d' -e '/\.hysteresis/d' -e '/^(Reading/d' said
+    [ $code_is = "$code" ] || wrong "exit code $code_is of $*, $code is right"
 }
 state() { micromanip status --json 2>/dev/null | /usr/bin/python3 -c 'import json, sys; print(json.load(sys.stdin)["state"])'; }
 reached() { # reached STATE: within three minutes
@@ -30,10 +32,11 @@ reached() { # reached STATE: within three minutes
     wrong "$(state), not $1"
 }
 
-typed 0 dpkg -i "$package"
-[ -e /usr/lib/systemd/system/micromanip.service ] || wrong "no unit"
 mkdir -p /srv/cell
 cd /srv/cell || exit 1
+cp "$package" .
+typed 0 dpkg -i micromanip_*.deb
+[ -e /usr/lib/systemd/system/micromanip.service ] || wrong "no unit"
 
 echo '$ micromanip new --driver modbus --axes z --address 127.0.0.1 > cell.yaml'
 micromanip new --driver modbus --axes z --address 127.0.0.1 >cell.yaml || wrong new
@@ -63,7 +66,7 @@ typed 0 systemctl stop micromanip
 echo '$ micromanip commission cell.yaml --axis z --out tuned --yes'
 micromanip commission cell.yaml --axis z --out tuned --yes >commission.log 2>&1
 code=$?
-grep -v -e TRACKING -e READY -e recorded -e 'us  compute' commission.log | tail -n 12
+grep -A 99 -e '^axis z' commission.log | grep -v -e TRACKING -e READY -e recorded -e 'us  compute' | head -n 24
 [ -e tuned/tuned.yaml ] || wrong "commission ended with $code"
 
 typed 0 systemctl start micromanip
@@ -88,7 +91,7 @@ reached READY
 typed 0 micromanip status
 cmp cell.yaml /etc/micromanip/cell.yaml || wrong "another file than before"
 
-micromanip arm
+typed 0 micromanip arm
 reached TRACKING
 typed 1 dpkg --remove micromanip # not below a cell that holds its stage
 [ "$(state)" = TRACKING ] || wrong "removing it has stopped it"

@@ -12,7 +12,7 @@ import numpy as np
 
 from micromanip.rt.laws.reference import SIGNAL
 from micromanip.rt.phases import CHECKING_STAGE, CLOSED, LIFTING, PHASE_NAMES, SWEEPING
-from micromanip.rt.states import STAGE, VOLTAGE
+from micromanip.rt.states import ARMING, STAGE, VOLTAGE
 from micromanip.status_reply import NO_SIGNAL, AxisValues, Value
 
 from .controller import Controller
@@ -101,8 +101,9 @@ class AxesValues:
         axis, name = self._parameters[i], self._names[i]
         stage, strain = (self._no_sample(axis, row["axis"][i], role, f"{role}_{name}") for role in ("stage", "strain"))
         idle = "open loop: mode voltage" if axis["mode"] == VOLTAGE else "loops open"
+        closed = row["phase"] == CLOSED and row["state"] != ARMING
         sensor = stage if _error_of(axis) == "path" else strain
-        error = sensor if row["phase"] == CLOSED and axis["mode"] != VOLTAGE else idle
+        error = sensor if closed and axis["mode"] != VOLTAGE else idle
         return stage, idle, strain, _NO_NUMBER, _NO_NUMBER, error
 
     def _no_sample(self, axis: Any, row: Any, role: str, signal: str) -> str:
@@ -136,7 +137,7 @@ def _known(rows: Any, axes: Any) -> Array:
     """Quantities (rows, axes, quantities) of telemetry rows, NaN where one is not known; `axes` are parameters."""
     row, phase = rows["axis"][:, : len(axes)], rows["phase"][:, None]
     loops = axes["mode"] != VOLTAGE
-    closed = (phase == CLOSED) & loops
+    closed = (phase == CLOSED) & loops & (rows["state"][:, None] != ARMING)  # until its feedback has faded in
     voltage = row["voltage_V"]
     values = np.empty((*row.shape, len(_QUANTITIES)))
     position, setpoint, strain, _, _, error = (values[:, :, k] for k in range(len(_QUANTITIES)))

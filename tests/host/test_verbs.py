@@ -272,6 +272,17 @@ def test_jog(jogged):
     assert list(jogged.controller.axes["reference"]["target_um"]) == [62.5, 80, 60]
 
 
+def test_where_a_jog_went_is_not_saved(jogged):
+    """It would go there at the next arming, whoever arms it."""
+    jogged("jog", axis="x", by_um=5)
+    jogged("set", changes={K: 0.5})
+    saved = jogged("save")
+    assert [change["key"] for change in saved["changed"]] == [K]
+    assert "target_um" not in jogged.config.read_text()
+    jogged("set", changes={K: 0.4})
+    assert list(jogged.controller.axes["reference"]["target_um"]) == [65, 60, 60]
+
+
 def test_jog_refused(jogged):
     refused(jogged, ConfigError, ".*x 200 is outside range_um 20..110", "jog", axis="x", to_um=200)
     refused(jogged, UsageError, "there is no axis 'q'; there are x, y, z", "jog", axis="q", by_um=1)

@@ -81,7 +81,7 @@ docs: $(READY)    ## generated pages and pictures; the manual as a site to searc
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
 
 deb: $(READY)     ## a Debian package with all that it needs, in out; takes no network
-	packaging/deb.sh $(BIN)/python out
+	tools/deb/deb.sh $(BIN)/python out
 
 clean:            ## remove what the targets above made
 	rm -rf $(VENV) out .hypothesis .mypy_cache .ruff_cache

@@ -5,5 +5,5 @@ here=$(cd "$(dirname "$0")" && pwd)
 repository=$(cd "$here/../.." && pwd)
 built=$(mktemp -d)
 trap 'rm -rf "$built"' EXIT
-"$repository/packaging/deb.sh" "${VENV:-$repository/.venv}/bin/python" "$built" >&2
+"$repository/tools/deb/deb.sh" "${VENV:-$repository/.venv}/bin/python" "$built" >&2
 "$here/ns-systemd.sh" "export PATH=/usr/sbin:/usr/bin:/sbin:/bin; '$here/own-cell.sh' '$built'/*.deb"

@@ -105,7 +105,7 @@ def lasting(count: int, active: bool) -> int:
 
 @compiled
 def watch_strain(p: Record, s: Record, i: int, active: bool) -> None:
-    """Strain gauge silent, unusable or stuck: without feedback, on the feedforward alone, for a few ms; then the fault."""
+    """Strain gauge silent, unusable or stuck: on the feedforward alone for a few ms; then the fault."""
     limits, a = p["axis"][i]["watch"], s["axis"][i]
     w, sensor = a["watch"], a["strain"]
     bad = active and sensor["bad"] >= limits["strain_samples"]

@@ -29,8 +29,8 @@ class Watched:
         if not self._silent_s:
             return ""
         return (
-            f"But this computer or the device stood still meanwhile: no sensor said anything for {1e3 * self._silent_s:.0f} "
-            "ms. Try again on a quieter machine before you look for a cause elsewhere"
+            "But this computer or the device stood still meanwhile: no sensor said anything for "
+            f"{1e3 * self._silent_s:.0f} ms. Try again on a quieter machine before you look for a cause elsewhere"
         )
 
     def __call__(

@@ -6,7 +6,7 @@
 set -eu
 python=$1 out=$2
 here=$(cd "$(dirname "$0")" && pwd)
-repository=$(dirname "$here")
+repository=$(dirname "$(dirname "$here")")
 system=/usr/bin/python3
 
 tag='import sys; print(sys.implementation.cache_tag)'

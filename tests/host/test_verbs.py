@@ -46,6 +46,8 @@ def test_get(cell):
         {"key": "loop.rate_hz", "value": 10000, "change": "needs restart"},
         {"key": MODE, "value": "stage", "change": "needs disarm"},
     ]
+    (age,) = cell("get", keys=["signals.true_strain_x.max_age_us"])
+    assert (age["value"], age["computed"]) == (300.0, "three samples at 10000 Hz and 0 us on their way")
     assert len(cell("get")) > 150
     with pytest.raises(UsageError, match=r"^unknown key axes.x.iner; did you mean axes.x.inner\?$"):
         cell("get", keys=["axes.x.iner"])

@@ -45,6 +45,7 @@ from micromanip.settings.schema.reference import Jog
 from micromanip.settings.text.keys import assigned
 from micromanip.settings.text.place import Path as KeyPath
 from micromanip.settings.text.source import Source, key_text
+from micromanip.settings.wiring.timing import with_ages
 from micromanip.settings.write_values import write_into
 
 from ..controller import Controller
@@ -84,12 +85,12 @@ class Tuning:
     async def get(self, keys: Sequence[str]) -> list[Parameter]:
         """Running values of `keys`, of all below where one is a section; all values without keys."""
         self.notice()
-        return await asyncio.to_thread(parameters, self._prepared.configuration, keys)
+        return await asyncio.to_thread(parameters, self._prepared, keys)
 
     async def diff(self) -> Differences:
         """The file on disk against what runs; ConfigError where the file is not valid as it is."""
         source = await asyncio.to_thread(Source.read, self._file.path)
-        on_disk = await asyncio.to_thread(validate, source)
+        on_disk = with_ages(await asyncio.to_thread(validate, source), self._prepared.wiring)
         self.notice()
         return Differences(
             file=str(source.path),
@@ -198,7 +199,7 @@ class Tuning:
 
     def _judged(self, verb: str, source: Source) -> tuple[Prepared, Mapping[KeyPath, str]]:
         """`source` ready to run, and what of its changes is more than live; ConfigError, CheckFailed."""
-        configuration = validate_with_options(source)
+        configuration = with_ages(validate_with_options(source), self._prepared.wiring)
         wanted = demands(self._prepared.configuration, configuration)
         self._refuse(verb, wanted)  # before the rest: it takes the drivers, channels and axes to be those that run
         prepared = revise(self._prepared, configuration, source)

@@ -13,8 +13,8 @@ ROOT = Path(__file__).resolve().parents[1]
 ROOMS = {  # the first that fits a file has it: pattern of paths, budget, ceiling
     "rt": (r"micromanip/rt/", 5400, 6432),
     "bus, driver": (r"micromanip/(bus|driver)/", 3000, 4330),
-    "settings, control": (r"micromanip/(settings|control)/", 5000, 5870),
-    "host": (r"micromanip/host/", 7500, 8610),
+    "settings, control": (r"micromanip/(settings|control)/", 5000, 5880),
+    "host": (r"micromanip/host/", 7500, 8625),
     "design, virtual, replay": (r"micromanip/(design|virtual|replay)/", 13500, 16250),
     "recordings": (r"micromanip/recordings/", 1900, 2050),
     "gateway": (r"micromanip/gateway/", 4200, 4732),
@@ -23,7 +23,7 @@ ROOMS = {  # the first that fits a file has it: pattern of paths, budget, ceilin
     "emulation, testbus, conformance": (r"micromanip/(emulation|testbus|conformance)/", 3200, 3480),
     "campaigns, benchmarks, tools": (r"(campaigns|benchmarks|tools)/", 4200, 5670),
     "tests": (r"tests/", 40000, 45760),
-    "the rest": (r"", 2000, 1860),
+    "the rest": (r"", 2000, 1865),
 }
 WORDS, DECISIONS = (45000, 45000), (30, 30)
 """Of the manual, without the decisions; how many decisions."""

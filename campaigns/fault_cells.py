@@ -19,6 +19,7 @@ _SOON = (
     ("coast_ms: 300", "coast_ms: 50"),
     ("max_age_us: 500000", "max_age_us: 100000"),
     ("heartbeat_ms: 1000", "heartbeat_ms: 300"),
+    ("silence_ms: 600", "silence_ms: 200"),
 )
 """What an example has so that it outlasts a computer that stands still; here a fault is to be noticed soon."""
 

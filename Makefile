@@ -14,7 +14,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 # Without what Python and pytest keep of a module, each worker of pytest would rewrite all tests once more: 8 s of CPU.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help run check test thorough lint bench campaign docs clean compiled collected test-laws-compiled test-laws-checked test-laws-plain
+.PHONY: help run check test thorough lint bench campaign docs deb clean compiled collected test-laws-compiled test-laws-checked test-laws-plain
 
 help:             ## this list
 	@grep -hE '^[a-z-]+: .*##|^[a-z-]+:  *##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
@@ -79,6 +79,9 @@ docs: $(READY)    ## generated pages and pictures; the manual as a site to searc
 	$(BIN)/python -m micromanip.settings.documents.faults_page > docs/faults.md
 	$(BIN)/python -m tools.pictures
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
+
+deb: $(READY)     ## a Debian package with all that it needs, in out; takes no network
+	tools/deb/deb.sh $(BIN)/python out
 
 clean:            ## remove what the targets above made
 	rm -rf $(VENV) out .hypothesis .mypy_cache .ruff_cache

@@ -44,6 +44,7 @@ _CHECKED = "env NUMBA_BOUNDSCHECK=1 "
 """With bounds checks in compiled code."""
 _FRAMES = "tests/drivers/ethercat/test_garbage.py --garbage {count}"
 _WORKERS = "tests/drivers/canopen/test_garbage.py tests/drivers/line/test_garbage.py --garbage {count}"
+_PACKAGE = shlex.quote(str(ROOT / "campaigns" / "machines" / "package.sh"))
 _MACHINE = shlex.quote(str(ROOT / "campaigns" / "machines" / "scenarios.sh"))
 
 CAMPAIGNS = {
@@ -92,6 +93,11 @@ CAMPAIGNS = {
         "the service under a real systemd, on a throw-away copy of this machine; takes root",
         "5 min",
         command=f"{_MACHINE} namespace",
+    ),
+    "package": Campaign(
+        "the Debian package from installing to a service that tracks, and back, on such a copy; takes root",
+        "10 min",
+        command=_PACKAGE,
     ),
     "vm": Campaign(
         "the service and SocketCAN on a PREEMPT_RT kernel, emulated; takes root, fetches 90 MB",

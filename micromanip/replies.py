@@ -13,7 +13,13 @@ class Change(TypedDict):
     new: Any
 
 
-class Parameter(TypedDict):
+class Computed(TypedDict, total=False):
+    """From what a value was `computed` that the file says nothing of; empty of every other."""
+
+    computed: str
+
+
+class Parameter(Computed):
     """A running value; `change` says what changing it takes: live, needs disarm, needs restart."""
 
     key: str

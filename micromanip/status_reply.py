@@ -43,6 +43,10 @@ class Window(TypedDict):
     deviation_peak: float
 
 
+NO_SIGNAL = "no signal"
+"""So begins why a quantity is unknown for as long as the cell is wired like this."""
+
+
 class Value(TypedDict):
     """A quantity now and before; `latest` is None where it is not known or stale, and `unknown` then says why."""
 
@@ -58,7 +62,8 @@ class AxisValues(TypedDict):
     `headroom_V` is what the voltage has left to the nearer end of its range. `error_of` says what the error is of:
     path, at the spindle (the simulation's truth, else by the stage's sensor); gauge, set-point less gauge; None in
     open loop. `tooth_Hz` is where the outer loop has found the tooth's frequency, None where it does not follow it.
-    `joints_Hz` is the same of each of the predictor's oscillations, in the order of the configuration.
+    `joints_Hz` is the same of each of the predictor's oscillations, in the order of the configuration. `untuned` is an
+    axis that nobody has tuned yet; `less` what its commissioning did not reach, None where it did or never was.
     """
 
     position_um: Value
@@ -70,6 +75,8 @@ class AxisValues(TypedDict):
     error_of: str | None
     tooth_Hz: float | None
     joints_Hz: list[float | None]
+    untuned: bool
+    less: str | None
 
 
 class SignalFigures(TypedDict):

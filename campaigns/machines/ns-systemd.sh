@@ -46,8 +46,8 @@ mount --bind "$new/proc/sys" "$new/proc/sys"
 mount -o remount,bind,ro "$new/proc/sys" # systemd would set this machine's own sysctls
 mount -t sysfs -o ro sysfs "$new/sys"
 mount -t cgroup2 cgroup2 "$new/sys/fs/cgroup"
-mount -t tmpfs run "$new/run"
-mount -t tmpfs dev "$new/dev"
+mount -t tmpfs -o mode=755 run "$new/run" # as on any machine: a client trusts no socket below a folder that all may write
+mount -t tmpfs -o mode=755 dev "$new/dev"
 mkdir -p "$new/dev/pts" "$new/dev/shm" "$new/exchange" "$new/run/systemd/system" "$new/run/lock"
 chmod 1777 "$new/run/lock"
 for node in null zero full random urandom tty; do

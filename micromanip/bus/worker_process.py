@@ -64,7 +64,7 @@ def _memory(driver: BusDriver, folder: Path) -> LastGiven | None:
 
 def main() -> int:
     """Serve until the end; the exit code is 0, 78 for options that the driver refuses, 1 after a bug."""
-    for number in (signal.SIGHUP, signal.SIGINT):
+    for number in (signal.SIGHUP, signal.SIGINT, signal.SIGTERM):  # sent to all of a service; the host ends this one
         signal.signal(number, signal.SIG_IGN)
     os.set_blocking(1, False)
     lines = _lines()
@@ -84,7 +84,6 @@ def main() -> int:
     memory = _memory(driver, Path(orders["memory"]))
     at_ease = take_rights(orders["cpu"], orders["loop_cpu"], orders["priority"])
     worker = Worker(driver, image, _rules(orders["rules"]), memory, at_ease, simulated=options.simulated)
-    signal.signal(signal.SIGTERM, lambda *_: worker.end())
     threading.Thread(target=_listen, args=(worker, image, lines), daemon=True).start()
     gc.collect()
     gc.freeze()

@@ -25,6 +25,8 @@ _BACKUP = "before"
 _PATIENCE_S, _LOOK_S = 180.0, 0.1
 _STARTING = ("OFF", "STARTING")
 _AT_REST = ("READY", "FAULT")
+_SHOWN = 40
+"""Characters of a value; all of them are in the files."""
 
 
 @click.command("apply", cls=StrictCommand, epilog="Example: micromanip apply tuned/tuned.yaml --service micromanip")
@@ -57,7 +59,7 @@ def command(tuned: Path | None, service: str | None, back: bool, yes: bool, sock
     changed, restarts = _changes(before, after)
     if not as_json:
         for each in changed:
-            echo(f"  {each['key']}: {each['running']} -> {each['new']}  ({each['change']})", err=True)
+            echo(f"  {each['key']}: {_short(each['running'])} -> {_short(each['new'])}  ({each['change']})", err=True)
     applied = Applied(file, after, socket_path, service if restarts else None)
     if changed:
         _require(changed, restarts, status["state"], service)
@@ -88,8 +90,14 @@ def _changes(before: Prepared, after: Prepared) -> tuple[list[dict[str, Any]], b
             "change": takes.get(path, LIVE),
         }
         for path, (old, new) in changed(before.configuration, after.configuration).items()
+        if any(each is not None and each is not ABSENT for each in (old, new))  # a section is told by its keys
     ]
     return listed, any(each["change"] == RESTART for each in listed)
+
+
+def _short(value: object) -> str:
+    text = str(value)
+    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."
 
 
 def _require(changed: list[dict[str, Any]], restarts: bool, state: str, service: str | None) -> None:

@@ -105,7 +105,9 @@ def summary(report: Status) -> None:
 def status(report: Status) -> None:
     """State, faults, what each axis does, and the figures of the run, on standard output."""
     console = out_console()
-    console.print(state_line(report), *faults(report), *slow_signals(report), *arms_by_itself(report), sep="\n")
+    console.print(
+        state_line(report), *faults(report), *slow_signals(report), *tuning(report), *arms_by_itself(report), sep="\n"
+    )
     console.print(values(report), *_figures(report))
 
 
@@ -124,6 +126,14 @@ def faults(report: Status) -> list[Text]:
 def slow_signals(report: Status) -> list[Text]:
     """Sensors that come less often than their drivers state."""
     return [Text(told, style="bold yellow") for told in report["slow_signals"]]
+
+
+def tuning(report: Status) -> list[Text]:
+    """Axes that nobody has tuned, and what the commissioning of the others did not reach."""
+    untuned = [name for name, axis in report["axes"].items() if axis["untuned"]]
+    told = [f"axis {', '.join(untuned)}: UNTUNED, in open loop: `micromanip commission`"] if untuned else []
+    told += [f"axis {name}: PASS WITH LESS: {axis['less']}" for name, axis in report["axes"].items() if axis["less"]]
+    return [Text(each, style="bold yellow") for each in told]
 
 
 def arms_by_itself(report: Status) -> list[Text]:
@@ -214,7 +224,9 @@ def details(report: Status) -> Group:
         ages = (str(signal[key]) if signal[key] is not None else "-" for key in _AGES)
         signals.add_row(name, *rates, *ages, *(str(signal[key]) for key in _UNUSED))
     running = f"parameter version {report['parameter_version']}, {report['configuration']}"
-    return Group(*arms_by_itself(report), values(report), *_figures(report), signals, Text(running, style="dim"))
+    return Group(
+        *tuning(report), *arms_by_itself(report), values(report), *_figures(report), signals, Text(running, style="dim")
+    )
 
 
 def state_line(report: Status) -> Text:

@@ -49,7 +49,8 @@ def _echo_swap(swap: Swap) -> None:
 def _echo_values(parameters: list[Parameter]) -> None:
     width = max(len(parameter["change"]) for parameter in parameters)
     for parameter in parameters:
-        echo(f"{parameter['change']:{width}}  {parameter['key']}={_shown(parameter['value'])}")
+        told = f"   # {parameter['computed']}" if "computed" in parameter else ""
+        echo(f"{parameter['change']:{width}}  {parameter['key']}={_shown(parameter['value'])}{told}")
 
 
 def _echo_differences(found: Differences) -> None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from micromanip.status_reply import AxisValues, Status, Value, Window
+from micromanip.status_reply import NO_SIGNAL, AxisValues, Status, Value, Window
 
 from .tables import Figures
 
@@ -33,11 +33,13 @@ class Row:
 
 
 def rows(axis: AxisValues) -> Iterator[Row]:
-    """Each quantity of an axis, in the order in which the signal runs."""
+    """Each quantity of an axis, in the order in which the signal runs; none of a sensor that the axis does not have."""
     error = "error, um" if axis["error_of"] is None else f"{axis['error_of']} error, um"
-    yield _row("position, um", axis["position_um"])
+    if _is_wired(axis["position_um"]):
+        yield _row("position, um", axis["position_um"])
     yield _row("set-point, um", axis["setpoint_um"])
-    yield _row("strain, um", axis["strain_um"])
+    if _is_wired(axis["strain_um"]):
+        yield _row("strain, um", axis["strain_um"])
     yield _row("voltage, V", axis["voltage_V"])
     yield _headroom(axis["headroom_V"])
     yield _row(error, axis["error_um"], about_zero=True)
@@ -64,6 +66,10 @@ def values(report: Status) -> RenderableType:
             table.add_row(f"{name} {row.name}", row.now, *row.second, *row.minute)
         table.add_section()
     return Group(table, *told)
+
+
+def _is_wired(value: Value) -> bool:
+    return not (value["unknown"] or "").startswith(NO_SIGNAL)
 
 
 def _row(name: str, value: Value, *, about_zero: bool = False) -> Row:

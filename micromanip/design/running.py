@@ -68,8 +68,16 @@ class Running:
 
     @property
     def agrees(self) -> bool | None:
-        """Whether measurement and prediction are one within the bound of `commission`; None without a prediction."""
-        return None if self.predicted is None else self.loop.agrees and self.loop.seen
+        """Whether measurement and prediction are one within the bound of `commission`.
+
+        None without a prediction, and where the confidence would let any prediction pass.
+        """
+        return None if self.predicted is None or self.is_open else self.loop.agrees and self.loop.seen
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the measurement leaves open what Ms is."""
+        return self.confidence[1] > _OPEN * self.measured[self.nominal].sensitivity
 
     @property
     def confidence(self) -> tuple[float, float]:
@@ -103,7 +111,7 @@ class Running:
             )
         found, nominal = self.measured[self.worst], self.measured[self.nominal].sensitivity
         least, most = self.confidence
-        if most > _OPEN * nominal:
+        if self.is_open:
             return (
                 f"Ms {nominal:.2f} may be anything from {least:.2f} to {most:.2f}: measure it held "
                 "(`micromanip hold`), or with more --amplitude-um"

@@ -12,8 +12,8 @@ import numpy as np
 
 from micromanip.rt.laws.reference import SIGNAL
 from micromanip.rt.phases import CHECKING_STAGE, CLOSED, LIFTING, PHASE_NAMES, SWEEPING
-from micromanip.rt.states import STAGE, VOLTAGE
-from micromanip.status_reply import AxisValues, Value
+from micromanip.rt.states import ARMING, STAGE, VOLTAGE
+from micromanip.status_reply import NO_SIGNAL, AxisValues, Value
 
 from .controller import Controller
 from .windows import DIGITS, Array, Windows
@@ -50,7 +50,7 @@ class AxesValues:
         """Figures by axis at `now_ns`, CLOCK_MONOTONIC; `latest` is the newest row of the ring, None without any."""
         windows = zip(self._windows.over(_SECOND_S, now_ns), self._windows.over(_MINUTE_S, now_ns), strict=True)
         report: dict[str, AxisValues] = {}
-        for i, name in enumerate(self._names):
+        for i, (name, axis) in enumerate(self._controller.prepared.configuration.axes.items()):
             position, setpoint, strain, voltage, headroom, error = (
                 Value(latest=value, unknown=why, second=second, minute=minute)
                 for (value, why), (second, minute) in zip(self._now(i, latest, now_ns), windows, strict=False)
@@ -64,7 +64,9 @@ class AxesValues:
                 error_um=error,
                 error_of=_error_of(self._parameters[i]),
                 tooth_Hz=_found_Hz(i, latest, "tooth_Hz"),
-                joints_Hz=[_found_Hz(i, latest, name) for name in _JOINTS[: self._oscillations(i)]],
+                joints_Hz=[_found_Hz(i, latest, joint) for joint in _JOINTS[: self._oscillations(i)]],
+                untuned=axis.untuned,
+                less=axis.commissioned.less if axis.commissioned else None,
             )
         return report
 
@@ -99,14 +101,15 @@ class AxesValues:
         axis, name = self._parameters[i], self._names[i]
         stage, strain = (self._no_sample(axis, row["axis"][i], role, f"{role}_{name}") for role in ("stage", "strain"))
         idle = "open loop: mode voltage" if axis["mode"] == VOLTAGE else "loops open"
+        closed = row["phase"] == CLOSED and row["state"] != ARMING
         sensor = stage if _error_of(axis) == "path" else strain
-        error = sensor if row["phase"] == CLOSED and axis["mode"] != VOLTAGE else idle
+        error = sensor if closed and axis["mode"] != VOLTAGE else idle
         return stage, idle, strain, _NO_NUMBER, _NO_NUMBER, error
 
     def _no_sample(self, axis: Any, row: Any, role: str, signal: str) -> str:
         """Why there is no sample of a sensor that counts; what it reads, where that is the reason."""
         if axis[role] < 0:
-            return f"no signal {signal}"
+            return f"{NO_SIGNAL} {signal}"
         age_ns = int(row[f"{role}_age_ns"])
         why = f"for {'2 s or more' if age_ns >= _OLDEST_NS else f'{age_ns * 1e-6:.3g} ms'}"
         reading, (low, high) = self._controller.status["signals"][axis[role]], axis[f"{role}_range_um"]
@@ -134,7 +137,7 @@ def _known(rows: Any, axes: Any) -> Array:
     """Quantities (rows, axes, quantities) of telemetry rows, NaN where one is not known; `axes` are parameters."""
     row, phase = rows["axis"][:, : len(axes)], rows["phase"][:, None]
     loops = axes["mode"] != VOLTAGE
-    closed = (phase == CLOSED) & loops
+    closed = (phase == CLOSED) & loops & (rows["state"][:, None] != ARMING)  # until its feedback has faded in
     voltage = row["voltage_V"]
     values = np.empty((*row.shape, len(_QUANTITIES)))
     position, setpoint, strain, _, _, error = (values[:, :, k] for k in range(len(_QUANTITIES)))

@@ -29,6 +29,7 @@ from .states import (
     STAGE_STUCK,
     STRAIN_CHECK,
     STRAIN_INVALID,
+    STRAIN_SILENT,
     STRAIN_STUCK,
     VOLTAGE,
 )
@@ -36,7 +37,8 @@ from .states import (
 _UNUSABLE_CYCLES = 20
 """A capacitive sensor unusable for longer is not waited for, however patient the watch may be while tracking."""
 _CELL_CHANGED = 1 << DRIVER_ERROR | 1 << LINK_LOST
-_GAUGE_CHANGED = 1 << STRAIN_INVALID | 1 << STRAIN_STUCK | 1 << DISAGREEMENT | 1 << AMPLIFIER_FAULT | 1 << STRAIN_CHECK
+_GAUGE_LOST = 1 << STRAIN_INVALID | 1 << STRAIN_SILENT | 1 << STRAIN_STUCK
+_GAUGE_CHANGED = _GAUGE_LOST | 1 << DISAGREEMENT | 1 << AMPLIFIER_FAULT | 1 << STRAIN_CHECK
 _STAGE_CHANGED = 1 << STAGE_INVALID | 1 << STAGE_STUCK | 1 << STAGE_CHECK
 """Faults after which a device, a cable or a setting may be another one, or is to be mended."""
 

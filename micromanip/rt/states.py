@@ -40,8 +40,9 @@ REACTION_NAMES = ("warn", "hold", "ramp", "off")
     LINK_LOST,
     OUTPUTS_TAKEN,
     LIMIT_CYCLE,
-) = range(23)
-FAULTS = 23
+    STRAIN_SILENT,
+) = range(24)
+FAULTS = 24
 """Faults: each has a reaction of its own, and the first that is more than a warning stays latched."""
 
 (

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 
 from micromanip.rt.laws.reference import SAMPLES, SIGNAL
-from micromanip.rt.laws.sensor import is_missing
+from micromanip.rt.laws.sensor import is_missing, is_silent
 from micromanip.rt.laws.tooth import FOLLOWS, tooth_Hz
 
 from .faults import axis_fault, warn
@@ -40,6 +40,7 @@ from .states import (
     STAGE_INVALID,
     STAGE_STUCK,
     STRAIN_INVALID,
+    STRAIN_SILENT,
     STRAIN_STUCK,
     TOOTH_LOST,
     TRACKING,
@@ -104,7 +105,7 @@ def lasting(count: int, active: bool) -> int:
 
 @compiled
 def watch_strain(p: Record, s: Record, i: int, active: bool) -> None:
-    """Strain gauge unusable or stuck: without feedback, on the feedforward alone, for a few ms; then the fault."""
+    """Strain gauge silent, unusable or stuck: on the feedforward alone for a few ms; then the fault."""
     limits, a = p["axis"][i]["watch"], s["axis"][i]
     w, sensor = a["watch"], a["strain"]
     bad = active and sensor["bad"] >= limits["strain_samples"]
@@ -113,7 +114,9 @@ def watch_strain(p: Record, s: Record, i: int, active: bool) -> None:
     over = w["coast"] > limits["coast_cycles"]
     lost = float(sensor["bad"] if bad else sensor["identical"])
     warn(s, i, COASTING, w["coast"] > 0, lost, float(limits["strain_samples"]))
-    axis_fault(p, s, i, STRAIN_INVALID, over and bad, lost, float(limits["strain_samples"]))
+    silent = is_silent(sensor, p["axis"][i]["strain_age_ns"])
+    axis_fault(p, s, i, STRAIN_SILENT, over and bad and silent, lost, float(limits["strain_samples"]))
+    axis_fault(p, s, i, STRAIN_INVALID, over and bad and not silent, lost, float(limits["strain_samples"]))
     axis_fault(p, s, i, STRAIN_STUCK, over and stuck, lost, float(limits["strain_identical"]))
 
 

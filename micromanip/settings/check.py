@@ -25,6 +25,7 @@ from micromanip.settings.text.source import Source
 from micromanip.settings.wiring.buses import bus_findings, enabling_findings, rest_findings, simulated_findings
 from micromanip.settings.wiring.places import Wiring, driver_options, wire
 from micromanip.settings.wiring.simulation import build_plant
+from micromanip.settings.wiring.timing import with_ages
 
 from .checks.actuators import actuator_findings
 from .checks.feedback import feedback_findings, feedback_warnings
@@ -96,6 +97,7 @@ def wired(source: Source, seed: int | None = None) -> tuple[Configuration, Wirin
     """
     configuration = validate(source)
     wiring = wire(configuration, source, seed)
+    configuration = with_ages(configuration, wiring)
     _refuse(source, _wired_findings(configuration, wiring))
     return configuration, wiring
 
@@ -136,6 +138,7 @@ def revise(running: Prepared, configuration: Configuration, source: Source) -> P
     It must name the same drivers, channels and axes (see `change`); raises ConfigError as `prepare` does.
     """
     wiring = running.wiring
+    configuration = with_ages(configuration, wiring)
     _refuse(source, _wired_findings(configuration, wiring))
     same = configuration.reference == running.configuration.reference
     samples = running.samples if same else load_samples(configuration, source)

@@ -1,10 +1,15 @@
 """How urgently a worker process runs, and when it does not."""
 
 import os
+import signal
+import subprocess
+import sys
 import threading
+from pathlib import Path
 
 import pytest
 
+from campaigns.running_controller import until
 from micromanip.bus.worker_process import take_rights
 
 PRIORITY = 10
@@ -106,3 +111,23 @@ def test_a_cpu_that_is_not_there_is_told(thread, capfd):
 
     thread(worker)
     assert "not pinned to CPU 1023" in capfd.readouterr().out
+
+
+@pytest.mark.live
+def test_a_signal_that_all_of_a_service_get_ends_the_host_only():
+    """One that ended by it at rest was started anew while the host stopped, and had forgotten what it had given."""
+    worker = subprocess.Popen([sys.executable, "-m", "micromanip.bus.worker_process"], stdin=subprocess.PIPE)
+
+    def ignored(number):
+        found = Path(f"/proc/{worker.pid}/status").read_text().split("SigIgn:\t")[1].split("\n")[0]
+        return int(found, 16) >> (number - 1) & 1
+
+    try:
+        until(lambda: ignored(signal.SIGHUP), lambda: "it does not begin")
+        for number in (signal.SIGHUP, signal.SIGINT, signal.SIGTERM):
+            worker.send_signal(number)
+        worker.stdin.close()  # the host is gone
+        assert worker.wait(60) == 0
+    finally:
+        worker.kill()
+        worker.wait()

@@ -39,6 +39,8 @@ def status(state="TRACKING", faults=(), position=(51.25, None)):
         "error_of": "path",
         "tooth_Hz": 199.5,
         "joints_Hz": [8.25, None],
+        "untuned": False,
+        "less": None,
     }
     return {
         "state": state,

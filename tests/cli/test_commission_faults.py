@@ -133,6 +133,22 @@ def test_a_tracker_that_is_missing(tmp_path, monkeypatch, capsys):
     assert re.search("the tracker gives no usable samples .* of signals.deviation_x", said), said
 
 
+def test_a_host_that_stood_still_is_told_as_that(tmp_path):
+    """All sensors are silent at once, for 40 ms in the middle of a record whose gauge has a gap there."""
+
+    class Stalled(Recorded):
+        def __call__(self, configuration, seconds, samples=None, every=1):
+            rows = super().__call__(configuration, seconds, samples, every)
+            rows["axis"]["fresh"][1000:1400] = 0
+            rows["axis"]["strain_um"][1000:1400] = np.nan
+            return rows
+
+    prepared = prepare(cell(tmp_path))
+    with pytest.raises(CheckFailed) as refused:
+        commission_axis(prepared.configuration, Watched(Stalled(prepared)), "x", lambda _: None)
+    assert "stood still meanwhile: no sensor said anything for 40 ms" in str(refused.value)
+
+
 def test_a_fault_on_the_way_ends_it(tmp_path):
     class Faulty(Recorded):
         def __call__(self, configuration, seconds, samples=None, every=1):

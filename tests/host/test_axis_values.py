@@ -14,6 +14,7 @@ from micromanip.host.shared_memory import RING, STATUS
 from micromanip.host.windows import BLOCK_NS, Windows
 from micromanip.rt.mailbox import RING_HEAD
 from micromanip.rt.phases import CLOSED, LIFTING, PARKED
+from micromanip.rt.states import ARMING, TRACKING
 from micromanip.rt.telemetry import ROW
 from micromanip.settings.check import prepare
 
@@ -86,6 +87,21 @@ def test_an_axis_at_rest_has_position_strain_and_voltage_and_no_setpoint_or_erro
     assert (axis["position_um"]["latest"], axis["strain_um"]["latest"], axis["voltage_V"]["latest"]) == (50, 66, 100)
     lifted = report(controller, rows(1, LIFTING))
     assert (lifted["setpoint_um"]["latest"], lifted["error_um"]["latest"]) == (66.5, None)
+
+
+def test_an_error_counts_once_the_feedback_has_faded_in(controller):
+    made = rows(100)
+    made["state"][:50], made["state"][50:] = ARMING, TRACKING
+    made["axis"]["path_error_um"][:50] = 40.0
+    axis = report(controller, made)
+    assert axis["error_um"]["minute"]["peak"] == 0.25
+    made["state"][50:] = ARMING
+    assert report(controller, made)["error_um"] == {
+        "latest": None,
+        "unknown": "loops open",
+        "second": None,
+        "minute": None,
+    }
 
 
 def test_a_sample_that_is_too_old_is_no_value_and_counts_nowhere(controller):

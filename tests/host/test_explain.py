@@ -13,7 +13,7 @@ from micromanip.cli.main import cli
 from micromanip.host.trips.evidence import error_um, observations
 from micromanip.host.trips.report import lines, story
 from micromanip.host.trips.store import file_name
-from micromanip.rt.states import OVERRUNS, STAGE_INVALID, STRAIN, STRAIN_INVALID, TRACKING
+from micromanip.rt.states import OVERRUNS, READY, STAGE_INVALID, STRAIN, STRAIN_INVALID, TRACKING
 from micromanip.settings.check import prepare
 from micromanip.virtual.cell import VirtualCell
 
@@ -40,6 +40,17 @@ def test_the_order_of_causes():
         (-2.0, None, "3 deadlines missed"),
         (-0.3, "x", "strain gauge: no good sample any more"),
     ]
+
+
+def test_an_amplifier_that_parks_at_an_end_of_its_range_is_not_called_saturated():
+    """It rests at 0 V until it is armed; only what it is driven to there limits it."""
+    rows = tracking_rows()
+    rows["axis"]["voltage_V"][: BEFORE - 500, 0] = 150.0
+    rows["state"][: BEFORE - 1000] = READY
+    found = box(rows)
+    found.parameters["axis"]["limiter"]["park_V"][0, 0] = 150.0
+    told = [(round(moment.ms, 1), moment.text) for moment in observations(found) if "range" in moment.text]
+    assert told == [(-100.0, "voltage at the end of its range, 150 V, for 49.9 ms")]
 
 
 def test_a_pause_is_measured_by_what_is_usual_on_the_channel():

@@ -108,6 +108,22 @@ def test_it_is_done_once_and_a_change_is_shown_as_a_difference(typed, root, conf
     assert typed("--json", "--dry-run")[1] == '{\n  "steps": [],\n  "done": false,\n  "warnings": []\n}\n'
 
 
+def test_a_package_s_files_stand_for_those_in_etc(typed, root, config):
+    """Only one that is as this program has it; what an administrator has in /etc goes before it."""
+    for path, text in layout.PACKAGED.files().items():
+        theirs = root / "usr/lib" / path.relative_to("/etc")
+        theirs.parent.mkdir(parents=True, exist_ok=True)
+        theirs.write_text(text)
+    other = root / "usr/lib/tmpfiles.d/micromanip.conf"
+    other.write_text("")
+    assert typed(config, "--yes")[0] == 0
+    assert [file for file in files(root) if file.startswith("/etc")] == [
+        "/etc/micromanip/cell.yaml",
+        "/etc/tmpfiles.d/micromanip.conf",
+    ]
+    assert typed("--uninstall")[1].startswith(f"run systemctl --root={root} disable micromanip.service\n")
+
+
 def test_without_an_answer_nothing_is_done(typed, root, config):
     code, _, err = typed(config)
     assert code == 64

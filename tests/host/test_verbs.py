@@ -46,6 +46,8 @@ def test_get(cell):
         {"key": "loop.rate_hz", "value": 10000, "change": "needs restart"},
         {"key": MODE, "value": "stage", "change": "needs disarm"},
     ]
+    (age,) = cell("get", keys=["signals.true_strain_x.max_age_us"])
+    assert (age["value"], age["computed"]) == (300.0, "three samples at 10000 Hz and 0 us on their way")
     assert len(cell("get")) > 150
     with pytest.raises(UsageError, match=r"^unknown key axes.x.iner; did you mean axes.x.inner\?$"):
         cell("get", keys=["axes.x.iner"])
@@ -270,6 +272,17 @@ def test_jog(jogged):
     assert jogged.entries[1] == ("jog", True, {"reference.target_um.x": (65, 62.5)}, None)
     jogged("set", changes={K: 0.5})
     assert list(jogged.controller.axes["reference"]["target_um"]) == [62.5, 80, 60]
+
+
+def test_where_a_jog_went_is_not_saved(jogged):
+    """It would go there at the next arming, whoever arms it."""
+    jogged("jog", axis="x", by_um=5)
+    jogged("set", changes={K: 0.5})
+    saved = jogged("save")
+    assert [change["key"] for change in saved["changed"]] == [K]
+    assert "target_um" not in jogged.config.read_text()
+    jogged("set", changes={K: 0.4})
+    assert list(jogged.controller.axes["reference"]["target_um"]) == [65, 60, 60]
 
 
 def test_jog_refused(jogged):

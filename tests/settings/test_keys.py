@@ -5,6 +5,7 @@ import re
 import pytest
 
 from micromanip.errors import UsageError
+from micromanip.settings.text import units
 from micromanip.settings.text.keys import assigned, key_path, selected, yaml_value
 
 DOCUMENT = {
@@ -98,3 +99,18 @@ def test_yaml_value(text, value):
 def test_not_yaml(text):
     with pytest.raises(UsageError, match=r"^axes.x.centre_um: "):
         yaml_value("axes.x.centre_um", text)
+
+
+@pytest.mark.parametrize(
+    ("key", "said"),
+    [
+        ("Ti_ms", "milliseconds"),
+        ("slew_V_per_ms", "volts per millisecond"),
+        ("um_per_s", "micrometres per second"),
+        ("preisach_d_per_V", "per volt"),
+        ("jerk_um_per_s3", "micrometres per second cubed"),
+        ("model", None),
+    ],
+)
+def test_the_unit_of_a_key(key, said):
+    assert units.words_for(key) == said

@@ -76,3 +76,16 @@ def test_a_fault_that_comes_before_a_sample_is_too_old_is_told(tmp_path):
 )
 def test_nothing_is_told_where_nothing_is_lost(tmp_path, changes):
     assert list(latency_warnings(cell(tmp_path, *changes).configuration)) == []
+
+
+def test_an_age_that_the_file_says_nothing_of_follows_from_rate_and_way(tmp_path):
+    """Two samples in a row may be lost, of a bus at 500 Hz whose device takes 1 ms to answer; what is given stays."""
+    said = "strain_x, max_age_us: 50000"
+    text = (CONFIG.parent / "modbus.yaml").read_text()
+    assert said in text
+    text = text.replace(said, "strain_x")
+    file = tmp_path / "cell.yaml"
+    file.write_text(text)
+    signals = prepare(file).configuration.signals
+    assert signals["strain_x"].max_age_us == pytest.approx(3 * 2000 + 1000, rel=0.1)
+    assert signals["strain_y"].max_age_us == 50_000

@@ -38,6 +38,7 @@ from .quality import HELD_OUT_PERCENT, Quality, judge_coverage, steepest_branch
 from .rest import check_rest
 from .travel import check_answer, check_travel, require_centred
 from .validation import coupling
+from .watched import Watched
 
 Array = NDArray[np.float64]
 
@@ -81,7 +82,7 @@ class Commissioned:
 
 def commission_axis(
     configuration: Configuration,
-    experiment: Experiment,
+    experiment: Watched,
     axis: str,
     say: Say,
     knobs: Knobs | None = None,
@@ -93,7 +94,7 @@ def commission_axis(
     In `running` the process goes on: a tooth that nobody has told or seen is looked for in it.
     """
     steps = Steps(axis, say)
-    with steps.kept():
+    with steps.kept(lambda: experiment.stalled):
         return _commission(configuration, experiment, axis, steps, knobs or Knobs(), seed, running)
 
 

@@ -49,20 +49,24 @@ class Steps:
         self.figures.update({name.replace("_", " "): value for name, value in figures.items()})
 
     @contextmanager
-    def kept(self) -> Iterator[None]:
-        """Raises Stopped, with all that was found, where CheckFailed or a signal that can't be used ends a step."""
+    def kept(self, stalled: Callable[[], str]) -> Iterator[None]:
+        """Raises Stopped, with all that was found, where CheckFailed or a signal that can't be used ends a step.
+
+        What `stalled` says of the experiment before is added: then no sensor is to blame.
+        """
         try:
             yield
         except (CheckFailed, ValueError) as problem:
-            raise Stopped(self._said(problem), self._evidence(problem)) from problem
+            told = stalled()
+            text = f"{sentence(problem)} {told}" if told else str(problem)
+            raise Stopped(self._said(text), self._evidence(text)) from problem
 
-    def _said(self, problem: Exception) -> str:
-        text = str(problem)
+    def _said(self, text: str) -> str:
         return text if text.startswith(f"axis {self.axis}") else f"axis {self.axis}: {self.now}: {text}"
 
-    def _evidence(self, problem: Exception) -> Evidence:
+    def _evidence(self, problem: str) -> Evidence:
         criteria = [Criterion(self.axis, step, True, "done", "to succeed") for step in self.done]
-        criteria.append(Criterion(self.axis, self.now, False, str(problem), "to succeed"))
+        criteria.append(Criterion(self.axis, self.now, False, problem, "to succeed"))
         text = (
             f"Commissioning stopped at the step '{self.now}': {sentence(problem)} The steps before it have succeeded; "
             "what they found is below. Correct the cause, and commission the axis again: nothing was applied."

@@ -1,4 +1,4 @@
-"""Experiments of commissioning: a fault ends them with a sentence."""
+"""Experiments of commissioning: a fault ends them with a sentence, and a host that stood still is told as that."""
 
 from __future__ import annotations
 
@@ -13,19 +13,34 @@ from micromanip.settings.wiring.timing import FeedbackPath
 from ..experiment import Experiment
 
 Array = NDArray[np.float64]
+_STALL, _STALL_S = 5.0, 0.005
+"""So many of the usual times between samples, and at least so long, without one from any sensor is a stall."""
 
 
 class Watched:
     """An experiment that raises CheckFailed where a fault ended it."""
 
     def __init__(self, experiment: Experiment) -> None:
-        self._experiment = experiment
+        self._experiment, self._silent_s = experiment, 0.0
+
+    @property
+    def stalled(self) -> str:
+        """Of the last experiment, in a sentence: for how long all sensors were silent at once; empty if never."""
+        if not self._silent_s:
+            return ""
+        return (
+            "But this computer or the device stood still meanwhile: no sensor said anything for "
+            f"{1e3 * self._silent_s:.0f} ms. Try again on a quieter machine before you look for a cause elsewhere"
+        )
 
     def __call__(
         self, configuration: Configuration, seconds: float, samples: Array | None = None, every: int = 1
     ) -> NDArray[np.void]:
         """The rows of the experiment."""
+        self._silent_s = 0.0
         rows = self._experiment(configuration, seconds, samples, every)
+        if every == 1:
+            self._silent_s = _stall_s(rows, len(configuration.axes), configuration.loop.period_ns * 1e-9)
         faults = rows["fault"][rows["fault"] != 0]
         if len(faults):
             kind = KINDS[int(faults[0])]
@@ -38,3 +53,13 @@ class Watched:
     def path(self, configuration: Configuration, axis: str) -> FeedbackPath:
         """What the sensors and the output of `axis` take."""
         return self._experiment.path(configuration, axis)
+
+
+def _stall_s(rows: NDArray[np.void], axes: int, period_s: float) -> float:
+    """The longest time without a sample of any sensor, where that is no pause as usual; else 0."""
+    heard = rows["cycle"][(rows["axis"]["fresh"][:, :axes] != 0).any(axis=1)]
+    pauses = np.diff(np.unique(heard)) * period_s  # of a cycle that was missed there is the row before once more
+    if not len(pauses):
+        return 0.0
+    longest_s = float(pauses.max())
+    return longest_s if longest_s > max(_STALL_S, _STALL * float(np.median(pauses))) else 0.0

@@ -64,11 +64,11 @@ function showAxes(axes) {
     const known = axis.error_um.latest !== null && second;
     const [low, high] = range[name] ?? [0, 1];
     const headroom = axis.headroom_V.latest;
-    return element("article", { className: "card axis" },
-      element("h2", {}, element("b", {}, name), axis.error_of ? `${axis.error_of} error` : "open loop"),
+    return element("article", { className: "card axis", title: axis.less ? `PASS WITH LESS: ${axis.less}` : "" },
+      element("h2", {}, element("b", {}, name), axis.untuned ? "UNTUNED, open loop" : axis.error_of ? `${axis.error_of} error` : "open loop"),
       element("div", { className: "error" }, known ? figure(second.rms) : "–", element("small", {}, " µm rms, 1 s")),
       element("div", { className: known ? "faint" : "unknown" }, known ? `peak ${figure(second.peak)} µm in 1 s, ${figure(axis.error_um.minute?.rms)} µm rms in 1 min` : axis.error_um.unknown ?? ""),
-      element("table", {}, ...QUANTITIES.map(([said, key, unit, digits]) => {
+      element("table", {}, ...QUANTITIES.filter(([, key]) => !axis[key].unknown?.startsWith("no signal")).map(([said, key, unit, digits]) => {
         const value = axis[key];
         const tight = key === "headroom_V" && value.latest !== null && value.latest < TIGHT_V;
         return element("tr", { title: value.unknown ?? "" },

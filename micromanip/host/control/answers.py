@@ -10,21 +10,35 @@ from collections.abc import Sequence
 from typing import Any
 
 from micromanip import replies
-from micromanip.replies import Change, Comparison, Difference, Parameter, TrialError, TuningFigures
+from micromanip.replies import Change, Comparison, Computed, Difference, Parameter, TrialError, TuningFigures
 from micromanip.rt.states import NO_SHADOW, SHADOW_NAMES, SHADOWING, STAGE, VOLTAGE
 from micromanip.settings.change import ABSENT, changed, needed, values
+from micromanip.settings.check import Prepared
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.text.keys import selected
+from micromanip.settings.text.place import Path as KeyPath
 from micromanip.settings.text.source import key_text
+from micromanip.settings.wiring.timing import signal_timing
 
 from .candidate import Candidate
 
 
-def parameters(configuration: Configuration, keys: Sequence[str]) -> list[Parameter]:
+def parameters(running: Prepared, keys: Sequence[str]) -> list[Parameter]:
     """Values of `keys`, of all below where one is a section, of all without; UsageError where one is unknown."""
-    leaves = values(configuration)
-    paths = selected(leaves, configuration.model_dump(mode="json"), keys)
-    return [Parameter(key=key_text(path), value=leaves[path], change=needed(path)) for path in paths]
+    leaves = values(running.configuration)
+    paths = selected(leaves, running.configuration.model_dump(mode="json"), keys)
+    return [
+        Parameter(key=key_text(path), value=leaves[path], change=needed(path), **_computed(running, path))
+        for path in paths
+    ]
+
+
+def _computed(running: Prepared, path: KeyPath) -> Computed:
+    """From what the value at `path` was computed, where the file says nothing of it."""
+    if path[0] != "signals" or path[-1] != "max_age_us" or "max_age_us" in running.source.data["signals"][path[1]]:
+        return {}
+    channel = signal_timing(running.configuration, running.wiring, str(path[1]))
+    return {"computed": f"three samples at {channel.rate_hz:g} Hz and {1e6 * channel.latency_s:.0f} us on their way"}
 
 
 def changes(old: Configuration, new: Configuration) -> list[Change]:

@@ -45,6 +45,7 @@ from micromanip.settings.schema.reference import Jog
 from micromanip.settings.text.keys import assigned
 from micromanip.settings.text.place import Path as KeyPath
 from micromanip.settings.text.source import Source, key_text
+from micromanip.settings.wiring.timing import with_ages
 from micromanip.settings.write_values import write_into
 
 from ..controller import Controller
@@ -59,6 +60,8 @@ _WHILE_TRACKING = {
     "candidate_set": "a candidate is compared",
     "candidate_promote": "a candidate is compared",
 }
+_TARGETS = "target_um"
+"""Where each axis was sent by hand."""
 
 
 class Tuning:
@@ -82,12 +85,12 @@ class Tuning:
     async def get(self, keys: Sequence[str]) -> list[Parameter]:
         """Running values of `keys`, of all below where one is a section; all values without keys."""
         self.notice()
-        return await asyncio.to_thread(parameters, self._prepared.configuration, keys)
+        return await asyncio.to_thread(parameters, self._prepared, keys)
 
     async def diff(self) -> Differences:
         """The file on disk against what runs; ConfigError where the file is not valid as it is."""
         source = await asyncio.to_thread(Source.read, self._file.path)
-        on_disk = await asyncio.to_thread(validate, source)
+        on_disk = with_ages(await asyncio.to_thread(validate, source), self._prepared.wiring)
         self.notice()
         return Differences(
             file=str(source.path),
@@ -196,7 +199,7 @@ class Tuning:
 
     def _judged(self, verb: str, source: Source) -> tuple[Prepared, Mapping[KeyPath, str]]:
         """`source` ready to run, and what of its changes is more than live; ConfigError, CheckFailed."""
-        configuration = validate_with_options(source)
+        configuration = with_ages(validate_with_options(source), self._prepared.wiring)
         wanted = demands(self._prepared.configuration, configuration)
         self._refuse(verb, wanted)  # before the rest: it takes the drivers, channels and axes to be those that run
         prepared = revise(self._prepared, configuration, source)
@@ -221,7 +224,7 @@ class Tuning:
         return Swap(version=version, changed=changes(old.configuration, new.configuration), warnings=warnings)
 
     async def save(self, *, force: bool) -> Saved:
-        """Write the running values into the file.
+        """Write the running values into the file, but for where a jog has sent the axes: that is no tuning.
 
         Raises CheckFailed where it was changed on disk and not `force`, PermissionDenied where it can't be written.
         """
@@ -232,10 +235,14 @@ class Tuning:
                     f"{on_disk.path} was changed on disk since it was loaded: see `micromanip diff`; `reload` takes "
                     "over its values, `save --force` writes the running ones into it"
                 )
-            saved = await asyncio.to_thread(write_into, on_disk, self._prepared.source.data)
-            self._keep(saved)
-            old, running = validate_document(on_disk), self._prepared.configuration
-            return Saved(file=str(saved.path), sha256=saved.hash, changed=changes(old, running))
+            running = self._prepared.source.data
+            saved = await asyncio.to_thread(write_into, on_disk, kept := _kept(running, on_disk.data))
+            if kept == running:
+                self._keep(saved)
+            else:  # the targets hold on, also through what is set next
+                self._file = saved
+            written = changes(validate_document(on_disk), validate_document(saved))
+            return Saved(file=str(saved.path), sha256=saved.hash, changed=written)
 
     async def candidate_promote(self) -> tuple[replies.Candidate, list[Change]]:
         """Put the candidate in force, on trial; CheckFailed where there is none, or nothing is tracked."""
@@ -354,3 +361,14 @@ class Tuning:
 def _words(verb: str) -> str:
     """A verb as its command is typed."""
     return verb.replace("_", " ")
+
+
+def _kept(running: Any, on_disk: Any) -> Any:
+    """What of `running` goes into the file: with the jog's targets that it has."""
+    reference, before = running["reference"], on_disk["reference"]
+    if reference.get("source") != "jog":
+        return running
+    own = {key: value for key, value in reference.items() if key != _TARGETS}
+    if before.get("source") == "jog" and _TARGETS in before:
+        own[_TARGETS] = before[_TARGETS]
+    return {**running, "reference": own}

@@ -26,6 +26,8 @@ _TARGETS = {
 }
 _NOTIFY_RELOAD_SINCE = 253
 _ELSEWHERE = "/opt/micromanip"
+_VENDOR = Path("/usr/lib")
+"""Where a package has its files, whose places in /etc are an administrator's."""
 _UNNAMEABLE = frozenset("\"'\\")
 """Refused by systemd in the path of a program, however it is quoted."""
 _HIDDEN = ("/home", "/root", "/run/user", "/tmp", "/var/tmp")
@@ -54,6 +56,20 @@ class Machine:
         for name, value in values.items():
             text = text.replace(name, value)
         return text
+
+
+PACKAGED = Machine(0, Path(_ELSEWHERE) / "bin" / "micromanip")
+"""What a package is made for: any version of systemd, the program in its own place."""
+
+
+def packaged(root: Path) -> set[Path]:
+    """Those of the files, as seen from the root of the machine below `root`, in whose stead a package has one."""
+
+    def has(path: Path, text: str) -> bool:
+        vendor, own = (root / place.relative_to("/") for place in (_VENDOR / path.relative_to("/etc"), path))
+        return not own.exists() and vendor.is_file() and vendor.read_text(encoding="utf-8") == text
+
+    return {path for path, text in PACKAGED.files().items() if has(path, text)}
 
 
 def this_machine(report: Callable[[MicromanipError], None]) -> Machine:

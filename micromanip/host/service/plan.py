@@ -10,7 +10,7 @@ from micromanip.errors import CheckFailed, ConfigError, DeviceUnavailable, Permi
 from micromanip.settings.check import prepare, prepared
 from micromanip.settings.text.source import Source
 
-from .layout import CONFIG, GATEWAY, STATE, UNIT, USER, Machine
+from .layout import CONFIG, GATEWAY, STATE, UNIT, USER, Machine, packaged
 from .steps import Remove, Run, Step, WriteFile
 
 _UDEV = Path("/run/udev/control")
@@ -23,7 +23,8 @@ def install(machine: Machine, config: Path | None, root: Path, warn: Callable[[s
     `config` None keeps the one that is installed. Files go below `root`, "/" for this machine. What a person should
     know of the configuration goes to `warn`. Raises ConfigError for a configuration that can't run, or arms by itself.
     """
-    files = [WriteFile(_below(root, path), text, root) for path, text in machine.files().items()]
+    theirs = packaged(root)
+    files = [WriteFile(_below(root, path), text, root) for path, text in machine.files().items() if path not in theirs]
     files += _configuration(config, _below(root, CONFIG), root, warn)
     enabled = _enabled(root, UNIT)
     steps: list[Step] = [
@@ -43,10 +44,11 @@ def uninstall(machine: Machine, root: Path, *, purge: bool) -> list[Step]:
     if purge:
         removals += [Remove(_below(root, path), root) for path in (CONFIG.parent, *STATE)]
     steps: list[Step] = []
+    enabled = [unit for unit in (GATEWAY, UNIT) if _enabled(root, unit).is_symlink()]
     here = _below(root, Path("/etc/systemd/system") / UNIT).exists()
-    units = [*([GATEWAY] if _enabled(root, GATEWAY).is_symlink() else []), *([UNIT] if here else [])]
+    units = [*enabled, *([UNIT] if here and UNIT not in enabled else [])]
     now = ["--now"] if root == Path("/") else []
-    steps += [Run(("systemctl", *_at(root), "disable", *now, unit)) for unit in units]
+    steps += [Run(("systemctl", *_at(root), "disable", *now, unit), always=unit in enabled) for unit in units]
     steps += removals
     steps += _told_systemd(root)
     if purge and _has_user(root):

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.rt.states import STAGE, STRAIN, TRACKING
+from micromanip.rt.states import HOLDING, STAGE, STRAIN, TRACKING
 
 from .store import TripRecord
 
@@ -80,9 +80,10 @@ def error_um(box: TripRecord, axis: int) -> NDArray[np.float64]:
 
 
 def at_end_of_range(box: TripRecord, axis: int) -> NDArray[np.bool_]:
-    """Whether the voltage is at an end of its range, each row."""
+    """Whether the voltage is at an end of its range, each row; it rests there where that is its park voltage."""
     limiter, voltage = parameters_of(box, axis)["limiter"], box.rows["axis"]["voltage_V"][:, axis]
-    at_end: NDArray[np.bool_] = (voltage >= limiter["high_V"]) | (voltage <= limiter["low_V"])
+    rests = (voltage == limiter["park_V"]) & ~np.isin(box.rows["state"], (TRACKING, HOLDING))
+    at_end: NDArray[np.bool_] = ((voltage >= limiter["high_V"]) | (voltage <= limiter["low_V"])) & ~rests
     return at_end
 
 

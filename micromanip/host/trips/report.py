@@ -30,6 +30,7 @@ _MEANING = {
 }
 _SENSORS = {
     states_of.STRAIN_INVALID: "strain",
+    states_of.STRAIN_SILENT: "strain",
     states_of.STRAIN_STUCK: "strain",
     states_of.STRAIN_CHECK: "strain",
     states_of.STAGE_INVALID: "stage",

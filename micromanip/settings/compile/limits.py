@@ -87,6 +87,7 @@ def fill_axis_limits(
     w["hot_cycles"] = cycles(faults.over_temperature.time_s * 1e3)
     for code, reaction in (
         (states.STRAIN_INVALID, faults.strain.reaction),
+        (states.STRAIN_SILENT, faults.strain.reaction),
         (states.STRAIN_STUCK, faults.strain.reaction),
         (states.STAGE_INVALID, faults.stage.reaction),
         (states.STAGE_STUCK, faults.stage.reaction),

@@ -169,7 +169,9 @@ class Signal(Settings):
         default=None, description="Name of the channel in the driver; null: the signal's own name."
     )
     max_age_us: LargerIsWeaker[Live[Microseconds | None]] = Field(
-        default=300.0, description="Largest age; an older sample is invalid. null: no limit."
+        default=300.0,
+        description="Largest age; an older sample is invalid. null: no limit. Not given: three samples' time and their "
+        "way, 300 at 10 kHz.",
     )
     range_um: WiderIsWeaker[Live[RangeUm | None]] = Field(
         default=None, description="Valid range of strain and stage samples; null: +-1000 um."

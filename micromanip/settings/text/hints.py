@@ -24,7 +24,7 @@ def unknown_key(place: Place) -> tuple[str, Path | None]:
         return unknown, None
     fields = section.shape.fields
     stem, _ = units.split(key)
-    same_stem = [known for known in fields if units.split(known)[0] == stem]
+    same_stem = [known for known in fields if stem and units.split(known)[0] == stem]
     elsewhere = None if same_stem else _section_that_knows(section, key)
     if elsewhere:
         where = key_text(elsewhere.path) or "the top level"

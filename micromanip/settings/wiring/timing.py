@@ -30,6 +30,8 @@ AT_ONCE = FeedbackPath()
 
 _TOLD = 0.2
 """Share of the sampling rate."""
+_LOST = 2
+"""Samples in a row that a signal may lose where the file says nothing of its age."""
 
 
 def path_bandwidth(path: FeedbackPath, rate_hz: float) -> float:
@@ -42,6 +44,22 @@ def signal_timing(configuration: Configuration, wiring: Wiring, name: str) -> Ch
     """Rate and latency of a signal of the configuration, under its name there."""
     entry = configuration.signals[name]
     return _timing(configuration, name, entry, wiring.drivers[entry.driver].slow_inputs)
+
+
+def longest_age_us(channel: Channel) -> float:
+    """How old a sample may be where the file says nothing: on its way, and until the next after `_LOST` lost ones."""
+    return round(1e6 * (channel.latency_s + (1 + _LOST) / channel.rate_hz), 1)
+
+
+def with_ages(configuration: Configuration, wiring: Wiring) -> Configuration:
+    """Each signal of whose ``max_age_us`` the file says nothing gets what its driver's rate and latency allow."""
+    signals = {
+        name: entry
+        if "max_age_us" in entry.model_fields_set or entry.driver not in wiring.drivers
+        else entry.model_copy(update={"max_age_us": longest_age_us(signal_timing(configuration, wiring, name))})
+        for name, entry in configuration.signals.items()
+    }
+    return configuration.model_copy(update={"signals": signals})
 
 
 def sensor_timing(configuration: Configuration, wiring: Wiring, role: str, axis: str) -> Channel:

@@ -40,7 +40,7 @@ def recording_options(command: Callable[..., Any]) -> Callable[..., Any]:
     options = (
         click.option(
             "--time", "time_name", metavar="NAME[:unit]",
-            help="Column of the time.  [default: by its unit or name, or the first whose name begins with t]",
+            help="Column of the time; none: rows are even, every --dt.  [default: by its unit or name]",
         ),
         click.option("--cut", type=Cut(), help="Use this part only, in seconds from the first sample."),
         click.option("--resample", "rate_hz", type=Quantity("Hertz"), help="Rate to bring the recording to, Hz."),

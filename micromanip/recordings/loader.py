@@ -15,11 +15,14 @@ from micromanip.errors import CheckFailed
 from .clock import Clock, doubts, even, read_clock
 from .reading import read_table
 from .resampling import onto_grid, resampled
+from .rows import Rows, usable
 from .spikes import find_spikes
-from .table import Array, Table, called_time
-from .units import known, unknown_unit
+from .table import Array, Table, called_time, has_time_word
+from .units import known, known_time, unknown_unit
 
 _MOST_SAMPLES = 20_000_000
+NO_TIME = "none"
+"""A name of a column of time that says: none is to be used."""
 _LATEST_S = 1e11
 """Times beyond, some 3,000 years, are counted in parts of a second, as those since 1970 or since a computer's start."""
 _STROKE_UM = (0.2, 5000.0)
@@ -43,6 +46,7 @@ class Wanted:
     cut: tuple[float, float] | None = None
     rate_hz: float | None = None
     dimensions: Sequence[str | None] = ()
+    bridge: bool = True
 
 
 @dataclass(frozen=True)
@@ -105,21 +109,28 @@ def take(file: Path, wanted: Wanted) -> Recording:
     columns = {name: table[name] for name in names}
     notes: list[str] = []
     timed = wanted.time or (None if wanted.untimed else table.time_column(names))
-    clock, time_name = _clock(table, timed, wanted, len(columns[names[0]]), notes)
+    timed = None if timed == NO_TIME and NO_TIME not in table else timed
+    time_name, t = _times(table, timed, wanted)
+    if t is not None and time_name is not None:
+        columns = {time_name: t} | columns
+    other, samples = next((name, len(values)) for name, values in columns.items())
     for name, values in columns.items():
-        if len(values) != len(clock.index):
-            other = time_name or names[0]
-            raise CheckFailed(f"{file}: {name} has {len(values)} values, {other} {len(clock.index)}: not one recording")
+        if len(values) != samples:
+            raise CheckFailed(f"{file}: {name} has {len(values)} values, {other} {samples}: not one recording")
+    stacked = np.column_stack([columns[name] for name in names])
+    rows = usable(table, names, stacked, time_name, t, fill=wanted.rate_hz is not None)
+    clock = _clock(table, time_name, t, rows, wanted, notes)
     first, last = _part(file, clock, wanted.cut)
     part = slice(first, last)
-    stacked = np.column_stack([columns[name][part] for name in names])
-    _require_numbers(table, names, stacked, first)
     dimensions = wanted.dimensions or [None] * len(names)
-    units, scaled = _in_our_units(file, names, [unit for _, unit in found], dimensions, stacked, notes)
+    written = [unit for _, unit in found]
+    units, scaled = _in_our_units(file, names, written, dimensions, rows.values[part], notes)
     clock = Clock(clock.step_s, clock.index[part], clock.seconds[part], clock.jittered, clock.notes)
-    notes[:0] = clock.notes
-    spikes = np.column_stack([find_spikes(column) for column in scaled.T]) if len(scaled) > 10 else scaled != scaled
-    _tell_of_spikes(table, names, spikes, first, notes)
+    read = [*table.notes, *rows.left_out(rows.number[part], whole=wanted.cut is None), *clock.notes]
+    notes[:0] = ["; ".join(read)] if read else []
+    many = len(scaled) > 10 and wanted.bridge
+    spikes = np.column_stack([find_spikes(column) for column in scaled.T]) if many else np.zeros(scaled.shape, bool)
+    _tell_of_spikes(table, names, spikes, rows.number[part], notes)
     if clock.jittered or wanted.rate_hz is not None:
         clock, scaled, spikes = _at_a_rate(clock, scaled, spikes, wanted.rate_hz, notes)
     if len(scaled) > _MOST_SAMPLES:
@@ -130,7 +141,8 @@ def take(file: Path, wanted: Wanted) -> Recording:
     return Recording(file, names, units, scaled, clock.step_s, clock.index, spikes, notes)
 
 
-def _clock(table: Table, timed: str | None, wanted: Wanted, samples: int, notes: list[str]) -> tuple[Clock, str | None]:
+def _times(table: Table, timed: str | None, wanted: Wanted) -> tuple[str | None, Array | None]:
+    """Name and values, s, of the column of time; None where there is none and the interval is given."""
     if timed is None:
         if wanted.step_s is None:
             for name, text in table.texts.items():
@@ -142,9 +154,10 @@ def _clock(table: Table, timed: str | None, wanted: Wanted, samples: int, notes:
             raise CheckFailed(
                 f"{table.file}: there is no time column (a name that begins with t); name it with --time, or give --dt"
             )
-        return even(samples, wanted.step_s), None
+        return None, None
     name, unit = table.resolve(timed)
-    scale = known(unit) if unit else None
+    stated = unit or unknown_unit(name) or (name if called_time(name) or has_time_word(name) else None)
+    scale = known(unit) if unit else known_time(stated) if stated else None
     t = table[name]
     if scale is None:
         _require_seconds(table, name, unit or unknown_unit(name), t)
@@ -158,17 +171,28 @@ def _clock(table: Table, timed: str | None, wanted: Wanted, samples: int, notes:
         t = t * scale.factor
     elif scale is not None:
         raise CheckFailed(f"{table.file}: {name} is in {unit}, which is no time; name the right column with --time")
-    clock = read_clock(name, t, table.where, any_rate=wanted.rate_hz is not None)
-    if scale is None:
-        notes += doubts(name, len(t), clock.step_s)
-    return clock, name
+    return name, t
+
+
+def _clock(table: Table, name: str | None, t: Array | None, rows: Rows, wanted: Wanted, notes: list[str]) -> Clock:
+    """The clock of the usable rows; rows that are left out are missing in it."""
+    if name is None or t is None:
+        return even(rows.number, wanted.step_s or 1.0)
+    any_rate = wanted.rate_hz is not None
+    clock = read_clock(
+        name, rows.times, lambda k: table.where(int(rows.number[k])), any_rate=any_rate, step_s=wanted.step_s
+    )
+    if table.unit(name) is None:
+        notes += doubts(name, len(rows.times), clock.step_s)
+    return clock
 
 
 def _require_seconds(table: Table, name: str, stated: str | None, t: Array) -> None:
     """CheckFailed for times without a unit known here that are none in s: the rate would be another."""
     if stated is not None:
         raise CheckFailed(
-            f"{table.file}: {name}: {stated!r} is no unit of time known here; say which, --time '{name}:ms'"
+            f"{table.file}: {name}: {stated!r} is no unit of time known here; say which, "
+            f"--time '{name}:s', or ms, us, ns"
         )
     latest = float(np.max(np.abs(t[np.isfinite(t)]), initial=0.0))
     if latest > _LATEST_S:
@@ -202,16 +226,6 @@ def _part(file: Path, clock: Clock, cut: tuple[float, float] | None) -> tuple[in
             f"the recording goes from 0 to {clock.seconds[-1]:.6g} s"
         )
     return first, last
-
-
-def _require_numbers(table: Table, names: Sequence[str], values: Array, first: int) -> None:
-    for name, column in zip(names, values.T, strict=True):
-        bad = np.flatnonzero(~np.isfinite(column))
-        if len(bad):
-            raise CheckFailed(
-                f"{table.where(int(bad[0]) + first)}: {name} has no number here ({len(bad)} in all); "
-                "cut the record, or repair the sensor"
-            )
 
 
 def _in_our_units(
@@ -259,13 +273,13 @@ def _doubts(name: str, dimension: str, span: float, unit: str) -> list[str]:
 
 
 def _tell_of_spikes(
-    table: Table, names: Sequence[str], spikes: NDArray[np.bool_], first: int, notes: list[str]
+    table: Table, names: Sequence[str], spikes: NDArray[np.bool_], rows: NDArray[np.int64], notes: list[str]
 ) -> None:
     for name, flags in zip(names, spikes.T, strict=True):
         at = np.flatnonzero(flags)
         if len(at):
             many = f"{len(at)} samples stand out as spikes, the first" if len(at) > 1 else "a spike"
-            notes.append(f"{name}: {many} at {table.where(int(at[0]) + first)}: bridged, and not fitted to")
+            notes.append(f"{name}: {many} at {table.where(int(rows[at[0]]))}: bridged, and not fitted to")
 
 
 def _at_a_rate(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import takewhile
 from pathlib import Path
@@ -16,6 +17,9 @@ from .units import known, split_unit
 Array = NDArray[np.float64]
 
 _TIMES = {"t", "time", "zeit", "x_value", "x-axis", "timestamp", "time stamp", "date/time", "seconds", "second", "sec"}
+_TIME_WORD = re.compile(
+    r"(?<![a-z])(t|times?|timestamps?|stamp|zeit|uhrzeit|datetime|elapsed|secs?|millis|micros)(?![a-z])"
+)
 
 
 class Table(Mapping[str, Array]):
@@ -23,7 +27,8 @@ class Table(Mapping[str, Array]):
 
     `units` has those that the file states apart from the name, `lines` the line of the text at which each row stands;
     None where a file has no lines. `clocks` names the column of the time of each, where a file has several: only
-    columns with the same one belong together. `texts` are the columns that hold no numbers, each with its first field.
+    columns with the same one belong together. `texts` are the columns that hold no numbers, each with its first field;
+    `notes` say what of the file is in none of them.
     """
 
     def __init__(
@@ -34,8 +39,9 @@ class Table(Mapping[str, Array]):
         lines: Sequence[int] | None = None,
         clocks: Mapping[str, str] | None = None,
         texts: Mapping[str, str] | None = None,
+        notes: Sequence[str] = (),
     ) -> None:
-        self.file, self.lines, self.texts = file, lines, dict(texts or {})
+        self.file, self.lines, self.texts, self.notes = file, lines, dict(texts or {}), tuple(notes)
         self._columns = dict(columns)
         self._units = dict(units or {})
         self._clocks = dict(clocks or {})
@@ -78,7 +84,8 @@ class Table(Mapping[str, Array]):
             raise CheckFailed(f"{self.file}: there is no column of numbers in it")
         wanted = name if name and known(unit) is not None else asked
         if wanted in self.texts:
-            raise CheckFailed(f"{self.file}: {wanted} holds no numbers, but {self.texts[wanted][:40]!r}")
+            held = f"holds no numbers, but {self.texts[wanted][:40]!r}" if self.texts[wanted] else "is empty"
+            raise CheckFailed(f"{self.file}: {wanted} {held}")
         hint = did_you_mean(wanted, self, "its columns are")
         raise CheckFailed(f"{self.file}: there is no column {wanted}; {hint}")
 
@@ -89,10 +96,10 @@ class Table(Mapping[str, Array]):
         return bare[0] if len(bare) == 1 else None
 
     def time_column(self, names: Sequence[str] = ()) -> str | None:
-        """The column of the time of `names`: by its unit, by its name, or the first whose name begins with t.
+        """The column of the time of `names`: by its unit, its name, a word of it, or the first that begins with t.
 
-        Of several that are times by unit or name, the one that is in most groups with them. CheckFailed where they have
-        several topics' clocks.
+        Of several that are times by unit or name, the one that is in most groups with them; one by a word or a letter
+        must never fall. CheckFailed where they have several topics' clocks.
         """
         if clocks := {self._clocks[name]: name for name in names if name in self._clocks}:
             if len(clocks) > 1:
@@ -101,14 +108,16 @@ class Table(Mapping[str, Array]):
                     f"{self.file}: {told} are of different topics, each with its own times: take one's only"
                 )
             return next(iter(clocks))
-        timed = [name for name in self if _dimension(self.unit(name)) == "time"]
-        plain = [name for name in self if self.unit(name) is None]
+        others = [name for name in self if name not in names]
+        timed = [name for name in others if _dimension(self.unit(name)) == "time"]
+        plain = [name for name in others if self.unit(name) is None]
         called = [name for name in plain if called_time(name) or called_time(name.rpartition(".")[2])]
         like_t = [name for name in [*timed, *plain] if name.lower().startswith("t")]
         sure = [*(name for name in timed if name in like_t or name.rpartition(".")[2].lower().startswith("t")), *called]
         # of run1.t and run2.t, that of the group in which the columns are
         near = sorted(sure, key=lambda name: -max((_shared(name, each) for each in names), default=0))
-        return next(iter([*near, *timed, *like_t]), None)
+        perhaps = [*(name for name in plain if has_time_word(name)), *like_t]
+        return next(iter([*near, *timed, *(name for name in perhaps if _rises(self[name]))]), None)
 
 
 def table_line(fields: Iterable[str]) -> str:
@@ -119,6 +128,16 @@ def table_line(fields: Iterable[str]) -> str:
 def called_time(name: str) -> bool:
     """Whether a column is called as times are."""
     return name.lower() in _TIMES
+
+
+def has_time_word(name: str) -> bool:
+    """Whether a word of a name is one for time: ``__time``, ``sampling_time``, ``samplingTime``."""
+    return _TIME_WORD.search(re.sub("(?<=[a-z])(?=[A-Z])", "_", name).lower()) is not None
+
+
+def _rises(values: Array) -> bool:
+    steps = np.diff(values[np.isfinite(values)])
+    return bool(np.all(steps >= 0.0) and np.any(steps > 0.0))
 
 
 def _shared(name: str, other: str) -> int:

@@ -86,16 +86,14 @@ def test_json_has_the_documented_keys(csv, capsys):
     assert gain == pytest.approx(np.array(truth), abs=0.05)
 
 
-def test_bad_data_is_one_sentence_with_its_place(csv, capsys):
-    """What can't be fitted else: tests/design/linear."""
-
+def test_rows_without_a_number_are_left_out_with_their_lines(csv, capsys):
     def not_a_number(table):
-        table["y2"][[40, 50]] = np.nan
+        table["y2"][[40, 50]] = table["t_s"][60] = np.nan
 
     spoilt(csv, not_a_number)
-    assert code_of(csv, *COLUMNS) == 1
-    (line,) = capsys.readouterr().err.splitlines()
-    assert "x.csv:42: y2 has no number here (2 in all)" in line
+    assert code_of(csv, *COLUMNS) == 0
+    assert "3 rows lack a number and are left out, the first at " in (said := capsys.readouterr().err)
+    assert "x.csv:42; by t_s 3 samples are missing, in 3 gaps" in said
 
 
 REFUSED = {

@@ -40,14 +40,6 @@ def constant_output(columns):
     columns["strain_um"][:] = 0.0
 
 
-def not_a_number(columns):
-    columns["strain_um"][[40, 41, 90]] = np.nan
-
-
-def not_a_time(columns):
-    columns["t_s"][40] = np.nan
-
-
 def too_short(columns):
     for name, values in columns.items():
         columns[name] = values[:150]
@@ -108,8 +100,6 @@ def unlike_name(columns):
 BAD = {
     constant_input: "{file}: voltage_V is constant: record while the actuator moves over the stroke that it will use",
     constant_output: "{file}: strain_um is constant: record while the actuator moves over the stroke that it will use",
-    not_a_number: "{file}:42: strain_um has no number here (3 in all); cut the record, or repair the sensor",
-    not_a_time: "{file}:42: the time column t_s has no number here",
     too_short: "{file}: 150 samples are too few; record at least 200",
     one_row: "{file}:2: 1 sample is too few; record at least 200",
     clipped_above: "{file}: strain_um sticks at its top value 170 for 8 samples while the input moves: "
@@ -120,8 +110,8 @@ BAD = {
     "while the input moves: the sensor is clipped; shift its range, or record a smaller movement",
     swapped: "{file}: strain_um runs ahead of voltage_V: the columns are probably mixed up "
     "(--input is the voltage, --output the displacement)",
-    standing_time: "{file}:3: t_s stands still here; a time column rises with every sample: name another with --time, "
-    "or cut the file there",
+    standing_time: "{file}:3: t_s stands still here (999 of 999 steps do not rise); a time column rises with every "
+    "sample: name another with --time, cut the file there, or take its rows as even, --time none --dt SECONDS",
     no_time: "{file}: there is no time column (a name that begins with t); name it with --time, or give --dt",
     falling: "{file}: strain_um falls when voltage_V rises: turn the sensor's sign, or name the right columns",
     unrelated: "{file}: strain_um hardly follows voltage_V (correlation {any}): "

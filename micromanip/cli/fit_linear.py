@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,7 +25,7 @@ from .recording_options import echo_sources, recording_options
 @click.argument("files", type=click.Path(path_type=Path), metavar="FILE...", nargs=-1, required=True)
 @click.option(
     "--input", "inputs", required=True, metavar="COLUMNS",
-    help="Columns of the inputs, separated by commas: names in the header, or numbers from 1 in a text without one.",
+    help="Columns of the inputs, separated by commas: names, in quotes if need be, or numbers without a header.",
 )  # fmt: skip
 @click.option("--output", "outputs", required=True, metavar="COLUMNS", help="Columns of the outputs, likewise.")
 @recording_options
@@ -43,8 +44,8 @@ from .recording_options import echo_sources, recording_options
 @json_option
 def command(
     files: tuple[Path, ...], inputs: str, outputs: str, time_name: str | None, cut: tuple[float, float] | None,
-    rate_hz: float | None, dt: float | None, order: int | None, split: float, validate: Path | None,
-    as_json: bool,
+    rate_hz: float | None, keep_spikes: bool, dt: float | None, order: int | None, split: float,
+    validate: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
     """Fit a linear model to FILE (CSV or other text, .mat, .npy, .npz, HDF5, Parquet), each an experiment.
 
@@ -56,15 +57,14 @@ def command(
     from micromanip.design.linear.judged import fit_records
     from micromanip.recordings import Wanted
 
-    driven, seen = _names(inputs, "--input"), _names(outputs, "--output")
-    both = set(driven) & set(seen)
-    if both:
-        raise UsageError(f"the column {min(both)} can't be input and output")
+    for option, columns in (("--input", inputs), ("--output", outputs)):
+        if not all(name.strip() for name in columns.split(",")):
+            raise UsageError(f"{option} {columns}: a name between commas is empty")
     if split == 1.0 and validate is None:
         raise UsageError("--split 1 leaves nothing to judge the model by: give --validate FILE, or a smaller split")
-    wanted = Wanted((*driven, *seen), time_name, dt, cut=cut, rate_hz=rate_hz)
-    records = [load_linear(file, wanted, len(driven)) for file in files]
-    held_out = load_linear(validate, replace(wanted, cut=None), len(driven)) if validate else None
+    wanted = Wanted((inputs, outputs), time_name, dt, cut=cut, rate_hz=rate_hz, bridge=not keep_spikes)
+    records = [load_linear(file, wanted) for file in files]
+    held_out = load_linear(validate, replace(wanted, cut=None)) if validate else None
     echo_sources([*records, *([held_out] if held_out else [])])
     with steps() as bar:
         bar.say("fitting")
@@ -73,7 +73,7 @@ def command(
     if as_json:
         emit_json(report | {"notes": [*read, *report["notes"]]})
     else:
-        _print(report, seen, "held out" if split < 1.0 else "not fitted to")
+        _print(report, records[0].outputs, "held out" if split < 1.0 else "not fitted to")
 
 
 def _arx1(figures: dict[str, Any], output: int) -> str:
@@ -81,14 +81,7 @@ def _arx1(figures: dict[str, Any], output: int) -> str:
     return f", ARX(1) {beside[output]:.2f} %" if beside else ""
 
 
-def _names(columns: str, option: str) -> list[str]:
-    names = [name.strip() for name in columns.split(",")]
-    if not all(names) or len(set(names)) < len(names):
-        raise UsageError(f"{option} {columns}: name each column once, separated by commas")
-    return names
-
-
-def _print(report: dict[str, Any], outputs: list[str], held_out: str) -> None:
+def _print(report: dict[str, Any], outputs: Sequence[str], held_out: str) -> None:
     delays = ", ".join(map(str, report["delay_samples"]))
     echo(f"order {report['order']}, delay {delays} samples of {report['dt_s']:.6g} s")
     parts = [(held_out, report)]

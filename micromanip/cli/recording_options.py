@@ -36,7 +36,7 @@ class Cut(click.ParamType):  # type: ignore[type-arg]  # generic in newer versio
 
 
 def recording_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """``--time``, ``--cut`` and ``--resample``."""
+    """``--time``, ``--cut``, ``--resample`` and ``--keep-spikes``."""
     options = (
         click.option(
             "--time", "time_name", metavar="NAME[:unit]",
@@ -44,6 +44,7 @@ def recording_options(command: Callable[..., Any]) -> Callable[..., Any]:
         ),
         click.option("--cut", type=Cut(), help="Use this part only, in seconds from the first sample."),
         click.option("--resample", "rate_hz", type=Quantity("Hertz"), help="Rate to bring the recording to, Hz."),
+        click.option("--keep-spikes", is_flag=True, help="Bridge no spikes: what is short and high is true."),
     )  # fmt: skip
     for option in reversed(options):
         command = option(command)

@@ -10,17 +10,18 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.errors import CheckFailed
+from micromanip.errors import CheckFailed, UsageError
 
 from .clock import Clock, doubts, even, read_clock
 from .reading import read_table
 from .resampling import onto_grid, resampled
 from .rows import Rows, usable
-from .spikes import find_spikes
+from .spikes import faults_only, find_spikes
 from .table import Array, Table, called_time, has_time_word
 from .units import known, known_time, unknown_unit
 
 _MOST_SAMPLES = 20_000_000
+LISTS = 0
 NO_TIME = "none"
 """A name of a column of time that says: none is to be used."""
 _LATEST_S = 1e11
@@ -37,6 +38,8 @@ class Wanted:
 
     `step_s` is the sampling interval where there is no column of time, or where it is to be ignored (`untimed`).
     `dimensions`, of each column where it is given ("voltage", "length"), is what is meant by one that states no unit.
+    The first `inputs` columns drive the others; with LISTS there are two entries, names of inputs and of outputs with
+    commas between them. Spikes are looked for where they are to be bridged (`bridge`): in these, only faults.
     """
 
     columns: Sequence[str]
@@ -46,6 +49,7 @@ class Wanted:
     cut: tuple[float, float] | None = None
     rate_hz: float | None = None
     dimensions: Sequence[str | None] = ()
+    inputs: int | None = None
     bridge: bool = True
 
 
@@ -54,7 +58,7 @@ class Recording:
     """Columns (n, k) as they were measured, on a grid of `step_s`.
 
     `index` (n,) is each sample's number on the grid: where it leaps, samples are missing. `spikes` (n, k) marks single
-    samples that are wrong. `lines` says where sample k came from.
+    samples that are wrong. The first `inputs` columns are inputs, where that was said.
     """
 
     file: Path
@@ -65,6 +69,7 @@ class Recording:
     index: NDArray[np.int64]
     spikes: NDArray[np.bool_]
     notes: list[str] = field(default_factory=list)
+    inputs: int | None = None
 
     @property
     def pieces(self) -> list[slice]:
@@ -101,11 +106,14 @@ def take(file: Path, wanted: Wanted) -> Recording:
     ones are brought onto a grid. CheckFailed, with what would be right, for what can't be used.
     """
     table = read_table(file)
-    found = [table.resolve(column) for column in wanted.columns]
+    lists = wanted.inputs == LISTS
+    asked = [table.listed(columns) for columns in wanted.columns] if lists else [wanted.columns]
+    inputs = len(asked[0]) if lists else wanted.inputs
+    found = [table.resolve(column) for columns in asked for column in columns]
     names = tuple(name for name, _ in found)
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
-        raise CheckFailed(f"{file}: the column {twice} is named twice; an input can't be an output")
+        raise UsageError(f"{file}: the column {twice} is named twice; an input can't be an output")
     columns = {name: table[name] for name in names}
     notes: list[str] = []
     timed = wanted.time or (None if wanted.untimed else table.time_column(names))
@@ -130,7 +138,9 @@ def take(file: Path, wanted: Wanted) -> Recording:
     notes[:0] = ["; ".join(read)] if read else []
     many = len(scaled) > 10 and wanted.bridge
     spikes = np.column_stack([find_spikes(column) for column in scaled.T]) if many else np.zeros(scaled.shape, bool)
-    _tell_of_spikes(table, names, spikes, rows.number[part], notes)
+    faults = spikes if inputs is None else faults_only(scaled, spikes, inputs)
+    _tell_of_spikes(table, names, spikes, faults, rows.number[part], notes)
+    spikes = faults
     if clock.jittered or wanted.rate_hz is not None:
         clock, scaled, spikes = _at_a_rate(clock, scaled, spikes, wanted.rate_hz, notes)
     if len(scaled) > _MOST_SAMPLES:
@@ -138,7 +148,7 @@ def take(file: Path, wanted: Wanted) -> Recording:
             f"{file}: {len(scaled)} samples are more than can be fitted to ({_MOST_SAMPLES}): "
             "take a part, --cut FROM:TO, or fewer, --resample HZ"
         )
-    return Recording(file, names, units, scaled, clock.step_s, clock.index, spikes, notes)
+    return Recording(file, names, units, scaled, clock.step_s, clock.index, spikes, notes, inputs)
 
 
 def _times(table: Table, timed: str | None, wanted: Wanted) -> tuple[str | None, Array | None]:
@@ -273,13 +283,22 @@ def _doubts(name: str, dimension: str, span: float, unit: str) -> list[str]:
 
 
 def _tell_of_spikes(
-    table: Table, names: Sequence[str], spikes: NDArray[np.bool_], rows: NDArray[np.int64], notes: list[str]
+    table: Table,
+    names: Sequence[str],
+    spikes: NDArray[np.bool_],
+    faults: NDArray[np.bool_],
+    rows: NDArray[np.int64],
+    notes: list[str],
 ) -> None:
-    for name, flags in zip(names, spikes.T, strict=True):
-        at = np.flatnonzero(flags)
-        if len(at):
-            many = f"{len(at)} samples stand out as spikes, the first" if len(at) > 1 else "a spike"
-            notes.append(f"{name}: {many} at {table.where(int(rows[at[0]]))}: bridged, and not fitted to")
+    for name, flags, fault in zip(names, spikes.T, faults.T, strict=True):
+        for which, done in (
+            (fault, "bridged, and not fitted to (--keep-spikes fits them)"),
+            (flags & ~fault, "kept, as input and output agree"),
+        ):
+            at = np.flatnonzero(which)
+            if len(at):
+                many = f"{len(at)} samples stand out as spikes, the first" if len(at) > 1 else "a spike"
+                notes.append(f"{name}: {many} at {table.where(int(rows[at[0]]))}: {done}")
 
 
 def _at_a_rate(

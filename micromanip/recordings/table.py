@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import takewhile
@@ -88,6 +89,24 @@ class Table(Mapping[str, Array]):
             raise CheckFailed(f"{self.file}: {wanted} {held}")
         hint = did_you_mean(wanted, self, "its columns are")
         raise CheckFailed(f"{self.file}: there is no column {wanted}; {hint}")
+
+    def listed(self, asked: str) -> list[str]:
+        """The columns of a list with commas between them, which names may have too: quoted, or where one is called so.
+
+        CheckFailed for an empty name.
+        """
+        parts = next(csv.reader([asked], skipinitialspace=True)) if '"' in asked else asked.split(",")
+        found: list[str] = []
+        while parts:
+            joined = (",".join(parts[:count]).strip() for count in range(len(parts), 0, -1))
+            name = next((each for each in joined if self._names(each)), parts[0].strip())
+            found.append(name)
+            parts = parts[name.count(",") + 1 :] if '"' not in asked else parts[1:]
+        return found
+
+    def _names(self, asked: str) -> bool:
+        name, _, unit = asked.rpartition(":")
+        return self._find(asked) is not None or (self._find(name) is not None and known(unit) is not None)
 
     def _find(self, asked: str) -> str | None:
         if asked in self._columns:

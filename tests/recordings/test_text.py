@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from micromanip.errors import CheckFailed
+from micromanip.errors import CheckFailed, UsageError
 from micromanip.recordings import Wanted, read_table, take
 
 from .signals import SAMPLES, STEP_S, T, U, Y, lines
@@ -281,5 +281,5 @@ def test_names_that_are_not_there_are_told_with_what_is(tmp_path):
         take(file, Wanted(("voltage_mV", "y")))
     with pytest.raises(CheckFailed, match=r"y:furlong: 'furlong' is no unit known here"):
         take(file, Wanted(("voltage", "y:furlong")))
-    with pytest.raises(CheckFailed, match="the column y is named twice"):
+    with pytest.raises(UsageError, match="the column y is named twice"):
         take(file, Wanted(("y", "y:mm")))

@@ -13,6 +13,7 @@ from scipy.signal import decimate
 from micromanip.design.movement import require_movement, stands_still
 from micromanip.errors import CheckFailed
 from micromanip.recordings import Recording, Wanted, take
+from micromanip.recordings.loader import LISTS
 from micromanip.recordings.spikes import bridged
 
 from .clipped import clipped
@@ -82,14 +83,15 @@ class LinearRecord:
         return records[0], records[1] if len(records) > 1 else None
 
 
-def load_linear(file: Path, wanted: Wanted, inputs: int) -> LinearRecord:
-    """Read the columns of `wanted`, of which the first `inputs` are inputs, the others outputs.
+def load_linear(file: Path, wanted: Wanted, inputs: int = LISTS) -> LinearRecord:
+    """Read the columns of `wanted`: the first `inputs` of them are, the others outputs; or a list of each.
 
     Its `step_s` is the sampling interval, s, of the model: that of the record's time column, or a whole multiple of it,
     for which the record is low-passed and thinned. Raises CheckFailed, with what to record instead, for data that can't
     be used.
     """
-    taken = take(file, wanted)
+    taken = take(file, replace(wanted, inputs=inputs))
+    inputs = taken.inputs or inputs
     if len(taken.values) < _LEAST_SAMPLES:
         raise CheckFailed(f"{file}: {len(taken.values)} samples are too few; record at least {_LEAST_SAMPLES}")
     columns = dict(zip(taken.names, taken.values.T, strict=True))

@@ -1,4 +1,4 @@
-"""What is short and true is kept for a linear fit: blows, their answers, a start that is no rest; faults are bridged."""
+"""What is short and true is kept for a linear fit: blows, answers, a start that is no rest; faults are bridged."""
 
 import numpy as np
 import pytest

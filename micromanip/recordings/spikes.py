@@ -22,8 +22,9 @@ _USUAL = 0.97
 _MOST = 0.02
 """More than this share of all samples are no spikes, but how the signal is."""
 _LAGS, _AROUND, _MOST_ROWS, _ROUNDS = 10, 500, 100_000, 3
-_FORETOLD, _BETTER = 0.2, 0.99
-"""What is left of spikes that are an answer, of their mean square; of an autoregression's by bridging true spikes."""
+_FORETOLD, _BETTER, _UNUSUAL = 0.2, 0.99, 9.0
+"""What is left of spikes that are an answer, of their mean square; of an autoregression's by bridging true spikes; how
+many times its median error a fault is at least."""
 
 
 def off_median(x: Array) -> Array:
@@ -81,12 +82,13 @@ def faults_only(values: Array, flags: Flags, inputs: int) -> Flags:
                 for each in (values, smooth):
                     piece = clean[begin:end].copy()
                     piece[_LAGS : last - begin, k] = each[first:last, k]
-                    left.append(sum(_left(piece, inputs, j, *laws[j - inputs]) for j in judged))
+                    left.append(sum(_left(piece, inputs, j, *laws[j - inputs][:2]) for j in judged))
                 if k < inputs:
                     found[first:last, k] = left[1] < _BETTER * left[0]
                 else:
                     away = (values[first:last, k] - smooth[first:last, k]) / laws[k - inputs][1]
-                    found[first:last, k] = left[0] > _FORETOLD * np.sum(away**2)
+                    least = (last - first) * laws[k - inputs][2]
+                    found[first:last, k] = left[0] > max(_FORETOLD * np.sum(away**2), least)
         faults = found
     return faults
 
@@ -98,10 +100,12 @@ def _lagged(values: Array, inputs: int, output: int, rows: NDArray[np.int64]) ->
     return np.column_stack([*own, *driven, np.ones(len(rows))])
 
 
-def _law(table: Array, target: Array) -> tuple[Array, float]:
-    """Weights by least squares, and the size of the target, by which errors are measured."""
+def _law(table: Array, target: Array) -> tuple[Array, float, float]:
+    """Weights by least squares, the target's size, by which errors are measured, and the least square of unusual ones."""
     size = np.maximum(np.abs(table).max(axis=0), 1e-300)
-    return np.linalg.lstsq(table / size, target, rcond=None)[0] / size, max(float(np.std(target)), 1e-300)
+    weights = np.linalg.lstsq(table / size, target, rcond=None)[0] / size
+    spread = max(float(np.std(target)), 1e-300)
+    return weights, spread, (_UNUSUAL * float(np.median(np.abs(target - table @ weights))) / spread) ** 2
 
 
 def _left(piece: Array, inputs: int, output: int, law: Array, size: float) -> float:

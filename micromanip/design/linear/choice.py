@@ -1,4 +1,8 @@
-"""Order, delays and direct term by what they are worth: the free run on the part of the record that was left out."""
+"""Order, delays and direct term by what they are worth: the free run on the part of the record that was left out.
+
+Where hardly anything moves in that part, as behind a single blow, all models are alike there. Then they are judged by
+the free run on all of the record.
+"""
 
 from __future__ import annotations
 
@@ -20,6 +24,22 @@ _WORTH = 1.1
 _EXACT = 1e-6
 """Held-out errors below this share of the output are all alike: rounding."""
 _HELD_OUT = 4
+_MOVES = 0.02
+"""Mean square of the outputs, as a share of that elsewhere, below which a part says nothing of a model."""
+
+
+def says_much(part: Sequence[Experiment], whole: Sequence[Experiment]) -> bool:
+    """Whether the outputs of `part` move enough, beside those of `whole`, for models to differ there."""
+    power, usual = (
+        np.sum([((y - y.mean(axis=0)) ** 2).sum(axis=0) for _, y in each], axis=0) / sum(len(y) for _, y in each)
+        for each in (part, whole)
+    )
+    return bool(np.mean(power / np.maximum(usual, 1e-300)) > _MOVES)
+
+
+def last_quarter_says_much(experiments: Sequence[Experiment]) -> bool:
+    """Whether models can be judged by the last quarter of each experiment."""
+    return says_much([(u[-(len(u) // _HELD_OUT) :], y[-(len(u) // _HELD_OUT) :]) for u, y in experiments], experiments)
 
 
 @dataclass(frozen=True)
@@ -82,9 +102,13 @@ def choose(
 def _errors(
     experiments: Sequence[Experiment], delays: tuple[int, ...], orders: Iterable[int], direct: bool, rows: int
 ) -> dict[int, float]:
-    """Held-out rms error (percent) of each order; the state runs on from the fitted part, the offset is refitted."""
+    """Held-out rms error (percent) of each order; the state runs on from the fitted part, the offset is refitted.
+
+    That on all of the record, which is fitted to, where the last quarter says nothing.
+    """
     shifted = [delayed(pair, delays) for pair in experiments]
-    counts = [len(u) - len(u) // _HELD_OUT for u, _ in shifted]
+    judged = last_quarter_says_much(experiments)
+    counts = [len(u) - len(u) // _HELD_OUT if judged else len(u) for u, _ in shifted]
     fitted = [(u[:count], y[:count]) for (u, y), count in zip(shifted, counts, strict=True)]
     left, _ = observability(compress(fitted, rows))
     errors = {}
@@ -92,9 +116,9 @@ def _errors(
         modes = modes_of(left, order, fitted, direct)
         left_over = size = 0.0
         for (u, y), count in zip(shifted, counts, strict=True):
-            error = (y - start(modes, u[:count], y[:count]).run(modes, u))[count:]
+            error = (y - start(modes, u[:count], y[:count]).run(modes, u))[count if judged else 0 :]
             left_over += float(np.sum((error - error.mean(axis=0)) ** 2))
             # of the whole record: the output may stand still where it is held out
-            size += float(np.sum(y.var(axis=0))) * (len(y) - count)
+            size += float(np.sum(y.var(axis=0))) * len(error)
         errors[order] = 100.0 * float(np.sqrt(left_over / size))
     return errors

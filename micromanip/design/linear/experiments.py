@@ -78,7 +78,7 @@ class LinearRecord:
                 part = "first" if record is records[0] else "last"
                 raise CheckFailed(
                     f"{self.file}: split at {share:g}, {still[0]} stands still in the {part} {len(record.u)} samples: "
-                    "split elsewhere, or give --split 1 and another record that moves with --validate"
+                    "split elsewhere, or give --split 1 and with --validate a record that moves, if need be this one"
                 )
         return records[0], records[1] if len(records) > 1 else None
 

@@ -101,7 +101,7 @@ def _lagged(values: Array, inputs: int, output: int, rows: NDArray[np.int64]) ->
 
 
 def _law(table: Array, target: Array) -> tuple[Array, float, float]:
-    """Weights by least squares, the target's size, by which errors are measured, and the least square of unusual ones."""
+    """Weights by least squares, the target's size, by which errors are measured, and the least unusual square."""
     size = np.maximum(np.abs(table).max(axis=0), 1e-300)
     weights = np.linalg.lstsq(table / size, target, rcond=None)[0] / size
     spread = max(float(np.std(target)), 1e-300)

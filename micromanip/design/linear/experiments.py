@@ -41,6 +41,7 @@ class LinearRecord:
     breaks: tuple[int, ...] = ()
     notes: tuple[str, ...] = ()
     told: str = ""
+    units: tuple[str | None, ...] = ()
 
     @property
     def experiments(self) -> list[Experiment]:
@@ -108,7 +109,7 @@ def load_linear(file: Path, wanted: Wanted, inputs: int = LISTS) -> LinearRecord
     breaks = tuple(int(k) for k in np.cumsum([len(piece) for piece in pieces])[:-1])
     u, y = values[:, :inputs], values[:, inputs:]
     return LinearRecord(
-        file, taken.names[:inputs], taken.names[inputs:], u, y, dt, breaks, tuple(notes), taken.summary()
+        file, taken.names[:inputs], taken.names[inputs:], u, y, dt, breaks, tuple(notes), taken.summary(), taken.units
     )
 
 

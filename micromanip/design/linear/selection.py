@@ -21,7 +21,7 @@ _OTHERS = 3
 _NO_WORSE = 1.0 + 1e-9
 _STABLE = 1.0 - 1e-6
 _ARX, _GROWS = 3, 5.0
-"""Lags of an autoregression; natural logarithm of how much an unstable response grows over a record: less may be how noise shows."""
+"""Lags of an autoregression; logarithm of how much an unstable response grows over a record: less may be noise."""
 
 
 @dataclass(frozen=True)
@@ -66,8 +66,8 @@ def select(
     errors = _compared(plain, order, inner, left_out, again) if tells else {}
     if not tells and order is None:
         notes.append(
-            f"order {plain.order} is chosen by the error on all that is fitted to, as hardly anything moves in its last "
-            "quarter: a record with more movement tells more, --order sets another"
+            f"order {plain.order} is chosen by the error on all that is fitted to, as hardly anything moves in its "
+            "last quarter: a record with more movement tells more, --order sets another"
         )
     if errors:
         first = errors.get((plain.order, True), np.inf)
@@ -96,9 +96,10 @@ def _of_mirrored(model: LinearFit, experiments: Sequence[Experiment]) -> list[st
     worst = max(grows, key=abs)
     inside = 1.0 / worst.conjugate()
     return [
-        f"the record has an unstable pole, z = {_pole(worst)}, which grows e-fold in {model.dt / np.log(abs(worst)):.3g} "
-        f"s: it was mirrored to {_pole(inside)}, so the model is not the plant's. An unstable plant can only have been "
-        "recorded in a closed loop: fit from the loop's set-point, or an injected signal, to the output"
+        f"the record has an unstable pole, z = {_pole(worst)}, which grows e-fold in "
+        f"{model.dt / np.log(abs(worst)):.3g} s: it was mirrored to {_pole(inside)}, so the model is not the plant's. "
+        "An unstable plant can only have been recorded in a closed loop: fit from the loop's set-point, or an injected "
+        "signal, to the output"
     ]
 
 

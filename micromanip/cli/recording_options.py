@@ -52,10 +52,11 @@ def recording_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def open_recording(file: Path) -> Telemetry:
-    """A recording of ours; where it is damaged, standard error says what is left out."""
+    """A recording of ours; standard error says what it is, and where it is damaged, what is left out."""
     from micromanip.recordings import open_telemetry
 
     telemetry = open_telemetry(file)
+    echo(f"read {telemetry.summary()}", err=True)
     warn_of_damage(telemetry)
     return telemetry
 

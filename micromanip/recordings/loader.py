@@ -58,7 +58,8 @@ class Recording:
     """Columns (n, k) as they were measured, on a grid of `step_s`.
 
     `index` (n,) is each sample's number on the grid: where it leaps, samples are missing. `spikes` (n, k) marks single
-    samples that are wrong. The first `inputs` columns are inputs, where that was said.
+    samples that are wrong. The first `inputs` columns are inputs, where that was said; `place` tells where in the file
+    they stand.
     """
 
     file: Path
@@ -70,6 +71,7 @@ class Recording:
     spikes: NDArray[np.bool_]
     notes: list[str] = field(default_factory=list)
     inputs: int | None = None
+    place: str = ""
 
     @property
     def pieces(self) -> list[slice]:
@@ -84,7 +86,7 @@ class Recording:
         )
         length = (int(self.index[-1]) + 1 - int(self.index[0])) * self.step_s
         return (
-            f"{self.file.name}: {columns}; {len(self.values)} samples every {self.step_s:.6g} s "
+            f"{self.file.name} ({self.place}): {columns}; {len(self.values)} samples every {self.step_s:.6g} s "
             f"({1 / self.step_s:.6g} Hz), {length:.4g} s"
         )
 
@@ -148,7 +150,9 @@ def take(file: Path, wanted: Wanted) -> Recording:
             f"{file}: {len(scaled)} samples are more than can be fitted to ({_MOST_SAMPLES}): "
             "take a part, --cut FROM:TO, or fewer, --resample HZ"
         )
-    return Recording(file, names, units, scaled, clock.step_s, clock.index, spikes, notes, inputs)
+    return Recording(
+        file, names, units, scaled, clock.step_s, clock.index, spikes, notes, inputs, table.place(time_name)
+    )
 
 
 def _times(table: Table, timed: str | None, wanted: Wanted) -> tuple[str | None, Array | None]:

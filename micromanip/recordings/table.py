@@ -43,6 +43,7 @@ class Table(Mapping[str, Array]):
         notes: Sequence[str] = (),
     ) -> None:
         self.file, self.lines, self.texts, self.notes = file, lines, dict(texts or {}), tuple(notes)
+        self.kind = ""
         self._columns = dict(columns)
         self._units = dict(units or {})
         self._clocks = dict(clocks or {})
@@ -66,6 +67,11 @@ class Table(Mapping[str, Array]):
     def where(self, row: int) -> str:
         """The place of `row` for a message: file and line, or file and number of the row, from 0."""
         return f"{self.file}: row {row}" if self.lines is None else f"{self.file}:{self.lines[row]}"
+
+    def place(self, time_name: str | None) -> str:
+        """What the file is, where its rows stand, and what their times are."""
+        rows = f", rows in lines {self.lines[0]} to {self.lines[-1]}" if self.lines else ""
+        return f"{self.kind}{rows}, {'no times' if time_name is None else f'time {time_name}'}"
 
     def resolve(self, asked: str) -> tuple[str, str | None]:
         """Name and unit of the column that ``NAME[:unit]`` means. CheckFailed where there is none.

@@ -23,6 +23,7 @@ _WORTH = 1.1
 """A delay is shortened, which is as good as a state more, only where the held-out error falls by this factor."""
 _EXACT = 1e-6
 """Held-out errors below this share of the output are all alike: rounding."""
+_STRIDE = 4
 _HELD_OUT = 4
 _MOVES = 0.02
 """Mean square of the outputs, as a share of that elsewhere, below which a part says nothing of a model."""
@@ -96,7 +97,23 @@ def choose(
             if _WORTH * max(earlier.error, 100.0 * _EXACT) > best.error:
                 break
             best, now[i] = earlier, now[i] - 1
-    return best
+    return best if order is not None else _larger(best, experiments, rows, progress)
+
+
+def _larger(
+    best: Structure, experiments: Sequence[Experiment], rows: int, progress: Callable[[str], None]
+) -> Structure:
+    """`best`, or where it has about all the states that were tried one of more, as several outputs may need."""
+    outputs = experiments[0][1].shape[1]
+    tried = dict(best.tried)
+    for order in range(LARGEST_ORDER + _STRIDE, min(LARGEST_ORDER * outputs, (rows - 1) * outputs) + 1, _STRIDE):
+        if best.order < order - 2 * _STRIDE:
+            break
+        progress(f"trying order {order}")
+        tried |= _errors(experiments, best.delays, [order], best.direct, rows)
+        if _ENOUGH * tried[order] < best.error:
+            best = Structure(order, best.delays, best.direct, tried)
+    return Structure(best.order, best.delays, best.direct, tried)
 
 
 def _errors(

@@ -71,8 +71,9 @@ def usable(
             raise CheckFailed(f"{table.file}: {apart}; bring them together with a column of time and --resample HZ")
         known = np.isfinite(times)
         values = np.column_stack([_filled(times, column, known) for column in values.T])
-        whole = np.isfinite(values).all(axis=1) & known
-        filled = f"{apart}, and are filled in along {time_name}"
+        scarcest = int(np.argmin(counts))
+        whole = np.isfinite(values).all(axis=1) & found[:, scarcest] & known
+        filled = f"{apart}, the others are filled in where {names[scarcest]} is, along {time_name}"
     if not whole.any():
         lacks = [name for name, count in zip(names, counts, strict=True) if count == 0]
         what = f"{lacks[0]} has no number at all" if lacks else f"no row has a number in each of {', '.join(names)}"
@@ -82,7 +83,9 @@ def usable(
     if t is not None:
         again[number[1:]] = _repeated(times[number], values[number])
     number = np.flatnonzero(whole & ~again)
-    return Rows(table.where, number, values[number], times[number], ~whole, again, filled)
+    return Rows(
+        table.where, number, values[number], times[number], np.zeros_like(whole) if filled else ~whole, again, filled
+    )
 
 
 def _filled(times: Array, column: Array, known: Flags) -> Array:

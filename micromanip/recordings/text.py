@@ -77,7 +77,8 @@ def read_text(file: Path) -> Table:
     numbers = [number for number, line in enumerate(every, 1) if line.strip()]
     lines = [every[number - 1] for number in numbers]
     dialect = _dialect(file, lines)
-    first, kinds, notes = _rows(file, lines, numbers, dialect)
+    first, last, kinds, notes = _rows(file, lines, numbers, dialect)
+    lines, numbers = lines[:last], numbers[:last]
     names, units = _header(file, every[: numbers[first] - 1], dialect, kinds)
     values = _values(file, lines[first:], numbers[first:], dialect, kinds)
     named = _unlike([name or str(k) for k, name in enumerate(names, 1)])
@@ -136,14 +137,25 @@ def _is_row(fields: Sequence[str], dialect: _Dialect) -> bool:
 
 def _rows(
     file: Path, lines: Sequence[str], numbers: Sequence[int], dialect: _Dialect
-) -> tuple[int, list[str], list[str]]:
-    """The first line of numbers; what each column is: "number", "stamp" (a date and time), or "" for a text; notes.
+) -> tuple[int, int, list[str], list[str]]:
+    """The first line of numbers and that behind the last; what each column is; notes.
 
-    CheckFailed where there is none, or a second table behind the first.
+    A column is "number", "stamp" (a date and time), or "" for a text. CheckFailed where there is no table, or a second
+    one behind the first.
     """
     rows = [row for row in map(dialect.fields, lines[-_SAMPLED:]) if _is_row(row, dialect)]
     width = _commonest([len(row) for row in rows])
     kinds = [_kind([row[column] for row in rows if len(row) == width], dialect) for column in range(width)]
+    last = len(lines)
+    while (
+        last
+        and any(kinds)
+        and not _fits(dialect.fields(lines[last - 1]), kinds, dialect)
+        and _is_said(lines[last - 1], dialect)
+    ):
+        last -= 1
+    notes = [f"line {numbers[last]} to {numbers[-1]}: no rows, behind the table, left out"] if last < len(lines) else []
+    lines = lines[:last]
     first = len(lines)
     for at in range(len(lines) - 1, -1, -1):
         if _fits(dialect.fields(lines[at]), kinds, dialect):
@@ -163,10 +175,10 @@ def _rows(
             f"{file}:{numbers[every[1][0] - 1]}: a second table begins here, behind the rows of another: one table is "
             f"read, save the one that is meant in a file of its own; there are {len(every)}, in lines {told}"
         )
-    if not settings:
-        return first, kinds, []
-    last = f" to {numbers[settings[-1]]}" if len(settings) > 1 else ""
-    return first, kinds, [f"line {numbers[settings[0]]}{last}: numbers before the table, left out as settings"]
+    if settings:
+        end = f" to {numbers[settings[-1]]}" if len(settings) > 1 else ""
+        notes.insert(0, f"line {numbers[settings[0]]}{end}: numbers before the table, left out as settings")
+    return first, last, kinds, notes
 
 
 def _before(lines: Sequence[str], kinds: Sequence[str], dialect: _Dialect) -> tuple[list[tuple[int, int]], list[int]]:
@@ -194,6 +206,12 @@ def _kind(fields: Sequence[str], dialect: _Dialect) -> str:
     if 2 * sum(dialect.number(field) is None for field in fields) <= len(fields):
         return "number"
     return "stamp" if _stamp_s(fields[-1]) is not None else ""
+
+
+def _is_said(line: str, dialect: _Dialect) -> bool:
+    """Whether a line begins with a word, as what is said behind a table does."""
+    begin = dialect.fields(line)[:1]
+    return bool(begin) and any(map(str.isalpha, begin[0])) and dialect.number(begin[0]) is None
 
 
 def _may_begin(line: str, dialect: _Dialect) -> bool:

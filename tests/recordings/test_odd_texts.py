@@ -39,6 +39,11 @@ def test_settings_with_names_of_their_own_and_names_with_digits(tmp_path):
     assert taken.notes == ["line 2: numbers before the table, left out as settings"]
 
 
+def test_what_is_said_behind_a_table_is_left_out_with_its_lines(tmp_path):
+    taken = same(written(tmp_path / "x.csv", "\n".join(["t,u,y", *lines(), "", "Mean,50,55", "End of file"])))
+    assert taken.notes == ["line 603 to 604: no rows, behind the table, left out"]
+
+
 @pytest.mark.parametrize("often", [3, None], ids=["evenly", "at random"])
 def test_rows_that_repeat_the_one_before_are_left_out(often, tmp_path):
     rng = np.random.default_rng(0)

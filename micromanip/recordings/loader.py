@@ -120,7 +120,7 @@ def take(file: Path, wanted: Wanted) -> Recording:
     notes: list[str] = []
     timed = wanted.time or (None if wanted.untimed else table.time_column(names))
     timed = None if timed == NO_TIME and NO_TIME not in table else timed
-    time_name, t = _times(table, timed, wanted)
+    time_name, t, unit_known = _times(table, timed, wanted)
     if t is not None and time_name is not None:
         columns = {time_name: t} | columns
     other, samples = next((name, len(values)) for name, values in columns.items())
@@ -129,7 +129,8 @@ def take(file: Path, wanted: Wanted) -> Recording:
             raise CheckFailed(f"{file}: {name} has {len(values)} values, {other} {samples}: not one recording")
     stacked = np.column_stack([columns[name] for name in names])
     rows = usable(table, names, stacked, time_name, t, fill=wanted.rate_hz is not None)
-    clock = _clock(table, time_name, t, rows, wanted, notes)
+    clock = _clock(table, time_name, rows, wanted)
+    notes += [] if unit_known or time_name is None else doubts(time_name, len(rows.times), clock.step_s)
     first, last = _part(file, clock, wanted.cut)
     part = slice(first, last)
     dimensions = wanted.dimensions or [None] * len(names)
@@ -155,8 +156,8 @@ def take(file: Path, wanted: Wanted) -> Recording:
     )
 
 
-def _times(table: Table, timed: str | None, wanted: Wanted) -> tuple[str | None, Array | None]:
-    """Name and values, s, of the column of time; None where there is none and the interval is given."""
+def _times(table: Table, timed: str | None, wanted: Wanted) -> tuple[str | None, Array | None, bool]:
+    """Name and values, s, of the column of time, None where there is none and the interval is given; unit known?"""
     if timed is None:
         if wanted.step_s is None:
             for name, text in table.texts.items():
@@ -168,7 +169,7 @@ def _times(table: Table, timed: str | None, wanted: Wanted) -> tuple[str | None,
             raise CheckFailed(
                 f"{table.file}: there is no time column (a name that begins with t); name it with --time, or give --dt"
             )
-        return None, None
+        return None, None, True
     name, unit = table.resolve(timed)
     stated = unit or unknown_unit(name) or (name if called_time(name) or has_time_word(name) else None)
     scale = known(unit) if unit else known_time(stated) if stated else None
@@ -185,20 +186,17 @@ def _times(table: Table, timed: str | None, wanted: Wanted) -> tuple[str | None,
         t = t * scale.factor
     elif scale is not None:
         raise CheckFailed(f"{table.file}: {name} is in {unit}, which is no time; name the right column with --time")
-    return name, t
+    return name, t, scale is not None
 
 
-def _clock(table: Table, name: str | None, t: Array | None, rows: Rows, wanted: Wanted, notes: list[str]) -> Clock:
+def _clock(table: Table, name: str | None, rows: Rows, wanted: Wanted) -> Clock:
     """The clock of the usable rows; rows that are left out are missing in it."""
-    if name is None or t is None:
+    if name is None:
         return even(rows.number, wanted.step_s or 1.0)
     any_rate = wanted.rate_hz is not None
-    clock = read_clock(
+    return read_clock(
         name, rows.times, lambda k: table.where(int(rows.number[k])), any_rate=any_rate, step_s=wanted.step_s
     )
-    if table.unit(name) is None:
-        notes += doubts(name, len(rows.times), clock.step_s)
-    return clock
 
 
 def _require_seconds(table: Table, name: str, stated: str | None, t: Array) -> None:

@@ -26,7 +26,7 @@ from .units import known
 
 _DIALECTS = (("\t", "."), ("\t", ","), (";", "."), (";", ","), (",", "."), (",", ","), (None, "."), (None, ","))
 """Separator (None: spaces) and decimal mark; the first of those that fit is taken. Commas within a field are quoted."""
-_SAMPLED = 60
+_SAMPLED, _LOOKED_AT = 60, 500
 _PREAMBLE_ROWS = 10
 """Rows of numbers that may stand among the lines before a table; more of them are a table of their own."""
 _TOLD_TABLES = 4
@@ -145,7 +145,14 @@ def _rows(
     """
     rows = [row for row in map(dialect.fields, lines[-_SAMPLED:]) if _is_row(row, dialect)]
     width = _commonest([len(row) for row in rows])
-    kinds = [_kind([row[column] for row in rows if len(row) == width], dialect) for column in range(width)]
+    rows = [row for row in rows if len(row) == width]
+    kinds = [_kind([row[column] for row in rows], dialect) for column in range(width)]
+    empty = [column for column in range(width) if not any(row[column] for row in rows)]
+    for line in lines[:: max(1, len(lines) // _LOOKED_AT)] if empty else []:  # a topic may have ended earlier
+        fields = dialect.fields(line)
+        for column in empty if len(fields) == width and _is_row(fields, dialect) else []:
+            if fields[column] and dialect.number(fields[column]) is not None:
+                kinds[column] = "number"
     last = len(lines)
     while (
         last

@@ -74,6 +74,12 @@ def test_rows_that_lack_a_number_are_left_out(tmp_path):
     assert taken.notes == [f"12 rows lack a number and are left out, the first at {tmp_path}/x.csv:3"]
 
 
+def test_a_column_that_ends_earlier_is_a_column(tmp_path):
+    rows = [f"{t},{u},{y if k < 500 else ''}" for k, (t, u, y) in enumerate(map(split, lines()))]
+    taken = take(written(tmp_path / "x.csv", "t,u,y\n" + "\n".join(rows)), Wanted(("u", "y")))
+    assert taken.notes == [f"100 rows lack a number and are left out, the first at {tmp_path}/x.csv:502"]
+
+
 def test_columns_that_were_logged_apart_are_brought_together_at_a_rate(tmp_path):
     rows = [f"{t},{u}," if k % 2 else f"{t},,{y}" for k, (t, u, y) in enumerate(map(split, lines()))]
     file = written(tmp_path / "x.csv", "t,u,y\n" + "\n".join(rows))

@@ -190,7 +190,9 @@ def _rows(
 
 def _before(lines: Sequence[str], kinds: Sequence[str], dialect: _Dialect) -> tuple[list[tuple[int, int]], list[int]]:
     """First and last line but one of each table in `lines`, and the rows that are too few for one."""
-    tables, settings, begin, width = [], [], 0, 0
+    tables: list[tuple[int, int]] = []
+    settings: list[int] = []
+    begin = width = 0
     for at, line in enumerate([*lines, ""]):
         fields = dialect.fields(line)
         values = all(dialect.number(field) is not None or _stamp_s(field) is not None for field in fields)

@@ -62,7 +62,8 @@ def faults_only(values: Array, flags: Flags, inputs: int) -> Flags:
     The first `inputs` columns of `values` (n, k) are inputs, the others outputs.
     """
     outputs = range(inputs, values.shape[1])
-    rows = np.flatnonzero(np.convolve(flags.any(axis=1), np.ones(2 * _AROUND + 1), "same") > 0.5)
+    around = np.ones(min(2 * _AROUND + 1, len(flags)))
+    rows = np.flatnonzero(np.convolve(flags.any(axis=1), around, "same") > 0.5)
     rows = rows[rows >= _LAGS][:_MOST_ROWS]
     if len(rows) < 5 * _LAGS * values.shape[1]:
         return flags

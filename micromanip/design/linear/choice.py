@@ -1,6 +1,6 @@
 """Order, delays and direct term by what they are worth: the free run on the part of the record that was left out.
 
-Where hardly anything moves in that part, as behind a single blow, all models are alike there. Then they are judged by
+Where little moves in that part, as behind a single blow, models are much alike there. Then they are judged by
 the free run on all of the record.
 """
 
@@ -25,22 +25,25 @@ _EXACT = 1e-6
 """Held-out errors below this share of the output are all alike: rounding."""
 _STRIDE = 4
 _HELD_OUT = 4
-_MOVES = 0.02
-"""Mean square of the outputs, as a share of that elsewhere, below which a part says nothing of a model."""
+_MOVES, _MOVES_WELL = 0.02, 0.2
+"""Mean square of the outputs, as a share of that elsewhere, below which a part says nothing, or little, of a model."""
+_ENOUGH_FITTED = 1.1
+"""The same factor where errors are those of what is fitted to, which fall with each state."""
 
 
-def says_much(part: Sequence[Experiment], whole: Sequence[Experiment]) -> bool:
+def says_much(part: Sequence[Experiment], whole: Sequence[Experiment], least: float = _MOVES) -> bool:
     """Whether the outputs of `part` move enough, beside those of `whole`, for models to differ there."""
     power, usual = (
         np.sum([((y - y.mean(axis=0)) ** 2).sum(axis=0) for _, y in each], axis=0) / sum(len(y) for _, y in each)
         for each in (part, whole)
     )
-    return bool(np.mean(power / np.maximum(usual, 1e-300)) > _MOVES)
+    return bool(np.mean(power / np.maximum(usual, 1e-300)) > least)
 
 
 def last_quarter_says_much(experiments: Sequence[Experiment]) -> bool:
     """Whether models can be judged by the last quarter of each experiment."""
-    return says_much([(u[-(len(u) // _HELD_OUT) :], y[-(len(u) // _HELD_OUT) :]) for u, y in experiments], experiments)
+    quarters = [(u[-(len(u) // _HELD_OUT) :], y[-(len(u) // _HELD_OUT) :]) for u, y in experiments]
+    return says_much(quarters, experiments, _MOVES_WELL)
 
 
 @dataclass(frozen=True)
@@ -81,12 +84,14 @@ def choose(
     """
     orders = range(1, min(LARGEST_ORDER, (rows - 1) * experiments[0][1].shape[1]) + 1) if order is None else (order,)
 
+    enough = _ENOUGH if last_quarter_says_much(experiments) else _ENOUGH_FITTED
+
     def attempt(candidate: Sequence[int]) -> Structure:
         late = tuple(max(lag - 1, 0) for lag in candidate)
         through = min(candidate) == 0 if direct is None else direct
         progress(f"trying delays {', '.join(map(str, late))}")
         tried = _errors(experiments, late, orders, through, rows)
-        limit = max(_ENOUGH * min(tried.values()), 100.0 * _EXACT)
+        limit = max(enough * min(tried.values()), 100.0 * _EXACT)
         return Structure(next(n for n, error in tried.items() if error <= limit), late, through, tried)
 
     now = list(lags)

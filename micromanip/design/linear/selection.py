@@ -66,7 +66,7 @@ def select(
     errors = _compared(plain, order, inner, left_out, again) if tells else {}
     if not tells and order is None:
         notes.append(
-            f"order {plain.order} is chosen by the error on all that is fitted to, as hardly anything moves in its "
+            f"order {plain.order} is chosen by the error on all that is fitted to, as little moves in its "
             "last quarter: a record with more movement tells more, --order sets another"
         )
     if errors:

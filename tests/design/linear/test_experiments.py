@@ -52,6 +52,16 @@ def test_faults_among_blows_are_bridged_or_kept_as_asked(column, tmp_path):
     assert not kept.notes
 
 
+@pytest.mark.parametrize("samples", [220, 999, 1000, 1001, 1002])
+def test_a_fault_in_a_short_record_is_bridged(samples, tmp_path):
+    u = np.random.default_rng(2).standard_normal(samples)
+    y = lfilter([0.0, 0.1], [1.0, -1.6, 0.8], u)
+    spoilt = y.copy()
+    spoilt[150] += 20.0
+    record = load_linear(written(tmp_path / "x.csv", u, spoilt), WANTED)
+    assert np.abs(record.y[:, 0] - y).max() < 0.5
+
+
 def test_a_record_that_does_not_begin_at_rest_is_kept(tmp_path):
     rng = np.random.default_rng(1)
     u = np.repeat(rng.standard_normal(200), 20)

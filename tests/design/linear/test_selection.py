@@ -89,7 +89,7 @@ def test_the_order_of_a_single_blow_is_chosen_where_it_is_answered():
     assert selected.model.order == 4
     assert np.abs(selected.model.poles) == pytest.approx(0.98, abs=2e-3)
     assert [note.split(":")[0] for note in selected.notes] == [
-        "order 4 is chosen by the error on all that is fitted to, as hardly anything moves in its last quarter",
+        "order 4 is chosen by the error on all that is fitted to, as little moves in its last quarter",
         "in the part held out hardly anything moves, so its figures say little",
     ]
 

@@ -26,6 +26,7 @@ NO_TIME = "none"
 """A name of a column of time that says: none is to be used."""
 _LATEST_S = 1e11
 """Times beyond, some 3,000 years, are counted in parts of a second, as those since 1970 or since a computer's start."""
+_SAME_RATE = 1e-9
 _STROKE_UM = (0.2, 5000.0)
 _SWING_V = 2000.0
 _BASE = {"length": "um", "voltage": "V"}
@@ -309,7 +310,7 @@ def _at_a_rate(
     """The samples on an even grid, piece by piece."""
     step = clock.step_s
     index, grid, flags = onto_grid(clock, values, spikes)
-    if rate_hz is not None:
+    if rate_hz is not None and abs(step * rate_hz - 1.0) > _SAME_RATE:
         step = 1.0 / rate_hz
         index, grid, flags = resampled(index, grid, flags, clock.step_s, step)
         notes.append(f"resampled from {1 / clock.step_s:.6g} to {rate_hz:.6g} Hz")

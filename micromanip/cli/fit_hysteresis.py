@@ -54,8 +54,9 @@ KINDS = ("pi-affine", "pi-tanh", "pi-free", "rate", "network", "best")
 @json_option
 def command(
     file: Path, input_name: str, output_name: str, time_name: str | None, cut: tuple[float, float] | None,
-    rate_hz: float | None, step_s: float | None, burn_in_s: float, kind: str, creep: bool, plays: int, seed: int,
-    validate: Path | None, folder: Path | None, into: Path | None, axis: str | None, as_json: bool,
+    rate_hz: float | None, keep_spikes: bool, step_s: float | None, burn_in_s: float, kind: str, creep: bool,
+    plays: int, seed: int, validate: Path | None, folder: Path | None, into: Path | None, axis: str | None,
+    as_json: bool,
 ) -> None:  # fmt: skip
     """Fit a hysteresis model to FILE (CSV or other text, .mat, .npy, .npz, HDF5, Parquet) and judge it.
 
@@ -74,7 +75,16 @@ def command(
         range_um = _setpoint_range_um(into, axis)
         require_room(into.parent, f"--into {into}")
     untimed = step_s is not None and time_name is None
-    wanted = Wanted((input_name, output_name), time_name, step_s, untimed, cut, rate_hz, ("voltage", "length"))
+    wanted = Wanted(
+        (input_name, output_name),
+        time_name,
+        step_s,
+        untimed,
+        cut,
+        rate_hz,
+        ("voltage", "length"),
+        bridge=not keep_spikes,
+    )
     record = load_record(file, wanted)
     if range_um is not None:
         _require_meant(record, range_um, f"axis {axis} of {into}")

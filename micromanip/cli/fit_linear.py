@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from micromanip.errors import UsageError
+from micromanip.errors import UsageError, system_error
 
+from .axes import complete_axis, require_axis_of
 from .echo import echo
 from .options import Quantity, StrictCommand, emit_json, json_option
 from .progress import steps
 from .recording_options import echo_sources, recording_options
+from .results import require_room
+
+if TYPE_CHECKING:
+    from micromanip.settings.text.source import Source
 
 
 @click.command(
@@ -24,7 +30,7 @@ from .recording_options import echo_sources, recording_options
 @click.argument("files", type=click.Path(path_type=Path), metavar="FILE...", nargs=-1, required=True)
 @click.option(
     "--input", "inputs", required=True, metavar="COLUMNS",
-    help="Columns of the inputs, separated by commas: names in the header, or numbers from 1 in a text without one.",
+    help="Columns of the inputs, separated by commas: names, in quotes if need be, or numbers without a header.",
 )  # fmt: skip
 @click.option("--output", "outputs", required=True, metavar="COLUMNS", help="Columns of the outputs, likewise.")
 @recording_options
@@ -40,40 +46,68 @@ from .recording_options import echo_sources, recording_options
 @click.option(
     "--validate", type=click.Path(path_type=Path), help="Recording with the same columns that is not fitted to."
 )
+@click.option("--into", type=click.Path(path_type=Path), help="Configuration file to put the model into, with --axis.")
+@click.option("--axis", shell_complete=complete_axis, help="The axis whose outer loop --into gives the model.")
 @json_option
 def command(
     files: tuple[Path, ...], inputs: str, outputs: str, time_name: str | None, cut: tuple[float, float] | None,
-    rate_hz: float | None, dt: float | None, order: int | None, split: float, validate: Path | None,
-    as_json: bool,
+    rate_hz: float | None, keep_spikes: bool, dt: float | None, order: int | None, split: float,
+    validate: Path | None, into: Path | None, axis: str | None, as_json: bool,
 ) -> None:  # fmt: skip
     """Fit a linear model to FILE (CSV or other text, .mat, .npy, .npz, HDF5, Parquet), each an experiment.
 
     Delays are estimated. The fit of an output is 100 % less the rms error of the free run in percent of the output's
     rms, on the part held out, with state and offset at its start fitted; the strict one fits both to the first tenth
-    of that part and is judged on the rest. Exit code 1 where the data is unusable.
+    of that part and is judged on the rest. --into writes axes.AXIS.outer.model: the stage's position by the set-point,
+    both in um, recorded with the strain loop closed; `analyse margins` judges it, `commission` tunes to it. Exit code 1
+    where the data is unusable.
     """
+    from micromanip.design.linear.configured import require_stage, with_model
     from micromanip.design.linear.experiments import load_linear
     from micromanip.design.linear.judged import fit_records
     from micromanip.recordings import Wanted
+    from micromanip.settings.write import write_atomically
 
-    driven, seen = _names(inputs, "--input"), _names(outputs, "--output")
-    both = set(driven) & set(seen)
-    if both:
-        raise UsageError(f"the column {min(both)} can't be input and output")
+    for option, columns in (("--input", inputs), ("--output", outputs)):
+        if not all(name.strip() for name in columns.split(",")):
+            raise UsageError(f"{option} {columns}: a name between commas is empty")
     if split == 1.0 and validate is None:
         raise UsageError("--split 1 leaves nothing to judge the model by: give --validate FILE, or a smaller split")
-    wanted = Wanted((*driven, *seen), time_name, dt, cut=cut, rate_hz=rate_hz)
-    records = [load_linear(file, wanted, len(driven)) for file in files]
-    held_out = load_linear(validate, replace(wanted, cut=None), len(driven)) if validate else None
+    if (into is None) != (axis is None):
+        raise UsageError("--into and --axis go together")
+    source = None if into is None or axis is None else _source_with(into, axis)
+    wanted = Wanted((inputs, outputs), time_name, dt, cut=cut, rate_hz=rate_hz, bridge=not keep_spikes)
+    records = [load_linear(file, wanted) for file in files]
+    held_out = load_linear(validate, replace(wanted, cut=None)) if validate else None
     echo_sources([*records, *([held_out] if held_out else [])])
+    if source is not None:
+        require_stage(records[0])
     with steps() as bar:
         bar.say("fitting")
-        report = fit_records(records, held_out, order, split, bar.say).report()
+        found = fit_records(records, held_out, order, split, bar.say)
+    report = found.report() | {"into": None if into is None else str(into)}
+    if source is not None and axis is not None:
+        text = with_model(source, axis, found.model)
+        try:
+            write_atomically(source.path, text)
+        except OSError as problem:
+            raise system_error(problem, f"--into {into}") from problem
     read = [note for record in records for note in record.notes]
     if as_json:
         emit_json(report | {"notes": [*read, *report["notes"]]})
     else:
-        _print(report, seen, "held out" if split < 1.0 else "not fitted to")
+        _print(report, records[0].outputs, "held out" if split < 1.0 else "not fitted to")
+        if into is not None:
+            echo(f"wrote axes.{axis}.outer.model of {into}: `analyse margins` judges the loop, `commission` tunes it")
+
+
+def _source_with(into: Path, axis: str) -> Source:
+    from micromanip.settings.load import load_with_source
+
+    configuration, source = load_with_source(into)
+    require_axis_of(configuration.axes, axis, into)
+    require_room(into.parent, f"--into {into}")
+    return source
 
 
 def _arx1(figures: dict[str, Any], output: int) -> str:
@@ -81,14 +115,7 @@ def _arx1(figures: dict[str, Any], output: int) -> str:
     return f", ARX(1) {beside[output]:.2f} %" if beside else ""
 
 
-def _names(columns: str, option: str) -> list[str]:
-    names = [name.strip() for name in columns.split(",")]
-    if not all(names) or len(set(names)) < len(names):
-        raise UsageError(f"{option} {columns}: name each column once, separated by commas")
-    return names
-
-
-def _print(report: dict[str, Any], outputs: list[str], held_out: str) -> None:
+def _print(report: dict[str, Any], outputs: Sequence[str], held_out: str) -> None:
     delays = ", ".join(map(str, report["delay_samples"]))
     echo(f"order {report['order']}, delay {delays} samples of {report['dt_s']:.6g} s")
     parts = [(held_out, report)]

@@ -10,7 +10,7 @@ from micromanip.extras import required
 
 from .echo import echo
 from .options import Messages, StrictCommand, emit_answer, emit_json, json_option
-from .recording_options import Cut, warn_of_damage
+from .recording_options import Cut, open_recording
 
 
 @click.command(
@@ -59,13 +59,11 @@ def export(file: Path, to: Path, cut: tuple[float, float] | None, signals: str |
 
     .h5 and .parquet need the extra `formats`.
     """
-    from micromanip.recordings import open_telemetry
     from micromanip.recordings.export import export as export_to
 
     chosen = [name.strip() for name in (signals or "").split(",") if name.strip() not in ("", "t_s")]
-    telemetry = open_telemetry(file)
+    telemetry = open_recording(file)
     done = export_to(telemetry, to, cut, chosen)
-    warn_of_damage(telemetry)
     emit_answer(
         {"file": str(done.file), "rows": done.rows, "columns": done.columns, "bytes": done.bytes},
         lambda _: echo(f"{done.rows} cycles to {done.file}, {done.bytes / 1e6:.1f} MB"),

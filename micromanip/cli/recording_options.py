@@ -36,14 +36,15 @@ class Cut(click.ParamType):  # type: ignore[type-arg]  # generic in newer versio
 
 
 def recording_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """``--time``, ``--cut`` and ``--resample``."""
+    """``--time``, ``--cut``, ``--resample`` and ``--keep-spikes``."""
     options = (
         click.option(
             "--time", "time_name", metavar="NAME[:unit]",
-            help="Column of the time.  [default: by its unit or name, or the first whose name begins with t]",
+            help="Column of the time; none: rows are even, every --dt.  [default: by its unit or name]",
         ),
         click.option("--cut", type=Cut(), help="Use this part only, in seconds from the first sample."),
         click.option("--resample", "rate_hz", type=Quantity("Hertz"), help="Rate to bring the recording to, Hz."),
+        click.option("--keep-spikes", is_flag=True, help="Bridge no spikes: what is short and high is true."),
     )  # fmt: skip
     for option in reversed(options):
         command = option(command)
@@ -51,10 +52,11 @@ def recording_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def open_recording(file: Path) -> Telemetry:
-    """A recording of ours; where it is damaged, standard error says what is left out."""
+    """A recording of ours; standard error says what it is, and where it is damaged, what is left out."""
     from micromanip.recordings import open_telemetry
 
     telemetry = open_telemetry(file)
+    echo(f"read {telemetry.summary()}", err=True)
     warn_of_damage(telemetry)
     return telemetry
 

@@ -11,17 +11,18 @@ from numpy.typing import NDArray
 
 from micromanip.errors import CheckFailed
 from micromanip.recordings import Recording, Wanted, take
-from micromanip.recordings.spikes import bridged
+from micromanip.recordings.spikes import bridged, runs
 
 from .movement import moves_against, require_movement
 
 Array = NDArray[np.float64]
 
 _LEAST_SAMPLES = 200
-_CLIPPED_RUN, _CLIPPED_SHARE = 8, 0.005
-_CLIPPED_BAND, _CLIPPED_TRAVEL = 0.002, 0.05
-"""Where noise is added behind what clips: within this share of its stroke the output rests while the input goes on
-outwards by that share of its own. Behind a turn, where a hysteresis may rest, it is not looked at."""
+_CLIPPED_RUN, _CLIPPED_CODES = 8, 4.0
+_CLIPPED = ((0.0, 0.01, "at"), (0.002, 0.05, "near"))
+"""Within this share of its stroke, none or that of the noise added behind what clips, the output rests while the input
+goes on outwards by that share of its own, and by more than some steps of the sensor show at the top of a slow movement.
+Behind a turn, where a hysteresis may rest, it is not looked at."""
 _LONGEST_GAP = 0.1
 """Share of a record that may be missing at one place; beyond that the longest piece is used alone."""
 _SHORT_GAP = 10
@@ -121,37 +122,30 @@ def judge_record(record: Record) -> None:
 
 
 def _judge_clipping(record: Record) -> None:
-    moving = np.abs(np.gradient(record.u)) > 1e-6 * np.ptp(record.u)
+    stroke = float(np.ptp(record.y))
+    code = float(np.diff(np.unique(np.round(record.y / stroke, 9))).min())
     for end, limit, outwards in (("top", record.y.max(), 1.0), ("bottom", record.y.min(), -1.0)):
-        stuck = (record.y == limit) & moving
-        if stuck.sum() >= max(_CLIPPED_RUN, _CLIPPED_SHARE * len(stuck)) and _longest_run(stuck) >= _CLIPPED_RUN:
-            raise _clipped(record, f"at its {end} value {limit:.6g} for {_longest_run(stuck)} samples")
-        resting = np.abs(record.y - limit) <= _CLIPPED_BAND * np.ptp(record.y)
-        samples, travel = _furthest_rest(outwards * record.u, resting)
-        if samples >= _CLIPPED_RUN and travel > _CLIPPED_TRAVEL * np.ptp(record.u):
-            raise _clipped(record, f"near its {end} value {limit:.6g}, but for noise, for {samples} samples")
-
-
-def _clipped(record: Record, how: str) -> CheckFailed:
-    return CheckFailed(
-        f"{record.file}: {record.output_name} sticks {how} while the input moves: the sensor is clipped; "
-        "shift its range, or record a smaller movement"
-    )
+        for band, least, where in _CLIPPED:
+            resting = np.abs(record.y - limit) <= band * stroke
+            samples, travel = _furthest_rest(outwards * record.u, resting)
+            if samples < _CLIPPED_RUN or travel <= max(least, _CLIPPED_CODES * code) * np.ptp(record.u):
+                continue
+            noise = ", but for noise," if band else ""
+            raise CheckFailed(
+                f"{record.file}: {record.output_name} sticks {where} its {end} value {limit:.6g}{noise} for {samples} "
+                "samples while the input goes on outwards: the sensor is clipped; shift its range, or record a smaller "
+                "movement"
+            )
 
 
 def _furthest_rest(outwards: Array, resting: NDArray[np.bool_]) -> tuple[int, float]:
-    """Of the runs of `resting` (n,): samples of that in which the input goes furthest outwards, and how far it goes."""
-    runs = ((last - first, float(outwards[first:last].max() - outwards[first])) for first, last in _runs(resting))
-    return max(runs, key=lambda run: run[1])
+    """Of the runs of `resting` (n,): samples of that in which the input goes furthest outwards, and how far it goes.
 
-
-def _longest_run(flags: NDArray[np.bool_]) -> int:
-    return max((last - first for first, last in _runs(flags)), default=0)
-
-
-def _runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.view(np.int8), [0]])))
-    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+    That with which a record begins is none: the output has not been seen to come there.
+    """
+    rests = [each for each in runs(resting) if each[0] > 0]
+    found = ((last - first, float(outwards[first:last].max() - outwards[first])) for first, last in rests)
+    return max(found, key=lambda rest: rest[1], default=(0, 0.0))
 
 
 def _judge_movement(record: Record) -> None:

@@ -19,6 +19,8 @@ _RAGGED = 0.5
 _GAP = 1.5
 """Intervals from which on a step is a gap, not jitter."""
 _HOUR_S, _FASTEST_HZ = 3600.0, 2e6
+_SPREAD, _ENDS, _UNKNOWN = 1.5, 30, 0.05
+"""Digits by which rounded times may be off an even clock; stamps at either end by which it is told, to this share."""
 
 
 @dataclass(frozen=True)
@@ -35,36 +37,33 @@ class Clock:
     notes: tuple[str, ...]
 
 
-def even(samples: int, step_s: float) -> Clock:
-    """The clock of a recording without a column of time."""
-    index = np.arange(samples)
+def even(index: NDArray[np.int64], step_s: float) -> Clock:
+    """The clock of a recording without a column of time, of whose rows those of the numbers `index` (n,) are used."""
     return Clock(step_s, index, np.asarray(index * step_s, dtype=float), False, ())
 
 
-def read_clock(name: str, t: Array, where: Callable[[int], str], *, any_rate: bool = False) -> Clock:
-    """The clock that the times `t` (n,), s, describe; `where` puts the number of a row into words.
+def read_clock(
+    name: str, t: Array, where: Callable[[int], str], *, any_rate: bool = False, step_s: float | None = None
+) -> Clock:
+    """The clock that the finite times `t` (n,), s, describe; `where` puts the number of a row into words.
 
-    With `any_rate` times that only rise will do. CheckFailed for times that don't rise, or have no rate.
+    With `any_rate` times that only rise will do; `step_s` is taken where they are too coarse to tell it from another.
+    CheckFailed for times that don't rise, or have no rate.
     """
-    bad = np.flatnonzero(~np.isfinite(t))
-    if len(bad):
-        raise CheckFailed(f"{where(int(bad[0]))}: the time column {name} has no number here")
     if len(t) < 2:
         raise CheckFailed(f"{where(0)}: 1 sample is too few; record at least 200")
     t = t - t[0]
     steps = np.diff(t)
-    rounding = _rounding(t, steps)
-    if rounding is not None:
-        step = float(t[-1]) / len(steps)
-        note = f"{name} is rounded to {rounding:.3g} s: taken as even, {len(t)} samples every {step:.6g} s"
-        return Clock(step, np.arange(len(t)), np.linspace(0.0, float(t[-1]), len(t)), False, (note,))
+    if (clock := _rounded(name, t, steps, where, step_s)) is not None:
+        return clock
     falls = np.flatnonzero(steps <= 0)
     if len(falls):
         k = int(falls[0])
         what = "stands still" if steps[k] == 0 else f"falls by {-steps[k]:.6g} s"
+        often = f" ({len(falls)} of {len(steps)} steps do not rise)" if len(falls) > 1 else ""
         raise CheckFailed(
-            f"{where(k + 1)}: {name} {what} here; a time column rises with every sample: name another with --time, "
-            "or cut the file there"
+            f"{where(k + 1)}: {name} {what} here{often}; a time column rises with every sample: name another with "
+            "--time, cut the file there, or take its rows as even, --time none --dt SECONDS"
         )
     return _rising(name, t, steps, where, any_rate)
 
@@ -93,18 +92,60 @@ def _rising(name: str, t: Array, steps: Array, where: Callable[[int], str], any_
     return Clock(step, index, t, True, (note, *told))
 
 
-def _rounding(t: Array, steps: Array) -> float | None:
-    """The last digit of times that are an even clock, rounded; None where they are not."""
+def _rounded(name: str, t: Array, steps: Array, where: Callable[[int], str], step_s: float | None) -> Clock | None:
+    """The clock of times that are even, but for their last digit; None where they are not.
+
+    A stamp that begins with one row and another that does bound the interval: the rows between them are known to one.
+    """
     positive = steps[steps > 0]
     if len(positive) in (0, len(steps)) or np.any(steps < 0):
         return None
     digit = float(positive.min())
-    line = np.arange(len(t)) * float(t[-1]) / len(steps)
-    if digit < _EVEN * float(np.median(steps)) or np.abs(t - line).max() > 1.01 * digit:
-        return None
     whole = np.abs(t / digit - np.rint(t / digit)).max() < 1e-3
     uneven = np.abs(steps - np.median(steps)).max() > _EVEN * float(np.median(steps))
-    return digit if whole and uneven else None
+    if not whole or not uneven or digit < _EVEN * float(np.median(steps)):
+        return None
+    begins = np.flatnonzero(steps > 0) + 1
+    low, high = _bounds(begins, t[begins])
+    step = 0.5 * (low + high) if np.isfinite(high) else float(t[-1]) / len(steps)
+    if np.ptp(t - np.arange(len(t)) * step) > _SPREAD * digit:
+        return None
+    if step_s is not None and low * (1.0 - _EVEN) < step_s < high * (1.0 + _EVEN):
+        step, known = step_s, ", as given"
+    elif not high - low < _UNKNOWN * step:
+        raise CheckFailed(
+            f"{where(0)}: {name} is rounded to {digit:.3g} s, and too few of these are in it to tell the rate of "
+            f"{len(t)} samples: give it, --time none --dt SECONDS"
+        )
+    else:
+        known = f", known to {max(50.0 * (high - low) / step, 1e-4):.1g} %"
+        step = _roundest(low, high)
+    note = f"{name} is rounded to {digit:.3g} s: taken as even, {len(t)} samples every {step:.6g} s{known}"
+    index = np.arange(len(t))
+    return Clock(step, index, np.asarray(index * step, dtype=float), False, (note,))
+
+
+def _bounds(rows: NDArray[np.int64], stamps: Array) -> tuple[float, float]:
+    """The least and the largest interval with which `stamps` (m,) begin at `rows` (m,): 0 and infinity for one."""
+    early, late = slice(None, _ENDS), slice(-_ENDS, None)
+    count = rows[late][:, None] - rows[early][None, :]
+    seconds = stamps[late][:, None] - stamps[early][None, :]
+    apart = count > 1
+    if not apart.any():
+        return 0.0, np.inf
+    low = float((seconds[apart] / (count[apart] + 1)).max())
+    high = float((seconds[apart] / (count[apart] - 1)).min())
+    return min(low, high), max(low, high)
+
+
+def _roundest(low: float, high: float) -> float:
+    """The interval of fewest digits, its own or those of its rate, between two; their middle where none is there."""
+    middle = 0.5 * (low + high)
+    for digits in range(1, 8):
+        for candidate in (float(f"{middle:.{digits}g}"), 1.0 / float(f"{1.0 / middle:.{digits}g}")):
+            if low <= candidate <= high:
+                return candidate
+    return middle
 
 
 def _gaps(name: str, index: NDArray[np.int64], where: Callable[[int], str]) -> tuple[str, ...]:

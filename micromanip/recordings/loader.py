@@ -10,18 +10,23 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.errors import CheckFailed
+from micromanip.errors import CheckFailed, UsageError
 
 from .clock import Clock, doubts, even, read_clock
 from .reading import read_table
 from .resampling import onto_grid, resampled
-from .spikes import find_spikes
-from .table import Array, Table, called_time
-from .units import known, unknown_unit
+from .rows import Rows, usable
+from .spikes import faults_only, find_spikes
+from .table import Array, Table, called_time, has_time_word
+from .units import known, known_time, unknown_unit
 
 _MOST_SAMPLES = 20_000_000
+LISTS = 0
+NO_TIME = "none"
+"""A name of a column of time that says: none is to be used."""
 _LATEST_S = 1e11
 """Times beyond, some 3,000 years, are counted in parts of a second, as those since 1970 or since a computer's start."""
+_SAME_RATE = 1e-9
 _STROKE_UM = (0.2, 5000.0)
 _SWING_V = 2000.0
 _BASE = {"length": "um", "voltage": "V"}
@@ -34,6 +39,8 @@ class Wanted:
 
     `step_s` is the sampling interval where there is no column of time, or where it is to be ignored (`untimed`).
     `dimensions`, of each column where it is given ("voltage", "length"), is what is meant by one that states no unit.
+    The first `inputs` columns drive the others; with LISTS there are two entries, names of inputs and of outputs with
+    commas between them. Spikes are looked for where they are to be bridged (`bridge`): in these, only faults.
     """
 
     columns: Sequence[str]
@@ -43,6 +50,8 @@ class Wanted:
     cut: tuple[float, float] | None = None
     rate_hz: float | None = None
     dimensions: Sequence[str | None] = ()
+    inputs: int | None = None
+    bridge: bool = True
 
 
 @dataclass(frozen=True)
@@ -50,7 +59,8 @@ class Recording:
     """Columns (n, k) as they were measured, on a grid of `step_s`.
 
     `index` (n,) is each sample's number on the grid: where it leaps, samples are missing. `spikes` (n, k) marks single
-    samples that are wrong. `lines` says where sample k came from.
+    samples that are wrong. The first `inputs` columns are inputs, where that was said; `place` tells where in the file
+    they stand.
     """
 
     file: Path
@@ -61,6 +71,8 @@ class Recording:
     index: NDArray[np.int64]
     spikes: NDArray[np.bool_]
     notes: list[str] = field(default_factory=list)
+    inputs: int | None = None
+    place: str = ""
 
     @property
     def pieces(self) -> list[slice]:
@@ -75,7 +87,7 @@ class Recording:
         )
         length = (int(self.index[-1]) + 1 - int(self.index[0])) * self.step_s
         return (
-            f"{self.file.name}: {columns}; {len(self.values)} samples every {self.step_s:.6g} s "
+            f"{self.file.name} ({self.place}): {columns}; {len(self.values)} samples every {self.step_s:.6g} s "
             f"({1 / self.step_s:.6g} Hz), {length:.4g} s"
         )
 
@@ -97,29 +109,42 @@ def take(file: Path, wanted: Wanted) -> Recording:
     ones are brought onto a grid. CheckFailed, with what would be right, for what can't be used.
     """
     table = read_table(file)
-    found = [table.resolve(column) for column in wanted.columns]
+    lists = wanted.inputs == LISTS
+    asked = [table.listed(columns) for columns in wanted.columns] if lists else [wanted.columns]
+    inputs = len(asked[0]) if lists else wanted.inputs
+    found = [table.resolve(column) for columns in asked for column in columns]
     names = tuple(name for name, _ in found)
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
-        raise CheckFailed(f"{file}: the column {twice} is named twice; an input can't be an output")
+        raise UsageError(f"{file}: the column {twice} is named twice; an input can't be an output")
     columns = {name: table[name] for name in names}
     notes: list[str] = []
     timed = wanted.time or (None if wanted.untimed else table.time_column(names))
-    clock, time_name = _clock(table, timed, wanted, len(columns[names[0]]), notes)
+    timed = None if timed == NO_TIME and NO_TIME not in table else timed
+    time_name, t, unit_known = _times(table, timed, wanted)
+    if t is not None and time_name is not None:
+        columns = {time_name: t} | columns
+    other, samples = next((name, len(values)) for name, values in columns.items())
     for name, values in columns.items():
-        if len(values) != len(clock.index):
-            other = time_name or names[0]
-            raise CheckFailed(f"{file}: {name} has {len(values)} values, {other} {len(clock.index)}: not one recording")
+        if len(values) != samples:
+            raise CheckFailed(f"{file}: {name} has {len(values)} values, {other} {samples}: not one recording")
+    stacked = np.column_stack([columns[name] for name in names])
+    rows = usable(table, names, stacked, time_name, t, fill=wanted.rate_hz is not None)
+    clock = _clock(table, time_name, rows, wanted)
+    notes += [] if unit_known or time_name is None else doubts(time_name, len(rows.times), clock.step_s)
     first, last = _part(file, clock, wanted.cut)
     part = slice(first, last)
-    stacked = np.column_stack([columns[name][part] for name in names])
-    _require_numbers(table, names, stacked, first)
     dimensions = wanted.dimensions or [None] * len(names)
-    units, scaled = _in_our_units(file, names, [unit for _, unit in found], dimensions, stacked, notes)
+    written = [unit for _, unit in found]
+    units, scaled = _in_our_units(file, names, written, dimensions, rows.values[part], notes)
     clock = Clock(clock.step_s, clock.index[part], clock.seconds[part], clock.jittered, clock.notes)
-    notes[:0] = clock.notes
-    spikes = np.column_stack([find_spikes(column) for column in scaled.T]) if len(scaled) > 10 else scaled != scaled
-    _tell_of_spikes(table, names, spikes, first, notes)
+    read = [*table.notes, *rows.left_out(rows.number[part], whole=wanted.cut is None), *clock.notes]
+    notes[:0] = ["; ".join(read)] if read else []
+    many = len(scaled) > 10 and wanted.bridge
+    spikes = np.column_stack([find_spikes(column) for column in scaled.T]) if many else np.zeros(scaled.shape, bool)
+    faults = spikes if inputs is None else faults_only(scaled, spikes, inputs)
+    _tell_of_spikes(table, names, spikes, faults, rows.number[part], notes)
+    spikes = faults
     if clock.jittered or wanted.rate_hz is not None:
         clock, scaled, spikes = _at_a_rate(clock, scaled, spikes, wanted.rate_hz, notes)
     if len(scaled) > _MOST_SAMPLES:
@@ -127,10 +152,13 @@ def take(file: Path, wanted: Wanted) -> Recording:
             f"{file}: {len(scaled)} samples are more than can be fitted to ({_MOST_SAMPLES}): "
             "take a part, --cut FROM:TO, or fewer, --resample HZ"
         )
-    return Recording(file, names, units, scaled, clock.step_s, clock.index, spikes, notes)
+    return Recording(
+        file, names, units, scaled, clock.step_s, clock.index, spikes, notes, inputs, table.place(time_name)
+    )
 
 
-def _clock(table: Table, timed: str | None, wanted: Wanted, samples: int, notes: list[str]) -> tuple[Clock, str | None]:
+def _times(table: Table, timed: str | None, wanted: Wanted) -> tuple[str | None, Array | None, bool]:
+    """Name and values, s, of the column of time, None where there is none and the interval is given; unit known?"""
     if timed is None:
         if wanted.step_s is None:
             for name, text in table.texts.items():
@@ -142,9 +170,10 @@ def _clock(table: Table, timed: str | None, wanted: Wanted, samples: int, notes:
             raise CheckFailed(
                 f"{table.file}: there is no time column (a name that begins with t); name it with --time, or give --dt"
             )
-        return even(samples, wanted.step_s), None
+        return None, None, True
     name, unit = table.resolve(timed)
-    scale = known(unit) if unit else None
+    stated = unit or unknown_unit(name) or (name if called_time(name) or has_time_word(name) else None)
+    scale = known(unit) if unit else known_time(stated) if stated else None
     t = table[name]
     if scale is None:
         _require_seconds(table, name, unit or unknown_unit(name), t)
@@ -158,17 +187,25 @@ def _clock(table: Table, timed: str | None, wanted: Wanted, samples: int, notes:
         t = t * scale.factor
     elif scale is not None:
         raise CheckFailed(f"{table.file}: {name} is in {unit}, which is no time; name the right column with --time")
-    clock = read_clock(name, t, table.where, any_rate=wanted.rate_hz is not None)
-    if scale is None:
-        notes += doubts(name, len(t), clock.step_s)
-    return clock, name
+    return name, t, scale is not None
+
+
+def _clock(table: Table, name: str | None, rows: Rows, wanted: Wanted) -> Clock:
+    """The clock of the usable rows; rows that are left out are missing in it."""
+    if name is None:
+        return even(rows.number, wanted.step_s or 1.0)
+    any_rate = wanted.rate_hz is not None
+    return read_clock(
+        name, rows.times, lambda k: table.where(int(rows.number[k])), any_rate=any_rate, step_s=wanted.step_s
+    )
 
 
 def _require_seconds(table: Table, name: str, stated: str | None, t: Array) -> None:
     """CheckFailed for times without a unit known here that are none in s: the rate would be another."""
     if stated is not None:
         raise CheckFailed(
-            f"{table.file}: {name}: {stated!r} is no unit of time known here; say which, --time '{name}:ms'"
+            f"{table.file}: {name}: {stated!r} is no unit of time known here; say which, "
+            f"--time '{name}:s', or ms, us, ns"
         )
     latest = float(np.max(np.abs(t[np.isfinite(t)]), initial=0.0))
     if latest > _LATEST_S:
@@ -202,16 +239,6 @@ def _part(file: Path, clock: Clock, cut: tuple[float, float] | None) -> tuple[in
             f"the recording goes from 0 to {clock.seconds[-1]:.6g} s"
         )
     return first, last
-
-
-def _require_numbers(table: Table, names: Sequence[str], values: Array, first: int) -> None:
-    for name, column in zip(names, values.T, strict=True):
-        bad = np.flatnonzero(~np.isfinite(column))
-        if len(bad):
-            raise CheckFailed(
-                f"{table.where(int(bad[0]) + first)}: {name} has no number here ({len(bad)} in all); "
-                "cut the record, or repair the sensor"
-            )
 
 
 def _in_our_units(
@@ -259,13 +286,22 @@ def _doubts(name: str, dimension: str, span: float, unit: str) -> list[str]:
 
 
 def _tell_of_spikes(
-    table: Table, names: Sequence[str], spikes: NDArray[np.bool_], first: int, notes: list[str]
+    table: Table,
+    names: Sequence[str],
+    spikes: NDArray[np.bool_],
+    faults: NDArray[np.bool_],
+    rows: NDArray[np.int64],
+    notes: list[str],
 ) -> None:
-    for name, flags in zip(names, spikes.T, strict=True):
-        at = np.flatnonzero(flags)
-        if len(at):
-            many = f"{len(at)} samples stand out as spikes, the first" if len(at) > 1 else "a spike"
-            notes.append(f"{name}: {many} at {table.where(int(at[0]) + first)}: bridged, and not fitted to")
+    for name, flags, fault in zip(names, spikes.T, faults.T, strict=True):
+        for which, done in (
+            (fault, "bridged, and not fitted to (--keep-spikes fits them)"),
+            (flags & ~fault, "kept, as input and output agree"),
+        ):
+            at = np.flatnonzero(which)
+            if len(at):
+                many = f"{len(at)} samples stand out as spikes, the first" if len(at) > 1 else "a spike"
+                notes.append(f"{name}: {many} at {table.where(int(rows[at[0]]))}: {done}")
 
 
 def _at_a_rate(
@@ -274,7 +310,7 @@ def _at_a_rate(
     """The samples on an even grid, piece by piece."""
     step = clock.step_s
     index, grid, flags = onto_grid(clock, values, spikes)
-    if rate_hz is not None:
+    if rate_hz is not None and abs(step * rate_hz - 1.0) > _SAME_RATE:
         step = 1.0 / rate_hz
         index, grid, flags = resampled(index, grid, flags, clock.step_s, step)
         notes.append(f"resampled from {1 / clock.step_s:.6g} to {rate_hz:.6g} Hz")

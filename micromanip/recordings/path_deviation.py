@@ -66,7 +66,7 @@ def read_path_deviation(file: Path, axes: Sequence[str]) -> PathDeviation:
         raise CheckFailed(f"{table.where(k + 1)}: {time_name} {what} here; time rises from row to row")
     if len(time_s) < 2:
         raise CheckFailed(f"{table.where(0)}: one row is no path")
-    columns, notes = [], [time_note]
+    columns, notes = [], [*table.notes, time_note]
     for axis in axes:
         name = _column(table, axis)
         values, note = _in_unit(table, name, "length", "um")

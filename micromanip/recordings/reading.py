@@ -35,7 +35,10 @@ _OTHERS = {
 
 def read_table(file: Path) -> Table:
     """The columns of `file`. CheckFailed where it is not there, or no recording, with what would be right."""
-    return _reader(file, _head(file))(file)
+    reader = _reader(file, _head(file))
+    table = reader(file)
+    table.kind = reader.__name__.removeprefix("read_")
+    return table
 
 
 def open_telemetry(file: Path) -> Telemetry:

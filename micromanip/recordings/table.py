@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import takewhile
 from pathlib import Path
@@ -16,6 +18,9 @@ from .units import known, split_unit
 Array = NDArray[np.float64]
 
 _TIMES = {"t", "time", "zeit", "x_value", "x-axis", "timestamp", "time stamp", "date/time", "seconds", "second", "sec"}
+_TIME_WORD = re.compile(
+    r"(?<![a-z])(t|times?|timestamps?|stamp|zeit|uhrzeit|datetime|elapsed|secs?|millis|micros)(?![a-z])"
+)
 
 
 class Table(Mapping[str, Array]):
@@ -23,7 +28,8 @@ class Table(Mapping[str, Array]):
 
     `units` has those that the file states apart from the name, `lines` the line of the text at which each row stands;
     None where a file has no lines. `clocks` names the column of the time of each, where a file has several: only
-    columns with the same one belong together. `texts` are the columns that hold no numbers, each with its first field.
+    columns with the same one belong together. `texts` are the columns that hold no numbers, each with its first field;
+    `notes` say what of the file is in none of them.
     """
 
     def __init__(
@@ -34,8 +40,10 @@ class Table(Mapping[str, Array]):
         lines: Sequence[int] | None = None,
         clocks: Mapping[str, str] | None = None,
         texts: Mapping[str, str] | None = None,
+        notes: Sequence[str] = (),
     ) -> None:
-        self.file, self.lines, self.texts = file, lines, dict(texts or {})
+        self.file, self.lines, self.texts, self.notes = file, lines, dict(texts or {}), tuple(notes)
+        self.kind = ""
         self._columns = dict(columns)
         self._units = dict(units or {})
         self._clocks = dict(clocks or {})
@@ -60,6 +68,11 @@ class Table(Mapping[str, Array]):
         """The place of `row` for a message: file and line, or file and number of the row, from 0."""
         return f"{self.file}: row {row}" if self.lines is None else f"{self.file}:{self.lines[row]}"
 
+    def place(self, time_name: str | None) -> str:
+        """What the file is, where its rows stand, and what their times are."""
+        rows = f", rows in lines {self.lines[0]} to {self.lines[-1]}" if self.lines else ""
+        return f"{self.kind}{rows}, {'no times' if time_name is None else f'time {time_name}'}"
+
     def resolve(self, asked: str) -> tuple[str, str | None]:
         """Name and unit of the column that ``NAME[:unit]`` means. CheckFailed where there is none.
 
@@ -78,9 +91,28 @@ class Table(Mapping[str, Array]):
             raise CheckFailed(f"{self.file}: there is no column of numbers in it")
         wanted = name if name and known(unit) is not None else asked
         if wanted in self.texts:
-            raise CheckFailed(f"{self.file}: {wanted} holds no numbers, but {self.texts[wanted][:40]!r}")
+            held = f"holds no numbers, but {self.texts[wanted][:40]!r}" if self.texts[wanted] else "is empty"
+            raise CheckFailed(f"{self.file}: {wanted} {held}")
         hint = did_you_mean(wanted, self, "its columns are")
         raise CheckFailed(f"{self.file}: there is no column {wanted}; {hint}")
+
+    def listed(self, asked: str) -> list[str]:
+        """The columns of a list with commas between them, which names may have too: quoted, or where one is called so.
+
+        CheckFailed for an empty name.
+        """
+        parts = next(csv.reader([asked], skipinitialspace=True)) if '"' in asked else asked.split(",")
+        found: list[str] = []
+        while parts:
+            joined = (",".join(parts[:count]).strip() for count in range(len(parts), 0, -1))
+            name = next((each for each in joined if self._names(each)), parts[0].strip())
+            found.append(name)
+            parts = parts[name.count(",") + 1 :] if '"' not in asked else parts[1:]
+        return found
+
+    def _names(self, asked: str) -> bool:
+        name, _, unit = asked.rpartition(":")
+        return self._find(asked) is not None or (self._find(name) is not None and known(unit) is not None)
 
     def _find(self, asked: str) -> str | None:
         if asked in self._columns:
@@ -89,10 +121,10 @@ class Table(Mapping[str, Array]):
         return bare[0] if len(bare) == 1 else None
 
     def time_column(self, names: Sequence[str] = ()) -> str | None:
-        """The column of the time of `names`: by its unit, by its name, or the first whose name begins with t.
+        """The column of the time of `names`: by its unit, its name, a word of it, or the first that begins with t.
 
-        Of several that are times by unit or name, the one that is in most groups with them. CheckFailed where they have
-        several topics' clocks.
+        Of several that are times by unit or name, the one that is in most groups with them; one by a word or a letter
+        must never fall. CheckFailed where they have several topics' clocks.
         """
         if clocks := {self._clocks[name]: name for name in names if name in self._clocks}:
             if len(clocks) > 1:
@@ -101,14 +133,16 @@ class Table(Mapping[str, Array]):
                     f"{self.file}: {told} are of different topics, each with its own times: take one's only"
                 )
             return next(iter(clocks))
-        timed = [name for name in self if _dimension(self.unit(name)) == "time"]
-        plain = [name for name in self if self.unit(name) is None]
+        others = [name for name in self if name not in names]
+        timed = [name for name in others if _dimension(self.unit(name)) == "time"]
+        plain = [name for name in others if self.unit(name) is None]
         called = [name for name in plain if called_time(name) or called_time(name.rpartition(".")[2])]
         like_t = [name for name in [*timed, *plain] if name.lower().startswith("t")]
         sure = [*(name for name in timed if name in like_t or name.rpartition(".")[2].lower().startswith("t")), *called]
         # of run1.t and run2.t, that of the group in which the columns are
         near = sorted(sure, key=lambda name: -max((_shared(name, each) for each in names), default=0))
-        return next(iter([*near, *timed, *like_t]), None)
+        perhaps = [*(name for name in plain if has_time_word(name)), *like_t]
+        return next(iter([*near, *timed, *(name for name in perhaps if _rises(self[name]))]), None)
 
 
 def table_line(fields: Iterable[str]) -> str:
@@ -119,6 +153,16 @@ def table_line(fields: Iterable[str]) -> str:
 def called_time(name: str) -> bool:
     """Whether a column is called as times are."""
     return name.lower() in _TIMES
+
+
+def has_time_word(name: str) -> bool:
+    """Whether a word of a name is one for time: ``__time``, ``sampling_time``, ``samplingTime``."""
+    return _TIME_WORD.search(re.sub("(?<=[a-z])(?=[A-Z])", "_", name).lower()) is not None
+
+
+def _rises(values: Array) -> bool:
+    steps = np.diff(values[np.isfinite(values)])
+    return bool(np.all(steps >= 0.0) and np.any(steps > 0.0))
 
 
 def _shared(name: str, other: str) -> int:

@@ -85,6 +85,14 @@ class Telemetry:
                 "`recording view`, `report` and `export` need the rows only"
             )
 
+    def summary(self) -> str:
+        """What it is, in a line."""
+        rows = f"{self.end['rows']} cycles" if "rows" in self.end else "not ended in order, cycles"
+        lost = f", {self.end['lost']} lost" if self.end.get("lost") else ""
+        return (
+            f"{self.file.name} (mcap, ours): axes {', '.join(self.axes)}; {rows} of {self.period_ns / 1e3:g} us{lost}"
+        )
+
     def damage(self) -> str:
         """What beside the rows can't be trusted, in a sentence; empty where all of it can."""
         return f"Damaged, and left out: {', '.join(self.damaged)}." if self.damaged else ""

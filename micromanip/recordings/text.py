@@ -2,7 +2,8 @@
 
 The rows are found first: the dialect (separator, decimal mark) in which most lines near the middle are numbers, then
 the first line from which on they are. The line before has the names, or the units, with the names in the line before
-that. Numbers have no marks between thousands; dates are ISO 8601 or DD.MM.YYYY.
+that; a few rows of numbers before these are settings. A text with rows of several tables is refused, whatever stands
+between. Numbers have no marks between thousands; dates are ISO 8601 or DD.MM.YYYY.
 """
 
 from __future__ import annotations
@@ -25,9 +26,10 @@ from .units import known
 
 _DIALECTS = (("\t", "."), ("\t", ","), (";", "."), (";", ","), (",", "."), (",", ","), (None, "."), (None, ","))
 """Separator (None: spaces) and decimal mark; the first of those that fit is taken. Commas within a field are quoted."""
-_SAMPLED = 60
+_SAMPLED, _LOOKED_AT = 60, 500
 _PREAMBLE_ROWS = 10
 """Rows of numbers that may stand among the lines before a table; more of them are a table of their own."""
+_TOLD_TABLES = 4
 _COMMENT = "#%/*"
 _NOTHING = ',;"\t '
 """What a line without values consists of, as spreadsheets leave them behind the last row."""
@@ -75,15 +77,16 @@ def read_text(file: Path) -> Table:
     numbers = [number for number, line in enumerate(every, 1) if line.strip()]
     lines = [every[number - 1] for number in numbers]
     dialect = _dialect(file, lines)
-    first, kinds = _rows(file, lines, numbers, dialect)
+    first, last, kinds, notes = _rows(file, lines, numbers, dialect)
+    lines, numbers = lines[:last], numbers[:last]
     names, units = _header(file, every[: numbers[first] - 1], dialect, kinds)
     values = _values(file, lines[first:], numbers[first:], dialect, kinds)
     named = _unlike([name or str(k) for k, name in enumerate(names, 1)])
     kept = [k for k, kind in enumerate(kinds) if kind and (names[k] or np.isfinite(values[k]).any())]
     stated = {named[k]: "s" if kinds[k] == "stamp" else units[k] for k in kept}
     begin = dialect.fields(lines[first])
-    texts = {named[k]: begin[k] for k, kind in enumerate(kinds) if not kind and begin[k]}
-    return Table(file, {named[k]: values[k] for k in kept}, stated, numbers[first:], texts=texts)
+    texts = {named[k]: begin[k] for k, kind in enumerate(kinds) if not kind and (begin[k] or names[k])}
+    return Table(file, {named[k]: values[k] for k in kept}, stated, numbers[first:], texts=texts, notes=notes)
 
 
 def _decoded(file: Path, content: bytes) -> str:
@@ -132,31 +135,77 @@ def _is_row(fields: Sequence[str], dialect: _Dialect) -> bool:
     return any(number is not None and np.isfinite(number) for number in numbers) and texts <= len(fields) // 2
 
 
-def _rows(file: Path, lines: Sequence[str], numbers: Sequence[int], dialect: _Dialect) -> tuple[int, list[str]]:
-    """The first line of numbers, and what each column is: "number", "stamp" (a date and time), or "" for a text.
+def _rows(
+    file: Path, lines: Sequence[str], numbers: Sequence[int], dialect: _Dialect
+) -> tuple[int, int, list[str], list[str]]:
+    """The first line of numbers and that behind the last; what each column is; notes.
 
-    CheckFailed where there is none, or a second table behind the first.
+    A column is "number", "stamp" (a date and time), or "" for a text. CheckFailed where there is no table, or a second
+    one behind the first.
     """
     rows = [row for row in map(dialect.fields, lines[-_SAMPLED:]) if _is_row(row, dialect)]
     width = _commonest([len(row) for row in rows])
-    kinds = [_kind([row[column] for row in rows if len(row) == width], dialect) for column in range(width)]
+    rows = [row for row in rows if len(row) == width]
+    kinds = [_kind([row[column] for row in rows], dialect) for column in range(width)]
+    empty = [column for column in range(width) if not any(row[column] for row in rows)]
+    for line in lines[:: max(1, len(lines) // _LOOKED_AT)] if empty else []:  # a topic may have ended earlier
+        fields = dialect.fields(line)
+        for column in empty if len(fields) == width and _is_row(fields, dialect) else []:
+            if fields[column] and dialect.number(fields[column]) is not None:
+                kinds[column] = "number"
+    last = len(lines)
+    while (
+        last
+        and any(kinds)
+        and not _fits(dialect.fields(lines[last - 1]), kinds, dialect)
+        and _is_said(lines[last - 1], dialect)
+    ):
+        last -= 1
+    notes = [f"line {numbers[last]} to {numbers[-1]}: no rows, behind the table, left out"] if last < len(lines) else []
+    lines = lines[:last]
     first = len(lines)
     for at in range(len(lines) - 1, -1, -1):
         if _fits(dialect.fields(lines[at]), kinds, dialect):
             first = at
             continue
         before = sum(_fits(dialect.fields(line), kinds, dialect) for line in lines[max(0, at - _SAMPLED) : at])
-        begins = _may_begin(lines[at]) and first < len(lines)
-        if begins and before > _PREAMBLE_ROWS:
-            raise CheckFailed(
-                f"{file}:{numbers[at]}: a second table begins here, behind the rows of another: "
-                "one table is read; save them in files of their own"
-            )
-        if begins or before == 0:
+        if (first < len(lines) and _may_begin(lines[at], dialect)) or before == 0:
             break  # else it is a bad row among good ones, which is told when the values are read
     if first == len(lines) or not any(kinds):
         raise CheckFailed(f"{file}: {_NO_TABLE}")
-    return first, kinds
+    others, settings = _before(lines[:first], kinds, dialect)
+    if others:
+        every = [*others, (first, len(lines))]
+        places = [f"{numbers[begin]} to {numbers[end - 1]}" for begin, end in every]
+        told = ", ".join([*places[:_TOLD_TABLES], *(["..."] if len(places) > _TOLD_TABLES else [])])
+        raise CheckFailed(
+            f"{file}:{numbers[every[1][0] - 1]}: a second table begins here, behind the rows of another: one table is "
+            f"read, save the one that is meant in a file of its own; there are {len(every)}, in lines {told}"
+        )
+    if settings:
+        end = f" to {numbers[settings[-1]]}" if len(settings) > 1 else ""
+        notes.insert(0, f"line {numbers[settings[0]]}{end}: numbers before the table, left out as settings")
+    return first, last, kinds, notes
+
+
+def _before(lines: Sequence[str], kinds: Sequence[str], dialect: _Dialect) -> tuple[list[tuple[int, int]], list[int]]:
+    """First and last line but one of each table in `lines`, and the rows that are too few for one."""
+    tables: list[tuple[int, int]] = []
+    settings: list[int] = []
+    begin = width = 0
+    for at, line in enumerate([*lines, ""]):
+        fields = dialect.fields(line)
+        values = all(dialect.number(field) is not None or _stamp_s(field) is not None for field in fields)
+        row = len(fields) > 1 and any(fields) and (values or _fits(fields, kinds, dialect))
+        now = len(fields) if row else 0
+        if now == width:
+            continue
+        if width and at - begin > _PREAMBLE_ROWS:
+            tables.append((begin, at))
+        elif width:
+            settings += range(begin, at)
+        begin, width = at, now
+    return tables, settings
 
 
 def _kind(fields: Sequence[str], dialect: _Dialect) -> str:
@@ -168,10 +217,16 @@ def _kind(fields: Sequence[str], dialect: _Dialect) -> str:
     return "stamp" if _stamp_s(fields[-1]) is not None else ""
 
 
-def _may_begin(line: str) -> bool:
-    """Whether a line that is no row is a header rather than a damaged or empty row: nothing in it is a number."""
-    named = bool(line.strip(_NOTHING)) and not any(character.isdigit() for character in line)
-    return named or line.lstrip()[:1] in _COMMENT
+def _is_said(line: str, dialect: _Dialect) -> bool:
+    """Whether a line begins with a word, as what is said behind a table does."""
+    begin = dialect.fields(line)[:1]
+    return bool(begin) and any(map(str.isalpha, begin[0])) and dialect.number(begin[0]) is None
+
+
+def _may_begin(line: str, dialect: _Dialect) -> bool:
+    """Whether a line that is no row is a header rather than a damaged or empty row: none of its fields is a number."""
+    named = [field for field in dialect.fields(line) if field]
+    return (bool(named) and all(dialect.number(each) is None for each in named)) or line.lstrip()[:1] in _COMMENT
 
 
 def _fits(row: Sequence[str], kinds: Sequence[str], dialect: _Dialect) -> bool:

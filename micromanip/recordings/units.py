@@ -28,6 +28,7 @@ _UNITS = {
     **_family("time", "s", second=1.0, seconds=1.0, millisecond=1e-3, milliseconds=1e-3, microseconds=1e-6),
     **_family("time", "s", microsecond=1e-6, nanosecond=1e-9, nanoseconds=1e-9, msec=1e-3, usec=1e-6, nsec=1e-9),
     **_family("time", "s", sekunde=1.0, sekunden=1.0, millisekunden=1e-3, mikrosekunden=1e-6, nanosekunden=1e-9),
+    **_family("time", "s", millis=1e-3, micros=1e-6),
     **_family("count", "samples", samples=1.0, sample=1.0, cycles=1.0, cycle=1.0, sequence=1.0),
     **_family("current", "A", A=1.0, mA=1e-3, amp=1.0, ampere=1.0, amps=1.0),
     **_family("force", "N", N=1.0, mN=1e-3, kN=1e3),
@@ -51,6 +52,12 @@ def known(unit: str) -> Unit | None:
     """The unit written so, ``µm`` as well as ``um``; None where it is none of ours."""
     plain = unit.strip().translate(_MICRO)
     return _UNITS.get(plain) or _WORDS.get(plain.lower())
+
+
+def known_time(unit: str) -> Unit | None:
+    """The unit that a column of time is in, in capitals too, as in ``Time(S)``; None where it is none of time."""
+    found = known(unit) or known(unit.lower())
+    return found if found is not None and found.dimension in ("time", "count") else None
 
 
 def unknown_unit(name: str) -> str | None:

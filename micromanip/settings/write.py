@@ -20,7 +20,7 @@ from ruamel.yaml.comments import CommentedMap, CommentedSeq
 from ruamel.yaml.error import YAMLError
 
 from micromanip.files import held, linked_file
-from micromanip.settings.schema.axis import Axis, SetPoint
+from micromanip.settings.schema.axis import Axis, Outer, SetPoint
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.schema.reference import Jog, Tracker
 from micromanip.settings.text.digits import rounded
@@ -121,6 +121,15 @@ def with_hysteresis(text: str, axis: str, model: BaseModel) -> str:
     def edit(document: Any) -> None:
         section = _own_section(document["axes"], axis)
         section["hysteresis"] = _plain(model.model_dump(exclude_defaults=True))
+
+    return edited(text, edit)
+
+
+def with_outer(text: str, axis: str, outer: Outer) -> str:
+    """Configuration file `text` with another outer loop in one axis."""
+
+    def edit(document: Any) -> None:
+        _own_section(document["axes"], axis)["outer"] = _plain(outer.model_dump(exclude_defaults=True))
 
     return edited(text, edit)
 

@@ -86,16 +86,23 @@ def test_json_has_the_documented_keys(csv, capsys):
     assert gain == pytest.approx(np.array(truth), abs=0.05)
 
 
-def test_bad_data_is_one_sentence_with_its_place(csv, capsys):
-    """What can't be fitted else: tests/design/linear."""
+@pytest.mark.parametrize("quote", ["", '"'])
+def test_columns_with_commas_in_their_names(quote, csv, capsys):
+    text = Path(csv).read_text().splitlines()
+    Path(csv).write_text("\n".join(['t_s,"Ch1,V","Voltage, 2 (V)","Gauge, A (um)",y2', *text[1:]]))
+    names = [",".join(f"{quote}{name}{quote}" for name in ("Ch1,V", "Voltage, 2 (V)")), "y2,Gauge, A (um)"]
+    report = report_of(capsys, csv, "--input", names[0], "--output", names[1])
+    assert report["fit_percent"] == pytest.approx([99.0, 99.0], abs=0.3)
 
+
+def test_rows_without_a_number_are_left_out_with_their_lines(csv, capsys):
     def not_a_number(table):
-        table["y2"][[40, 50]] = np.nan
+        table["y2"][[40, 50]] = table["t_s"][60] = np.nan
 
     spoilt(csv, not_a_number)
-    assert code_of(csv, *COLUMNS) == 1
-    (line,) = capsys.readouterr().err.splitlines()
-    assert "x.csv:42: y2 has no number here (2 in all)" in line
+    assert code_of(csv, *COLUMNS) == 0
+    assert "3 rows lack a number and are left out, the first at " in (said := capsys.readouterr().err)
+    assert "x.csv:42; by t_s 3 samples are missing, in 3 gaps" in said
 
 
 REFUSED = {
@@ -106,7 +113,7 @@ REFUSED = {
     "no table": (("table.py", *COLUMNS), 1, "table.py"),
     "input and output": (("--input", "u1", "--output", "u1"), 64, "u1"),
     "an empty name": (("--input", "u1,,u2", "--output", "y1"), 64, "--input u1,,u2"),
-    "a name twice": (("--input", "u1,u1", "--output", "y1"), 64, "--input u1,u1"),
+    "a name twice": (("--input", "u1,u1", "--output", "y1"), 64, "the column u1 is named twice"),
     "nothing to judge by": ((*COLUMNS, "--split", "1"), 64, "--split 1"),
     "no split": ((*COLUMNS, "--split", "0"), 64, "from 0.1 to 1"),
     "no order": ((*COLUMNS, "--order", "0"), 64, "1<=x<=60"),

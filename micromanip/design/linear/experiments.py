@@ -13,6 +13,7 @@ from scipy.signal import decimate
 from micromanip.design.movement import require_movement, stands_still
 from micromanip.errors import CheckFailed
 from micromanip.recordings import Recording, Wanted, take
+from micromanip.recordings.loader import LISTS
 from micromanip.recordings.spikes import bridged
 
 from .clipped import clipped
@@ -40,6 +41,7 @@ class LinearRecord:
     breaks: tuple[int, ...] = ()
     notes: tuple[str, ...] = ()
     told: str = ""
+    units: tuple[str | None, ...] = ()
 
     @property
     def experiments(self) -> list[Experiment]:
@@ -77,19 +79,20 @@ class LinearRecord:
                 part = "first" if record is records[0] else "last"
                 raise CheckFailed(
                     f"{self.file}: split at {share:g}, {still[0]} stands still in the {part} {len(record.u)} samples: "
-                    "split elsewhere, or give --split 1 and another record that moves with --validate"
+                    "split elsewhere, or give --split 1 and with --validate a record that moves, if need be this one"
                 )
         return records[0], records[1] if len(records) > 1 else None
 
 
-def load_linear(file: Path, wanted: Wanted, inputs: int) -> LinearRecord:
-    """Read the columns of `wanted`, of which the first `inputs` are inputs, the others outputs.
+def load_linear(file: Path, wanted: Wanted, inputs: int = LISTS) -> LinearRecord:
+    """Read the columns of `wanted`: the first `inputs` of them are, the others outputs; or a list of each.
 
     Its `step_s` is the sampling interval, s, of the model: that of the record's time column, or a whole multiple of it,
     for which the record is low-passed and thinned. Raises CheckFailed, with what to record instead, for data that can't
     be used.
     """
-    taken = take(file, wanted)
+    taken = take(file, replace(wanted, inputs=inputs))
+    inputs = taken.inputs or inputs
     if len(taken.values) < _LEAST_SAMPLES:
         raise CheckFailed(f"{file}: {len(taken.values)} samples are too few; record at least {_LEAST_SAMPLES}")
     columns = dict(zip(taken.names, taken.values.T, strict=True))
@@ -106,7 +109,7 @@ def load_linear(file: Path, wanted: Wanted, inputs: int) -> LinearRecord:
     breaks = tuple(int(k) for k in np.cumsum([len(piece) for piece in pieces])[:-1])
     u, y = values[:, :inputs], values[:, inputs:]
     return LinearRecord(
-        file, taken.names[:inputs], taken.names[inputs:], u, y, dt, breaks, tuple(notes), taken.summary()
+        file, taken.names[:inputs], taken.names[inputs:], u, y, dt, breaks, tuple(notes), taken.summary(), taken.units
     )
 
 

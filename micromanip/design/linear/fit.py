@@ -12,7 +12,7 @@ from .modal import Array, Modes
 from .model import LinearFit, as_columns, delayed
 from .noise import kalman_gain
 from .refinement import refine
-from .subspace import Experiment, compress, observability
+from .subspace import Experiment, compress, dynamics, observability
 
 _REFINEMENTS = 8
 _CHANNEL_ROWS, _SAMPLES_A_ROW = 120, 10
@@ -71,6 +71,7 @@ def fit_linear(
     data = compress(shifted, rows)
     left, values = observability(data)
     modes = modes_of(left, order, shifted, direct)
+    seen = np.linalg.eigvals(dynamics(left, order, len(scale_y))[0])
     progress("refining")
     modes = refine(modes, shifted, refinements, direct=direct)
     gain, innovations = kalman_gain(modes, data)
@@ -85,6 +86,7 @@ def fit_linear(
         innovations * np.outer(scale_y, scale_y),
         values,
         tried,
+        tuple(complex(pole) for pole in seen[(np.abs(seen) > 1.0) & (seen.imag >= 0.0)]),
     )
 
 

@@ -20,7 +20,8 @@ class LinearFit:
     """A model in physical units, sampled every `dt` seconds; input i acts `delays[i]` samples late.
 
     `gain` (k, outputs) drives the modes by the innovations, whose covariance is `innovations` (outputs, outputs);
-    `tried` tells for each order that was tried the held-out rms error, percent of the outputs'.
+    `tried` tells for each order that was tried the held-out rms error, percent of the outputs'; `mirrored` are poles
+    (k,) that the record has outside the unit circle, and the model inside.
     """
 
     modes: Modes
@@ -32,6 +33,7 @@ class LinearFit:
     innovations: Array
     singular_values: Array
     tried: dict[int, float]
+    mirrored: tuple[complex, ...] = ()
 
     @property
     def order(self) -> int:

@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from .choice import last_quarter_says_much, says_much
 from .fit import fit_linear
-from .modal import Array, Modes
+from .modal import Array, Complex, Modes
 from .model import LinearFit, delayed
 from .strict import strict_errors
 from .subspace import Experiment
@@ -19,6 +20,8 @@ _CLOSE = 1.5
 _OTHERS = 3
 _NO_WORSE = 1.0 + 1e-9
 _STABLE = 1.0 - 1e-6
+_ARX, _GROWS = 3, 5.0
+"""Lags of an autoregression; logarithm of how much an unstable response grows over a record: less may be noise."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +62,13 @@ def select(
     notes: list[str] = []
     model = plain
     inner, left_out = _parted(experiments)
-    errors = _compared(plain, order, inner, left_out, again)
+    tells = last_quarter_says_much(experiments)
+    errors = _compared(plain, order, inner, left_out, again) if tells else {}
+    if not tells and order is None:
+        notes.append(
+            f"order {plain.order} is chosen by the error on all that is fitted to, as little moves in its "
+            "last quarter: a record with more movement tells more, --order sets another"
+        )
     if errors:
         first = errors.get((plain.order, True), np.inf)
         best = min(errors, key=lambda key: errors[key])
@@ -72,7 +81,46 @@ def select(
                 f"order {states}{chosen}: strict error {errors[best]:.3g} % instead of "
                 f"{first:.3g} % on the last quarter of what is fitted to"
             )
+    notes += _of_mirrored(model, experiments)
     return _no_worse_than_arx1(model, arx1, plain, experiments, held_out, order, again, notes)
+
+
+def _of_mirrored(model: LinearFit, experiments: Sequence[Experiment]) -> list[str]:
+    """What is to be told of poles outside the unit circle: of those that grow well and an autoregression has too."""
+    samples = max(len(u) for u, _ in experiments)
+    grows = [pole for pole in model.mirrored if samples * np.log(abs(pole)) > _GROWS]
+    others = _arx_poles(experiments) if grows else np.zeros(0)
+    grows = [pole for pole in grows if np.abs(others - pole).min() < 0.5 * (abs(pole) - 1.0)]
+    if not grows:
+        return []
+    worst = max(grows, key=abs)
+    inside = 1.0 / worst.conjugate()
+    return [
+        f"the record has an unstable pole, z = {_pole(worst)}, which grows e-fold in "
+        f"{model.dt / np.log(abs(worst)):.3g} s: it was mirrored to {_pole(inside)}, so the model is not the plant's. "
+        "An unstable plant can only have been recorded in a closed loop: fit from the loop's set-point, or an injected "
+        "signal, to the output"
+    ]
+
+
+def _arx_poles(experiments: Sequence[Experiment]) -> Complex:
+    """Poles of autoregressions with inputs, one for each output, of a few lags: consistent in a closed loop too."""
+    found = []
+    for o in range(experiments[0][1].shape[1]):
+        rows, targets = [], []
+        for u, y in experiments:
+            y = y - y.mean(axis=0)
+            lags = [y[_ARX - lag : len(y) - lag, o] for lag in range(1, _ARX + 1)]
+            driven = [u[_ARX - lag : len(u) - lag] - u.mean(axis=0) for lag in range(_ARX + 1)]
+            rows.append(np.column_stack([*lags, *driven]))
+            targets.append(y[_ARX:, o])
+        weights = np.linalg.lstsq(np.concatenate(rows), np.concatenate(targets), rcond=None)[0]
+        found.append(np.roots([1.0, *-weights[:_ARX]]))
+    return np.concatenate(found).astype(complex)
+
+
+def _pole(z: complex) -> str:
+    return f"{z.real:.4f}" if abs(z.imag) < 1e-6 else f"{z.real:.4f} +-{abs(z.imag):.4f}j"
 
 
 def _fitted_as(key: tuple[int, bool]) -> tuple[int, int]:
@@ -122,6 +170,12 @@ def _no_worse_than_arx1(
     notes: list[str],
 ) -> Selected:
     limit, found = error_of(arx1, held_out), error_of(model, held_out)
+    if not says_much(held_out, experiments):
+        notes.append(
+            "in the part held out hardly anything moves, so its figures say little: split elsewhere, or give --split 1 "
+            "and another record with --validate"
+        )
+        return Selected(model, arx1, notes)
     if not np.isfinite(limit) or found <= limit * _NO_WORSE:
         return Selected(model, arx1, notes)
     if order is not None:

@@ -75,3 +75,39 @@ def test_an_order_that_was_asked_for_is_kept_and_judged():
     assert selected.model.order == 8
     worse = error_of(selected.model, [(u[200:], y[200:])]) > error_of(selected.arx1, [(u[200:], y[200:])])
     assert worse == any("order 8 predicts worse than ARX(1)" in note for note in selected.notes)
+
+
+def test_the_order_of_a_single_blow_is_chosen_where_it_is_answered():
+    """In the last quarter, and in the half held out, nothing moves: all orders are alike there."""
+    rng = np.random.default_rng(0)
+    u = np.zeros((6000, 1))
+    u[40:194, 0] = 250 * np.sin(np.pi * (np.arange(154) + 0.5) / 154)
+    y = 0.2 * rng.standard_normal((6000, 1))
+    for p in 0.98 * np.exp(1j * np.array([0.13, 0.24])):
+        y += lfilter([0.0, 0.3, -0.3], [1.0, -2.0 * p.real, abs(p) ** 2], u, axis=0)
+    selected = select([(u[:3000], y[:3000])], [(u[3000:], y[3000:])], DT, None)
+    assert selected.model.order == 4
+    assert np.abs(selected.model.poles) == pytest.approx(0.98, abs=2e-3)
+    assert [note.split(":")[0] for note in selected.notes] == [
+        "order 4 is chosen by the error on all that is fitted to, as little moves in its last quarter",
+        "in the part held out hardly anything moves, so its figures say little",
+    ]
+
+
+@pytest.mark.parametrize("stable", [False, True])
+def test_an_unstable_plant_in_a_closed_loop_is_told(stable):
+    rng = np.random.default_rng(1)
+    x = v = r = 0.0
+    rows = []
+    for k in range(2000):
+        r = 0.02 * rng.standard_normal() if k % 40 == 0 else r
+        y = x + 1e-4 * rng.standard_normal()
+        u = -60 * (y - r) - 8 * v + 0.3 * rng.standard_normal()
+        rows.append((u, y))
+        v += 0.01 * ((-20 if stable else 20) * x + u)
+        x += 0.01 * v
+    table = np.array(rows)
+    parts = [(table[part, :1], table[part, 1:]) for part in (slice(1000), slice(1000, 2000))]
+    notes = select(parts[:1], parts[1:], 0.01, None).notes
+    told = [note for note in notes if "unstable pole, z = 1.04" in note and "mirrored to 0.95" in note]
+    assert len(told) == (not stable)

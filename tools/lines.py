@@ -11,7 +11,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 ROOMS = {  # the first that fits a file has it: pattern of paths, budget, ceiling
-    "rt": (r"micromanip/rt/", 5400, 6432),
+    "rt": (r"micromanip/rt/", 5400, 6520),
     "bus, driver": (r"micromanip/(bus|driver)/", 3000, 4330),
     "settings, control": (r"micromanip/(settings|control)/", 5000, 5870),
     "host": (r"micromanip/host/", 7500, 8600),
@@ -21,7 +21,7 @@ ROOMS = {  # the first that fits a file has it: pattern of paths, budget, ceilin
     "cli": (r"micromanip/cli/", 4300, 5620),
     "drivers and their devices": (r"drivers/|micromanip/emulation/\w+/", 15500, 19950),
     "emulation, testbus, conformance": (r"micromanip/(emulation|testbus|conformance)/", 3200, 3480),
-    "campaigns, benchmarks, tools": (r"(campaigns|benchmarks|tools)/", 4200, 5650),
+    "campaigns, benchmarks, tools": (r"(campaigns|benchmarks|tools)/", 4200, 5665),
     "tests": (r"tests/", 40000, 45700),
     "the rest": (r"", 2000, 1860),
 }

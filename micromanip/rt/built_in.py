@@ -16,6 +16,7 @@ from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 from numba.extending import models, register_model
 
+from . import vectors  # noqa: F401  (machine code of its own)
 from .progress import Progress
 
 

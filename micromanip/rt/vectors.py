@@ -1,8 +1,4 @@
-"""Machine code for the sums that the compiler would make one by one; imported by ``built_in.py``.
-
-It may not reorder sums, does not know which records lie apart, and looks at each index whether it is negative. The
-Python function beside each law is the definition: the same sums in the same order, to the last bit.
-"""
+"""Machine code for ``sums.py``, of vectors and without a look at each index; imported by ``built_in.py``."""
 
 from __future__ import annotations
 
@@ -15,7 +11,7 @@ from numba.core.typing.templates import signature
 from numba.extending import lower_builtin, type_callable
 from numba.np.arrayobj import make_array
 
-from .laws.estimator import ROWS_AT_ONCE, advance_model, weighted
+from .sums import ROWS_AT_ONCE, advance_model, weighted
 
 _LANES = 4
 _VECTOR = ir.VectorType(ir.DoubleType(), _LANES)

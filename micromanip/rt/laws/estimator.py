@@ -28,11 +28,10 @@ from typing import Any
 
 from micromanip.rt.jit import compiled
 from micromanip.rt.record import Field, Record, record
+from micromanip.rt.sums import ROWS_AT_ONCE, advance_model, weighted
 
 from .tooth import FOLLOWS, TOOTH, TOOTH_STATE, follow_tooth, forget_tooth, start_tooth, turn_on
 
-ROWS_AT_ONCE = 16
-"""Of the model's matrix, in machine code."""
 MAX_STATES = 2 * ROWS_AT_ONCE
 """A model behind a slow bus has a state for each cycle of its delay."""
 GAPS = 64
@@ -84,30 +83,10 @@ _OPENS, _CLOSES = 2.0, 0.9
 _REPEATED = 2
 
 
-def advance_model(a_columns: Any, b: Any, u: float, x: Any, scratch: Any, count: int) -> None:
-    """``x <- A x + B u`` of `count` states; what lies behind them in `x` and `scratch` is padding, and may be written.
-
-    Compiled, it is ``vectors.py``.
-    """
-    for i in range(count):
-        scratch[i] = b[i] * u
-    for j in range(count):
-        for i in range(count):
-            scratch[i] += a_columns[j, i] * x[j]
-    x[:count] = scratch[:count]
-
-
 @compiled
 def predict(p: Record, x: Any, scratch: Any, u: float) -> None:
     """One cycle of the model: ``x <- A x + B u``."""
     advance_model(p["a_columns"], p["b"], u, x, scratch, p["states"])
-
-
-def weighted(total: float, weights: Any, x: Any, count: int) -> float:
-    """`total` and, one after the other, `count` elements of `x` by their weights; compiled, it is ``vectors.py``."""
-    for i in range(count):
-        total += weights[i] * x[i]
-    return total
 
 
 @compiled

@@ -15,8 +15,9 @@ from typing import Any
 
 from micromanip.rt.jit import compiled
 from micromanip.rt.record import Record, record
+from micromanip.rt.sums import weighted
 
-from .estimator import MATRICES, MAX_STATES, MODEL, weighted
+from .estimator import MATRICES, MAX_STATES, MODEL
 from .reference import REFERENCE_STATES
 
 OUTER_PARAMETERS = record(

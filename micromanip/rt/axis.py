@@ -43,7 +43,7 @@ from .waiting import no_further, waits
 _ANY_UM = (-math.inf, math.inf)
 
 
-@compiled
+@compiled.rare
 def axis_cycle(
     p: Record, s: Record, cycle: int, now_ns: int, t_s: float, samples: Any, phase: int, fraction: float
 ) -> bool:

@@ -1,11 +1,13 @@
 """One cycle of three axes, telemetry row included, beside the same cycle in plain C.
 
 Both replay the same signals of the simulated cell from the same state, and must leave the same numbers
-behind; then they are timed in turns. The stretch is short, so that both work in the processor's cache.
+behind; then they are timed in turns. The stretch is short, so that both work in the processor's cache. In
+``cycle_cold`` a neighbour on the core empties that before each cycle, as in the running loop; the median counts.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import tempfile
 import time
 from collections.abc import Sequence
@@ -23,6 +25,8 @@ from .twin import require_covered
 
 _BEGUN_S, _COMPARED_CYCLES = 0.1, 4000
 STRETCH_CYCLES, REPEATS = 500, 40
+SWEPT_BYTES = 4_000_000
+"""More than the caches that a core has for itself."""
 TRACKING_S = 1.5
 """Long enough that the path error is scored."""
 
@@ -37,9 +41,15 @@ def run(plan: Plan) -> list[Result]:
         outcome = _compared(stretch, twin)
         plan.tell(f"cycle: our cycle and its C twin agree; {plan.pairs} pairs of {STRETCH_CYCLES * REPEATS} cycles")
         taken = timed([(ours, stretch, outcome), (twin, stretch, outcome)], plan.pairs)
+        cold = dataclasses.replace(stretch, swept=np.zeros(SWEPT_BYTES // 8, np.int64))
+        swept = timed([(ours, cold, outcome), (twin, cold, outcome)], plan.pairs, cold=True)
+    return [_result("cycle", taken), _result("cycle_cold", swept)]
+
+
+def _result(name: str, taken: NDArray[np.float64]) -> Result:
     value, reference = np.median(taken, axis=0)
     ratio = float(np.median(taken[:, 0] / taken[:, 1]))
-    return [Result("cycle", float(value), "ns", "C twin, gcc -O3 -march=native", float(reference), ratio)]
+    return Result(name, float(value), "ns", "C twin, gcc -O3 -march=native", float(reference), ratio)
 
 
 def _compared(recording: Recording, twin: Player) -> Outcome:
@@ -52,13 +62,19 @@ def _compared(recording: Recording, twin: Player) -> Outcome:
     return left
 
 
-def timed(played: Sequence[tuple[Player, Recording, Outcome]], pairs: int) -> NDArray[np.float64]:
-    """Processor time (ns) a cycle, (pairs, 2), of two played in turns; every other pair begins with the second."""
+def timed(
+    played: Sequence[tuple[Player, Recording, Outcome]], pairs: int, *, cold: bool = False
+) -> NDArray[np.float64]:
+    """Processor time (ns) a cycle, (pairs, 2), of two played in turns; every other pair begins with the second.
+
+    `cold`: the median cycle of each instead, behind its neighbour's work.
+    """
     taken = np.zeros((pairs, 2))
     for pair in range(pairs):
         for which in (0, 1) if pair % 2 else (1, 0):
             player, recording, outcome = played[which]
             begin = time.thread_time_ns()
-            player(recording, outcome, REPEATS)
-            taken[pair, which] = (time.thread_time_ns() - begin) / (len(recording.signals) * REPEATS)
+            player(recording, outcome, 1 if cold else REPEATS)
+            mean_ns = (time.thread_time_ns() - begin) / (len(recording.signals) * REPEATS)
+            taken[pair, which] = np.median(outcome.taken_ns) if cold else mean_ns
     return taken

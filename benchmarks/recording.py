@@ -13,6 +13,7 @@ from numba import types
 from numpy.typing import NDArray
 
 from micromanip.rt.cell import cell_cycle
+from micromanip.rt.clock import now_ns
 from micromanip.rt.jit import Compiler
 from micromanip.rt.records import CELL_STATE, MAX_AXES, MAX_OUTPUTS, MAX_SIGNALS, SIGNAL
 from micromanip.rt.signatures import OUTPUTS, PARAMETERS, ROWS, SAMPLES, STATES, WORDS
@@ -25,6 +26,8 @@ from micromanip.virtual.experiment import VirtualExperiment
 from .twin import compile_twin
 
 _compiled = Compiler(__file__)
+LINE_WORDS = 8
+"""int64 words of a cache line; ``twin.c`` has the same."""
 _SIGNAL_LOG = types.Array(numba.from_dtype(SIGNAL), 2, "C")
 
 
@@ -39,6 +42,8 @@ class Recording:
     periods: NDArray[np.int64]
     samples: NDArray[np.float64] = field(default_factory=lambda: np.zeros((1, MAX_AXES)))
     """Own references and learned corrections, (rows, MAX_AXES)."""
+    swept: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
+    """What a neighbour on the core works on before each cycle; nothing: there is none, and no cycle is timed."""
 
 
 @dataclass(frozen=True)
@@ -48,18 +53,22 @@ class Outcome:
     state: NDArray[Any]
     outputs: NDArray[np.float64]
     rows: NDArray[Any]
+    taken_ns: NDArray[np.int64]
+    """Time of each cycle, where a neighbour works."""
 
     @classmethod
     def room(cls, cycles: int) -> Outcome:
         """Memory for the outcome of so many cycles."""
-        return cls(np.zeros(1, CELL_STATE), np.zeros(MAX_OUTPUTS), np.zeros(cycles, ROW))
+        return cls(np.zeros(1, CELL_STATE), np.zeros(MAX_OUTPUTS), np.zeros(cycles, ROW), np.zeros(cycles, np.int64))
 
 
 Player = Callable[[Recording, Outcome, int], None]
 """Replays a recording so many times into an outcome."""
 
 
-@_compiled.entry(types.void(PARAMETERS, STATES, STATES, _SIGNAL_LOG, WORDS, OUTPUTS, SAMPLES, ROWS, types.int64))
+@_compiled.entry(
+    types.void(*(PARAMETERS, STATES, STATES, _SIGNAL_LOG, WORDS, OUTPUTS, SAMPLES, ROWS, types.int64), *(WORDS,) * 3)
+)
 def replay(
     parameters: Any,
     first: Any,
@@ -70,16 +79,27 @@ def replay(
     samples: Any,
     rows: Any,
     repeats: int,
+    swept: Any,
+    taken_ns: Any,
+    timespec: Any,
 ) -> None:
-    """Run all cycles of the log `signals` (cycles, MAX_SIGNALS), `repeats` times from the state `first`; a row each."""
+    """Run all cycles of the log `signals` (cycles, MAX_SIGNALS), `repeats` times from the state `first`; a row each.
+
+    Where `swept` is not empty a word of each of its cache lines is written before each cycle, and `taken_ns` filled.
+    """
     p, s = parameters[0], state[0]
     for _ in range(repeats):
         state[0] = first[0]
         for k in range(len(signals)):
-            now_ns = (s["cycle"] + periods[k]) * p["period_ns"]
+            for j in range(0, len(swept), LINE_WORDS):
+                swept[j] += 1
+            begun_ns = now_ns(timespec) if len(swept) > 0 else 0
+            deadline_ns = (s["cycle"] + periods[k]) * p["period_ns"]
             begin_cycle(s, periods[k] - 1)
-            cell_cycle(p, s, signals[k], outputs, samples, NO_COMMAND, now_ns)
-            write_row(p, s, signals[k], rows[k], now_ns, 0, 0, periods[k])
+            cell_cycle(p, s, signals[k], outputs, samples, NO_COMMAND, deadline_ns)
+            write_row(p, s, signals[k], rows[k], deadline_ns, 0, 0, periods[k])
+            if len(swept) > 0:
+                taken_ns[k] = now_ns(timespec) - begun_ns
 
 
 def record_tracking(prepared: Prepared, seconds: float, cycles: int) -> Recording:
@@ -107,6 +127,9 @@ def ours(recording: Recording, outcome: Outcome, repeats: int) -> None:
         recording.samples,
         outcome.rows,
         repeats,
+        recording.swept,
+        outcome.taken_ns,
+        np.zeros(2, np.int64),
     )
 
 
@@ -125,6 +148,9 @@ def twin_player(folder: Path) -> Player:
             outcome.rows.ctypes.data,
             len(recording.signals),
             repeats,
+            recording.swept.ctypes.data,
+            len(recording.swept),
+            outcome.taken_ns.ctypes.data,
         )
 
     return play

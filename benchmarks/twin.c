@@ -1,12 +1,13 @@
 /* One tracking cycle of the cell in plain C: the yardstick of `micromanip system bench`, and an oracle for the laws.
  *
- * Same records, same algorithms, same telemetry rows as micromanip/rt, for what config/simulated.yaml uses: stage control
+ * Same records, same algorithms, same telemetry rows as micromanip/rt, for what config/paper.yaml uses: stage control
  * after a tracker, with a Prandtl-Ishlinskii model and tanh shaping. It only tracks: no arming, no ramp, no
  * command, and no reaction to a fault. Lengths in um, voltages in V.
  */
 #include <math.h>
 #include <stdbool.h>
 #include <stdlib.h>
+#include <time.h>
 
 #include "records.h"
 #define HISTORY_MASK (INPUT_HISTORY - 1)
@@ -696,17 +697,30 @@ static void write_row(const struct cell_parameters *p, const struct cell_state *
         write_axis(&p->axis[i], &s->axis[i], signals, &row->axis[i], now_ns);
 }
 
-/* Run `cycles` cycles on recorded signals, `repeats` times from the same state; a telemetry row each. */
+static int64_t clock_ns(void)
+{
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return now.tv_sec * INT64_C(1000000000) + now.tv_nsec;
+}
+
+/* Run `cycles` cycles on recorded signals, `repeats` times from the same state; a telemetry row each. Where words are to
+ * be swept, as a neighbour on the core does, one of each cache line is written before each cycle, and that is timed. */
 void replay(const struct cell_parameters *p, const struct cell_state *first, struct cell_state *s,
             const struct signal signals[][MAX_SIGNALS], const int64_t *periods, double *outputs, struct row *rows,
-            int64_t cycles, int64_t repeats)
+            int64_t cycles, int64_t repeats, int64_t *swept, int64_t words, int64_t *taken_ns)
 {
     for (int64_t r = 0; r < repeats; r++) {
         *s = *first;
         for (int64_t k = 0; k < cycles; k++) {
+            for (int64_t j = 0; j < words; j += 8)
+                swept[j]++;
+            int64_t begun_ns = words > 0 ? clock_ns() : 0;
             int64_t now_ns = (s->cycle + periods[k]) * p->period_ns;
             cell_cycle(p, s, signals[k], outputs, now_ns, periods[k]);
             write_row(p, s, signals[k], &rows[k], now_ns, periods[k]);
+            if (words > 0)
+                taken_ns[k] = clock_ns() - begun_ns;
         }
     }
 }

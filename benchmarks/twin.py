@@ -35,7 +35,9 @@ def compile_twin(folder: Path) -> Any:
     """The function ``replay`` of ``twin.c``, built in `folder`; raises Skipped where there is no gcc."""
     write_header(folder)
     function = compile_c("twin.c", folder).replay
-    function.argtypes = [ctypes.c_void_p] * 7 + [ctypes.c_int64] * 2
+    function.argtypes = (
+        [ctypes.c_void_p] * 7 + [ctypes.c_int64] * 2 + [ctypes.c_void_p, ctypes.c_int64, ctypes.c_void_p]
+    )
     function.restype = None
     return function
 

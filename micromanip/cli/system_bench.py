@@ -32,8 +32,9 @@ from .progress import steps
 def command(only: tuple[str, ...], pairs: int, lateness_s: float, as_json: bool) -> None:
     """Measure the speed of this machine, each figure beside a reference measured in the same run.
 
-    cycle: three axes beside the same cycle in plain C. cycle_laws: with every law switched on, beside the configuration
-    as it is. lateness: wake-ups of the loop process beside cyclictest.
+    cycle: three axes beside the same cycle in plain C, in a warm cache and (cycle_cold) behind a neighbour that empties
+    it. cycle_laws: with every law switched on, beside the configuration as it is.
+    lateness: wake-ups of the loop process beside cyclictest.
     offline: simulation beside real time. startup: command to READY, and memory, beside Python's own.
     can_frames: frames a second of the driver canbus in Python and compiled, and can_worker: use of a CPU by the worker
     of config/can.yaml, each beside bare python-can. modbus: transactions of the driver modbus beside the bare library.

@@ -43,7 +43,7 @@ from .waiting import no_further, waits
 _ANY_UM = (-math.inf, math.inf)
 
 
-@compiled
+@compiled.rare
 def axis_cycle(
     p: Record, s: Record, cycle: int, now_ns: int, t_s: float, samples: Any, phase: int, fraction: float
 ) -> bool:
@@ -71,7 +71,7 @@ def axis_cycle(
         remember_setpoint(s, cycle)
         measure_errors(p, s, cycle)
         s["request_V"] = request_voltage(p, s, phase, fraction)
-        finite = finite and is_finite(p, s)
+        finite = finite and is_finite(p, s, phase)
         s["voltage_V"] = limit(p["limiter"], s["voltage_V"], s["request_V"], True)
         unwind(p["pid"], s["pid"], s["request_V"] - s["voltage_V"])
         remember(s["estimator"], s["setpoint_um"] - p["centre_um"] - s["decoupling"]["added_um"])
@@ -240,15 +240,16 @@ def request_voltage(p: Record, s: Record, phase: int, fraction: float) -> float:
 
 
 @compiled
-def is_finite(p: Record, s: Record) -> bool:
+def is_finite(p: Record, s: Record, phase: int) -> bool:
     """Whether every stage of the law is finite: estimate, feedforward, feedback and its memory, requested voltage.
 
-    The inverse is looked at before its shaping function, whose limits would make a number of anything.
+    The inverse is looked at before its shaping function, whose limits would make a number of anything. With the outer
+    loop closed the demand, which was finite, is a sum of all states of the estimate.
     """
     pid, inverse = s["pid"], s["hysteresis"]
     total = s["request_V"] + inverse["u_um"] + inverse["output_V"]
     total += pid["output_V"] + pid["integrator"] + pid["derivative"]
-    if p["mode"] == STAGE and s["estimator"]["running"] != 0:
+    if phase != CLOSED and p["mode"] == STAGE and s["estimator"]["running"] != 0:
         for i in range(p["outer"]["states"]):
             total += s["estimator"]["x"][i]
     return math.isfinite(total)

@@ -12,10 +12,13 @@ from types import SimpleNamespace
 from typing import Any
 
 from numba import types
+from numba.core import typed_passes, untyped_passes
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
+from numba.core.compiler_machinery import PassManager
 from numba.extending import models, register_model
 
+from . import vectors  # noqa: F401  (machine code of its own)
 from .progress import Progress
 
 
@@ -54,11 +57,30 @@ class _Part(JITCodeLibrary):
         self._finalized = True
 
 
+_UNTYPED = (
+    *("TranslateByteCode", "FixupArgs", "IRProcessing", "RewriteSemanticConstants", "DeadBranchPrune"),
+    *("GenericRewrites", "ReconstructSSA"),
+)
+_TYPED = (
+    *("NopythonTypeInference", "PreLowerStripPhis", "NoPythonSupportedFeatureValidation", "IRLegalization"),
+    *("NativeLowering", "NoPythonBackend"),
+)
+
+
 class PartCompiler(Compiler):
     """Numba's compiler, but that what it compiles is a part."""
 
     def __init__(self, typing: Any, target: Any, library: Any, *rest: Any) -> None:
         super().__init__(typing, target, library or _Part(target.codegen(), "part"), *rest)
+
+    def define_pipelines(self) -> list[Any]:
+        """Numba's passes without those for what no law has: closures, `with`, raises, literals that are unrolled."""
+        passes = PassManager("part")
+        for module, names in ((untyped_passes, _UNTYPED), (typed_passes, _TYPED)):
+            for name in names:
+                passes.add_pass(getattr(module, name), name)
+        passes.finalize()
+        return [passes]
 
     def compile_extra(self, func: Any) -> Any:
         """Numba's result for `func`."""

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from .faults import axis_fault
 from .jit import compiled
 from .record import Record, record
-from .states import LIMIT_CYCLE, VOLTAGE
+from .states import VOLTAGE
 
 SWING = record(("end", "i8"), ("times", "i8"), ("first_cycle", "i8"))
 """What went from one end of its range to the other: where it was last (-1, 1; 0: none yet), how often, since when."""
@@ -42,7 +41,7 @@ def swings(limits: Record, w: Record, cycle: int, end: int) -> bool:
 
 
 @compiled
-def watch_swing(p: Record, s: Record, i: int, active: bool) -> None:
+def watch_swing(p: Record, s: Record, i: int, active: bool) -> bool:
     """Limit cycle: voltage or set-point, the gauge or the stage goes from end to end. No configuration allows that.
 
     In open loop the voltage is what was asked for; what it does to the sensors counts there too. Nor does any allow
@@ -53,18 +52,25 @@ def watch_swing(p: Record, s: Record, i: int, active: bool) -> None:
     if not active:
         w["driven_swing"]["end"] = w["strain_swing"]["end"] = w["stage_swing"]["end"] = 0
         w["driven_swing"]["times"] = w["strain_swing"]["times"] = w["stage_swing"]["times"] = 0
+        return False
     up = a["voltage_V"] >= limiter["high_V"] or a["setpoint_um"] >= axis["setpoint_high_um"]
     down = a["voltage_V"] <= limiter["low_V"] or a["setpoint_um"] <= axis["setpoint_low_um"]
-    since, found = cycle, False
-    if active and axis["mode"] != VOLTAGE and swings(limits, w["driven_swing"], cycle, int(up) - int(down)):
-        since, found = w["driven_swing"]["first_cycle"], True
-    strain_end = sensor_end(a["strain"], axis["strain_range_um"])
-    if active and axis["strain"] >= 0 and swings(limits, w["strain_swing"], cycle, strain_end):
-        since, found = w["strain_swing"]["first_cycle"], True
-    stage_end = sensor_end(a["stage"], axis["stage_range_um"])
-    if active and axis["stage"] >= 0 and swings(limits, w["stage_swing"], cycle, stage_end):
-        since, found = w["stage_swing"]["first_cycle"], True
-    if active and a["relapses"] >= limits["swings"]:
-        since, found = a["relapsed_cycle"], True
-    lasted_s = (cycle - since) * p["period_ns"] * 1e-9
-    axis_fault(p, s, i, LIMIT_CYCLE, found, lasted_s, float(limits["swings"]))
+    found = axis["mode"] != VOLTAGE and swings(limits, w["driven_swing"], cycle, int(up) - int(down))
+    if axis["strain"] >= 0:
+        found |= swings(limits, w["strain_swing"], cycle, sensor_end(a["strain"], axis["strain_range_um"]))
+    if axis["stage"] >= 0:
+        found |= swings(limits, w["stage_swing"], cycle, sensor_end(a["stage"], axis["stage_range_um"]))
+    return found or a["relapses"] >= limits["swings"]
+
+
+@compiled
+def swings_for(axis: Record, a: Record, cycle: int) -> int:
+    """Cycles for which there has been a limit cycle, by the last of those that have been found."""
+    w, most, since = a["watch"], axis["watch"]["swings"], cycle
+    if axis["mode"] != VOLTAGE and w["driven_swing"]["times"] >= most:
+        since = w["driven_swing"]["first_cycle"]
+    if axis["strain"] >= 0 and w["strain_swing"]["times"] >= most:
+        since = w["strain_swing"]["first_cycle"]
+    if axis["stage"] >= 0 and w["stage_swing"]["times"] >= most:
+        since = w["stage_swing"]["first_cycle"]
+    return cycle - (a["relapsed_cycle"] if a["relapses"] >= most else since)

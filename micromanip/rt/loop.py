@@ -14,6 +14,7 @@ from numba import types
 
 from micromanip.rt.laws.coordinate_transform import derive_signals
 
+from . import mailbox
 from .cell import cell_cycle, watch_drivers
 from .clock import now_ns, wait_until
 from .exchange import exchange_all
@@ -21,30 +22,6 @@ from .faults import cell_fault
 from .histogram import count
 from .intrinsics import load_acquire, store_release
 from .jit import compiled
-from .mailbox import (
-    CANDIDATE,
-    CANDIDATE_NUMBER,
-    COMMAND,
-    COMMAND_ACCEPTED,
-    COMMAND_DONE,
-    COMMAND_NUMBER,
-    COMPUTE_MAX_NS,
-    CYCLE,
-    CYCLES_RUN,
-    FAULT_CODE,
-    HEARTBEAT_NS,
-    LATENESS_MAX_NS,
-    RING_HEAD,
-    SHADOW,
-    SLOT,
-    SNAPSHOT_DONE,
-    SNAPSHOT_NUMBER,
-    STATE,
-    TRIPS,
-    VERSION,
-    VERSION_ACTIVE,
-)
-from .mailbox import OVERRUNS as OVERRUNS_WORD
 from .shadow import end_trial, shadow_cycle, start_shadow, takes_back
 from .signatures import DRIVERS, OUTPUTS, PARAMETERS, ROWS, SAMPLES, SIGNALS, STATES, WORDS
 from .states import HOST_DEAD, NO_COMMAND, OFF, OVERRUNS, PROMOTE
@@ -82,13 +59,13 @@ def supervise(p: Any, s: Any, heartbeat_ns: int, now: int, missed: int) -> None:
 @compiled
 def publish(words: Any, s: Any) -> None:
     """Tell the host where the loop is."""
-    store_release(words, STATE, s["state"])
-    store_release(words, FAULT_CODE, s["fault"])
-    store_release(words, TRIPS, s["trips"])
-    store_release(words, OVERRUNS_WORD, s["overruns"])
-    store_release(words, SHADOW, s["shadow"])
-    store_release(words, VERSION_ACTIVE, s["version"])
-    store_release(words, CYCLE, s["cycle"])
+    store_release(words, mailbox.STATE, s["state"])
+    store_release(words, mailbox.FAULT_CODE, s["fault"])
+    store_release(words, mailbox.TRIPS, s["trips"])
+    store_release(words, mailbox.OVERRUNS, s["overruns"])
+    store_release(words, mailbox.SHADOW, s["shadow"])
+    store_release(words, mailbox.VERSION_ACTIVE, s["version"])
+    store_release(words, mailbox.CYCLE, s["cycle"])
 
 
 @compiled.entry(
@@ -122,7 +99,7 @@ def run_loop(
     `steering_ns` has one, by which the next deadline is to come later: a driver's, written in ``exchange``, or 0.
     """
     s = states[0]
-    p = parameters[load_acquire(control, SLOT)]
+    p = parameters[load_acquire(control, mailbox.SLOT)]
     before, candidate, shadow = p, p, shadows[0]
     candidate_number = 0
     taken = s["version"] = p["version"]
@@ -136,22 +113,22 @@ def run_loop(
         periods = 1 + missed
 
         code = exchange_all(drivers, driver_count, outputs, signals, deadline, periods)
-        version = load_acquire(control, VERSION)
+        version = load_acquire(control, mailbox.VERSION)
         if version != taken:
             taken = version
-            new = parameters[load_acquire(control, SLOT)]
+            new = parameters[load_acquire(control, mailbox.SLOT)]
             swap_cell(p, new, s)
             end_trial(s)
             p = new
-        number = load_acquire(control, CANDIDATE_NUMBER)
+        number = load_acquire(control, mailbox.CANDIDATE_NUMBER)
         if number != candidate_number:
             candidate_number = number
-            candidate = parameters[load_acquire(control, CANDIDATE)]
+            candidate = parameters[load_acquire(control, mailbox.CANDIDATE)]
             start_shadow(p, candidate, s, shadow)
-        command, number = NO_COMMAND, load_acquire(control, COMMAND_NUMBER)
-        if number != status[COMMAND_DONE]:
-            command = load_acquire(control, COMMAND)
-        supervise(p, s, load_acquire(control, HEARTBEAT_NS), now, missed)
+        command, number = NO_COMMAND, load_acquire(control, mailbox.COMMAND_NUMBER)
+        if number != status[mailbox.COMMAND_DONE]:
+            command = load_acquire(control, mailbox.COMMAND)
+        supervise(p, s, load_acquire(control, mailbox.HEARTBEAT_NS), now, missed)
         watch_drivers(p, s, code)
         see_waiting(p, s, outputs)
         derive_signals(p, s, signals)
@@ -164,22 +141,22 @@ def run_loop(
             p = before
         shadow_cycle(p, candidate, s, shadow, samples, deadline)
 
-        head = ring[RING_HEAD]
+        head = ring[mailbox.RING_HEAD]
         write_row(p, s, signals, rows[head % len(rows)], deadline, late, compute_ns, periods)
-        store_release(ring, RING_HEAD, head + 1)
+        store_release(ring, mailbox.RING_HEAD, head + 1)
         publish(status, s)
-        if number != status[COMMAND_DONE]:
-            store_release(status, COMMAND_ACCEPTED, 1 if accepted else 0)
-            store_release(status, COMMAND_DONE, number)
-        wanted = load_acquire(control, SNAPSHOT_NUMBER)
-        if wanted != status[SNAPSHOT_DONE]:
+        if number != status[mailbox.COMMAND_DONE]:
+            store_release(status, mailbox.COMMAND_ACCEPTED, 1 if accepted else 0)
+            store_release(status, mailbox.COMMAND_DONE, number)
+        wanted = load_acquire(control, mailbox.SNAPSHOT_NUMBER)
+        if wanted != status[mailbox.SNAPSHOT_DONE]:
             snapshots[0] = s
-            store_release(status, SNAPSHOT_DONE, wanted)
+            store_release(status, mailbox.SNAPSHOT_DONE, wanted)
         count(lateness, late)
-        status[LATENESS_MAX_NS] = max(status[LATENESS_MAX_NS], late)
+        status[mailbox.LATENESS_MAX_NS] = max(status[mailbox.LATENESS_MAX_NS], late)
         compute_ns = now_ns(timespec) - now
         count(compute, compute_ns)
-        status[COMPUTE_MAX_NS] = max(status[COMPUTE_MAX_NS], compute_ns)
-        status[CYCLES_RUN] += 1
+        status[mailbox.COMPUTE_MAX_NS] = max(status[mailbox.COMPUTE_MAX_NS], compute_ns)
+        status[mailbox.CYCLES_RUN] += 1
         most_ns = p["period_ns"] // STEERED_SHARE
         deadline += p["period_ns"] + min(max(steering_ns[0], -most_ns), most_ns)

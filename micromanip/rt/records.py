@@ -1,7 +1,8 @@
 """What the loop reads and writes, put together of the laws' own records: process image, axis, cell.
 
 Parameters and state of a law stand beside the law, in ``laws/``; those of what is watched, checked and scored, events
-and the telemetry row likewise beside what fills them. How a record is laid out, and its units: ``record.py``.
+and the telemetry row likewise beside what fills them. How a record is laid out, and its units: ``record.py``. What each
+cycle reads and writes lies together, what is large or seldom needed behind it: a cold cache costs more than the laws.
 """
 
 from __future__ import annotations
@@ -66,40 +67,21 @@ AXIS_PARAMETERS = record(
     ("authority_step", "f8"),
     ("blend_decay", "f8"),
     ("feedback", "i8"),
-    ("hysteresis", HYSTERESIS_PARAMETERS),
+    ("limiter", LIMITER_PARAMETERS),
     ("pid", PID_PARAMETERS),
     ("fallback", PID_PARAMETERS),
-    ("outer", OUTER_PARAMETERS),
+    ("watch", WATCH_PARAMETERS),
     ("reference", REFERENCE_PARAMETERS),
-    ("limiter", LIMITER_PARAMETERS),
-    ("excitation", EXCITATION_PARAMETERS),
     ("learned", LEARNED_PARAMETERS),
     ("decoupling", DECOUPLING_PARAMETERS),
     ("move", MOVE_PARAMETERS),
-    ("watch", WATCH_PARAMETERS),
     ("strain_check", CHECK_PARAMETERS),
     ("stage_check", CHECK_PARAMETERS),
+    ("excitation", EXCITATION_PARAMETERS),
+    ("hysteresis", HYSTERESIS_PARAMETERS),
+    ("outer", OUTER_PARAMETERS),
 )
 AXIS_STATE = record(
-    ("strain", SENSOR_STATE),
-    ("stage", SENSOR_STATE),
-    ("deviation", SENSOR_STATE),
-    ("amplifier_ok", SENSOR_STATE),
-    ("temperature_ok", SENSOR_STATE),
-    ("watch", WATCH_STATE),
-    ("figures", FIGURES),
-    ("strain_check", CHECK_STATE),
-    ("stage_check", CHECK_STATE),
-    ("hysteresis", HYSTERESIS_STATE),
-    ("pid", PID_STATE),
-    ("estimator", ESTIMATOR_STATE),
-    ("reference", REFERENCE_STATE),
-    ("excitation", EXCITATION_STATE),
-    ("learned", LEARNED_STATE),
-    ("decoupling", DECOUPLING_STATE),
-    ("move", MOVE_STATE),
-    ("setpoints", "f8", (INPUT_HISTORY,)),
-    ("references", "f8", (INPUT_HISTORY,)),
     ("wanted_cycle", "i8"),
     ("strain_error_um", "f8"),
     ("stage_error_um", "f8"),
@@ -133,6 +115,25 @@ AXIS_STATE = record(
     ("error_squares", "f8"),
     ("error_max", "f8"),
     ("uncompensated_squares", "f8"),
+    ("strain", SENSOR_STATE),
+    ("stage", SENSOR_STATE),
+    ("deviation", SENSOR_STATE),
+    ("pid", PID_STATE),
+    ("watch", WATCH_STATE),
+    ("reference", REFERENCE_STATE),
+    ("figures", FIGURES),
+    ("learned", LEARNED_STATE),
+    ("decoupling", DECOUPLING_STATE),
+    ("move", MOVE_STATE),
+    ("hysteresis", HYSTERESIS_STATE),
+    ("estimator", ESTIMATOR_STATE),
+    ("setpoints", "f8", (INPUT_HISTORY,)),
+    ("references", "f8", (INPUT_HISTORY,)),
+    ("amplifier_ok", SENSOR_STATE),
+    ("temperature_ok", SENSOR_STATE),
+    ("strain_check", CHECK_STATE),
+    ("stage_check", CHECK_STATE),
+    ("excitation", EXCITATION_STATE),
 )
 
 CELL_PARAMETERS = record(
@@ -200,7 +201,6 @@ CELL_STATE = record(
     ("trips", "i8"),
     ("raised", "i8"),
     ("events", "i8"),
-    ("event", EVENT, (EVENTS,)),
     ("refused", "i8"),
     ("link_down", "i8"),
     ("outputs_taken", "i8"),
@@ -227,6 +227,7 @@ CELL_STATE = record(
     ("trial_before", "f8", (MAX_AXES,)),
     ("trial_now", "f8", (MAX_AXES,)),
     ("axis", AXIS_STATE, (MAX_AXES,)),
+    ("event", EVENT, (EVENTS,)),
 )
 
 DRIVER = record(

@@ -1,8 +1,9 @@
 """What is watched on each axis while it is controlled: sensors, errors, voltage, oscillation, reference, amplifier.
 
 Each detection is a condition with a time: it must last for so many consecutive cycles, or hold for a mean over that
-time. What is noticed goes to ``faults.py``. At rest nothing is watched: a sensor may be unplugged then,
-and arming is refused until it is back.
+time. All conditions of an axis are one word, a bit each. Only where it changes are they looked at one by one, in the
+order of `WATCHED`, and go to ``faults.py``. At rest nothing is watched: a sensor may be unplugged then, and arming is
+refused until it is back.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from micromanip.rt.laws.tooth import FOLLOWS, tooth_Hz
 
 from .faults import axis_fault, warn
 from .jit import compiled
-from .limit_cycle import SWING, watch_swing
+from .limit_cycle import SWING, swings_for, watch_swing
 from .phases import CHECKING_STAGE, CLOSED, LIFTING, SWEEPING
 from .record import Record, record
 from .second_order import SECTION, SECTION_STATE, section_output, start_section
@@ -29,6 +30,7 @@ from .states import (
     FAULTS,
     FOLLOWING_ERROR,
     HOLDS,
+    LIMIT_CYCLE,
     OSCILLATION,
     OUTRUN,
     OVER_TEMPERATURE,
@@ -96,6 +98,24 @@ WATCH_STATE = record(
     ("stage_swing", SWING),
 )
 
+WATCHED = (
+    *(
+        COASTING,
+        STRAIN_SILENT,
+        STRAIN_INVALID,
+        STRAIN_STUCK,
+        DEGRADED,
+        STAGE_INVALID,
+        STAGE_STUCK,
+        DISAGREEMENT,
+        TOOTH_LOST,
+    ),
+    *(FOLLOWING_ERROR, SATURATING, SATURATED, FALLBACK, OSCILLATION, OUTRUN, LIMIT_CYCLE, REFERENCE_STALE),
+    *(REFERENCE_LOST, AMPLIFIER_FAULT, DERATED, OVER_TEMPERATURE),
+)
+"""What is noticed in one cycle is told in this order."""
+_WATCHED_BITS = sum(1 << code for code in WATCHED)
+
 
 @compiled
 def lasting(count: int, active: bool) -> int:
@@ -104,24 +124,28 @@ def lasting(count: int, active: bool) -> int:
 
 
 @compiled
-def watch_strain(p: Record, s: Record, i: int, active: bool) -> None:
+def condition(code: int, active: bool) -> int:
+    """The bit of a condition that stands."""
+    return int(active) << code
+
+
+@compiled
+def watch_strain(p: Record, s: Record, i: int, active: bool) -> int:
     """Strain gauge silent, unusable or stuck: on the feedforward alone for a few ms; then the fault."""
     limits, a = p["axis"][i]["watch"], s["axis"][i]
     w, sensor = a["watch"], a["strain"]
     bad = active and sensor["bad"] >= limits["strain_samples"]
     stuck = active and sensor["identical"] >= limits["strain_identical"]
-    w["coast"] = lasting(w["coast"], bad or stuck)
-    over = w["coast"] > limits["coast_cycles"]
-    lost = float(sensor["bad"] if bad else sensor["identical"])
-    warn(s, i, COASTING, w["coast"] > 0, lost, float(limits["strain_samples"]))
+    coast = lasting(w["coast"], bad or stuck)
+    w["coast"], over = coast, coast > limits["coast_cycles"]
     silent = is_silent(sensor, p["axis"][i]["strain_age_ns"])
-    axis_fault(p, s, i, STRAIN_SILENT, over and bad and silent, lost, float(limits["strain_samples"]))
-    axis_fault(p, s, i, STRAIN_INVALID, over and bad and not silent, lost, float(limits["strain_samples"]))
-    axis_fault(p, s, i, STRAIN_STUCK, over and stuck, lost, float(limits["strain_identical"]))
+    found = condition(COASTING, coast > 0) | condition(STRAIN_STUCK, over and stuck)
+    found |= condition(STRAIN_SILENT, over and bad and silent)
+    return found | condition(STRAIN_INVALID, over and bad and not silent)
 
 
 @compiled
-def watch_stage(p: Record, s: Record, i: int, active: bool) -> None:
+def watch_stage(p: Record, s: Record, i: int, active: bool) -> int:
     """Capacitive sensor unusable or stuck: on the model's prediction for a while (degraded), then the fault.
 
     When it is back in time the outer loop goes on at once, by calm gains where its demand is far away (``outrun.py``).
@@ -130,16 +154,14 @@ def watch_stage(p: Record, s: Record, i: int, active: bool) -> None:
     w, sensor = a["watch"], a["stage"]
     bad = active and sensor["bad"] >= limits["stage_samples"]
     stuck = active and sensor["identical"] >= limits["stage_identical"]
-    w["degraded"] = lasting(w["degraded"], bad or stuck)
-    over = w["degraded"] > limits["degraded_cycles"]
-    lost = float(sensor["bad"] if bad else sensor["identical"])
-    warn(s, i, DEGRADED, w["degraded"] > 0, lost, float(limits["stage_samples"]))
-    axis_fault(p, s, i, STAGE_INVALID, over and bad, lost, float(limits["stage_samples"]))
-    axis_fault(p, s, i, STAGE_STUCK, over and stuck, lost, float(limits["stage_identical"]))
+    degraded = lasting(w["degraded"], bad or stuck)
+    w["degraded"], over = degraded, degraded > limits["degraded_cycles"]
+    found = condition(DEGRADED, degraded > 0)
+    return found | condition(STAGE_INVALID, over and bad) | condition(STAGE_STUCK, over and stuck)
 
 
 @compiled
-def watch_innovation(p: Record, s: Record, i: int, active: bool) -> None:
+def watch_innovation(p: Record, s: Record, i: int, active: bool) -> int:
     """Gauge and capacitive sensor disagree: mean square innovation, in units of its variance, over a short time.
 
     Nobody knows which of the two is wrong: a hold keeps the voltage, not the set-point.
@@ -154,18 +176,14 @@ def watch_innovation(p: Record, s: Record, i: int, active: bool) -> None:
     disagree = active and w["innovation"] > limits["innovation_ratio"]
     if disagree and limits["reaction"][DISAGREEMENT] == HOLDS:
         a["frozen"] = 1
-    axis_fault(p, s, i, DISAGREEMENT, disagree, w["innovation"], limits["innovation_ratio"])
+    return condition(DISAGREEMENT, disagree)
 
 
 @compiled
-def watch_tooth(p: Record, s: Record, i: int, active: bool) -> None:
+def watch_tooth(p: Record, s: Record, i: int, active: bool) -> int:
     """The tooth's frequency is not the configured one, nor near it, or its observer makes the estimate worse."""
-    axis, estimator = p["axis"][i], s["axis"][i]["estimator"]
-    outer, per_ns = axis["outer"], axis["cycles_per_ns"]
-    lost = active and outer["tooth"] > 0 and estimator["given_up"] != FOLLOWS
-    if lost or s["axis"][i]["watch"]["raised"] & (1 << TOOTH_LOST) != 0:
-        said_Hz = outer["tooth_turn"] * per_ns * 1e9 / (2.0 * math.pi)
-        warn(s, i, TOOTH_LOST, lost, tooth_Hz(outer, estimator, per_ns), said_Hz)
+    lost = active and p["axis"][i]["outer"]["tooth"] > 0 and s["axis"][i]["estimator"]["given_up"] != FOLLOWS
+    return condition(TOOTH_LOST, lost)
 
 
 @compiled
@@ -175,32 +193,36 @@ def following_error(p: Record, a: Record) -> float:
 
 
 @compiled
-def watch_following(p: Record, s: Record, i: int, active: bool) -> None:
+def watch_following(p: Record, s: Record, i: int, active: bool) -> int:
     """Following error above its limit for some cycles; unknown while its sensor is unusable."""
     limits, a = p["axis"][i]["watch"], s["axis"][i]
     w = a["watch"]
     known = active and w["degraded"] == 0 and w["coast"] == 0
-    error_um = abs(following_error(p["axis"][i], a))
-    w["following"] = lasting(w["following"], known and error_um > limits["following_um"])
-    over = w["following"] >= limits["following_cycles"]
-    axis_fault(p, s, i, FOLLOWING_ERROR, over, error_um, limits["following_um"])
+    following = lasting(w["following"], known and abs(following_error(p["axis"][i], a)) > limits["following_um"])
+    w["following"] = following
+    return condition(FOLLOWING_ERROR, following >= limits["following_cycles"])
 
 
 @compiled
-def watch_voltage(p: Record, s: Record, i: int, active: bool) -> None:
+def watch_voltage(p: Record, s: Record, i: int, active: bool) -> int:
     """Voltage at an end of its range: reported after a short time, a fault after a long one."""
     limits, limiter, a = p["axis"][i]["watch"], p["axis"][i]["limiter"], s["axis"][i]
     w = a["watch"]
     at_end = active and (a["request_V"] > limiter["high_V"] or a["request_V"] < limiter["low_V"])
-    w["saturated"] = lasting(w["saturated"], at_end)
-    cycles = float(w["saturated"])
-    warn(s, i, SATURATING, cycles >= limits["saturating_cycles"], a["voltage_V"], float(limits["saturating_cycles"]))
-    over = w["saturated"] >= limits["saturated_cycles"]
-    axis_fault(p, s, i, SATURATED, over, a["voltage_V"], float(limits["saturated_cycles"]))
+    cycles = lasting(w["saturated"], at_end)
+    w["saturated"] = cycles
+    found = condition(SATURATING, cycles >= limits["saturating_cycles"])
+    return found | condition(SATURATED, cycles >= limits["saturated_cycles"])
 
 
 @compiled
-def watch_oscillation(p: Record, s: Record, i: int, active: bool) -> None:
+def swing_um(w: Record) -> float:
+    """The rms (um) of what swings in the band."""
+    return math.sqrt(max(0.0, w["band_energy"]))
+
+
+@compiled
+def watch_oscillation(p: Record, s: Record, i: int, active: bool) -> int:
     """The inner loop swings: energy of its error in the band where it would. First the fallback gains, once.
 
     Without the tooth's frequency, whose cancelling asks much of the loop, and only what is more than the set-point's
@@ -221,36 +243,32 @@ def watch_oscillation(p: Record, s: Record, i: int, active: bool) -> None:
         asked_um = section_output(limits["band_pass"], w["asked_band"], a["setpoint_um"])
         asked_um = section_output(limits["tooth_notch"], w["asked_notch"], asked_um)
         w["band_energy"] += limits["band_step"] * (error_um * error_um - asked_um * asked_um - w["band_energy"])
-    rms_um = math.sqrt(max(0.0, w["band_energy"]))
-    w["band_cycles"] = lasting(w["band_cycles"], rms_um > limits["band_um"])
+    w["band_cycles"] = lasting(w["band_cycles"], swing_um(w) > limits["band_um"])
     swings = w["band_cycles"] >= limits["band_cycles"]
     if swings and w["fallback"] == 0:
         w["fallback"], w["band_cycles"] = 1, 0
         swings = False
-    warn(s, i, FALLBACK, w["fallback"] != 0, rms_um, limits["band_um"])
-    axis_fault(p, s, i, OSCILLATION, swings, rms_um, limits["band_um"])
+    return condition(FALLBACK, w["fallback"] != 0) | condition(OSCILLATION, swings)
 
 
 @compiled
-def watch_reference(p: Record, s: Record, i: int, active: bool) -> None:
+def watch_reference(p: Record, s: Record, i: int, active: bool) -> int:
     """No usable sample of the reference signal: extrapolated for a while, then the hold that decays to 0."""
     limits, silent = p["axis"][i]["watch"], s["axis"][i]["reference"]["silent"]
     follows = active and p["axis"][i]["reference"]["kind"] == SIGNAL
-    stale = follows and silent >= limits["stale_cycles"]
-    lost = follows and silent >= limits["lost_cycles"]
-    warn(s, i, REFERENCE_STALE, stale, float(silent), float(limits["stale_cycles"]))
-    axis_fault(p, s, i, REFERENCE_LOST, lost, float(silent), float(limits["lost_cycles"]))
+    stale = condition(REFERENCE_STALE, follows and silent >= limits["stale_cycles"])
+    return stale | condition(REFERENCE_LOST, follows and silent >= limits["lost_cycles"])
 
 
 @compiled
-def watch_amplifier(p: Record, s: Record, i: int, active: bool) -> None:
+def watch_amplifier(p: Record, s: Record, i: int, active: bool) -> int:
     """Status signals of the amplifier; one that is hot gets less to do before the fault."""
     axis, a = p["axis"][i], s["axis"][i]
     limits, w = axis["watch"], a["watch"]
-    axis_fault(p, s, i, AMPLIFIER_FAULT, active and is_missing(axis["amplifier_ok"], a["amplifier_ok"]), 0.0, 1.0)
-    w["hot"] = lasting(w["hot"], active and is_missing(axis["temperature_ok"], a["temperature_ok"]))
-    warn(s, i, DERATED, w["hot"] > 0, 100.0 * limits["derate"], 100.0)
-    axis_fault(p, s, i, OVER_TEMPERATURE, w["hot"] > limits["hot_cycles"], float(w["hot"]), float(limits["hot_cycles"]))
+    hot = lasting(w["hot"], active and is_missing(axis["temperature_ok"], a["temperature_ok"]))
+    w["hot"] = hot
+    found = condition(AMPLIFIER_FAULT, active and is_missing(axis["amplifier_ok"], a["amplifier_ok"]))
+    return found | condition(DERATED, hot > 0) | condition(OVER_TEMPERATURE, hot > limits["hot_cycles"])
 
 
 @compiled
@@ -268,14 +286,65 @@ def watch_axis(p: Record, s: Record, i: int, moving: bool, enabled: bool) -> Non
     inner = driven and axis["mode"] != VOLTAGE
     outer = moving and axis["mode"] == STAGE and phase == CLOSED
     tracking = moving and s["state"] == TRACKING
-    watch_strain(p, s, i, inner or (driven and is_excited(axis, s["axis"][i])))
-    watch_stage(p, s, i, outer)
-    watch_innovation(p, s, i, outer)
-    watch_tooth(p, s, i, outer)
-    watch_following(p, s, i, tracking and axis["mode"] != VOLTAGE)
-    watch_voltage(p, s, i, inner)
-    watch_oscillation(p, s, i, inner and axis["feedback"] != 0)
-    warn(s, i, OUTRUN, outer and s["axis"][i]["far"] > 0, 0.0, 0.0)
-    watch_swing(p, s, i, driven)
-    watch_reference(p, s, i, tracking)
-    watch_amplifier(p, s, i, enabled)
+    found = watch_strain(p, s, i, inner or (driven and is_excited(axis, s["axis"][i])))
+    found |= watch_stage(p, s, i, outer)
+    found |= watch_innovation(p, s, i, outer)
+    found |= watch_tooth(p, s, i, outer)
+    found |= watch_following(p, s, i, tracking and axis["mode"] != VOLTAGE)
+    found |= watch_voltage(p, s, i, inner)
+    found |= watch_oscillation(p, s, i, inner and axis["feedback"] != 0)
+    found |= condition(OUTRUN, outer and s["axis"][i]["far"] > 0)
+    found |= condition(LIMIT_CYCLE, watch_swing(p, s, i, driven))
+    found |= watch_reference(p, s, i, tracking)
+    found |= watch_amplifier(p, s, i, enabled)
+    if (found ^ s["axis"][i]["watch"]["raised"]) & _WATCHED_BITS != 0:
+        tell_changes(p, s, i, found)
+
+
+@compiled.rare
+def tell_changes(p: Record, s: Record, i: int, found: int) -> None:
+    """Tell of each condition that begins on axis `i`, of those that stand by now."""
+    for code in WATCHED:
+        active = found >> code & 1 != 0
+        value, limit = measured(p, s, i, code)
+        if code >= FAULTS:
+            warn(s, i, code, active, value, limit)
+        else:
+            axis_fault(p, s, i, code, active, value, limit)
+
+
+@compiled
+def measured(p: Record, s: Record, i: int, code: int) -> tuple[float, float]:
+    """What was measured for a condition of axis `i`, and its limit."""
+    axis, a = p["axis"][i], s["axis"][i]
+    limits, w = axis["watch"], a["watch"]
+    if code in (COASTING, STRAIN_SILENT, STRAIN_INVALID, STRAIN_STUCK):
+        sensor, samples, identical = a["strain"], limits["strain_samples"], limits["strain_identical"]
+        lost = sensor["bad"] if sensor["bad"] >= samples else sensor["identical"]
+        return float(lost), float(identical if code == STRAIN_STUCK else samples)
+    if code in (DEGRADED, STAGE_INVALID, STAGE_STUCK):
+        sensor, samples, identical = a["stage"], limits["stage_samples"], limits["stage_identical"]
+        lost = sensor["bad"] if sensor["bad"] >= samples else sensor["identical"]
+        return float(lost), float(identical if code == STAGE_STUCK else samples)
+    if code == DISAGREEMENT:
+        return w["innovation"], limits["innovation_ratio"]
+    if code == TOOTH_LOST:
+        outer, per_ns = axis["outer"], axis["cycles_per_ns"]
+        return tooth_Hz(outer, a["estimator"], per_ns), outer["tooth_turn"] * per_ns * 1e9 / (2.0 * math.pi)
+    if code == FOLLOWING_ERROR:
+        return abs(following_error(axis, a)), limits["following_um"]
+    if code in (SATURATING, SATURATED):
+        cycles = limits["saturating_cycles"] if code == SATURATING else limits["saturated_cycles"]
+        return a["voltage_V"], float(cycles)
+    if code in (FALLBACK, OSCILLATION):
+        return swing_um(w), limits["band_um"]
+    if code == LIMIT_CYCLE:
+        return swings_for(axis, a, s["cycle"]) * p["period_ns"] * 1e-9, float(limits["swings"])
+    if code in (REFERENCE_STALE, REFERENCE_LOST):
+        cycles = limits["stale_cycles"] if code == REFERENCE_STALE else limits["lost_cycles"]
+        return float(a["reference"]["silent"]), float(cycles)
+    if code == DERATED:
+        return 100.0 * limits["derate"], 100.0
+    if code == OVER_TEMPERATURE:
+        return float(w["hot"]), float(limits["hot_cycles"])
+    return 0.0, 1.0 if code == AMPLIFIER_FAULT else 0.0

@@ -34,14 +34,13 @@ def energies(cell, error_um, setpoint_um):
     found = np.zeros(len(error_um))
     for k, (error, setpoint) in enumerate(zip(error_um, setpoint_um, strict=True)):
         a["strain_error_um"], a["setpoint_um"] = error, setpoint
-        watch_oscillation(p, s, Y, True)
+        cell.noticed = watch_oscillation(p, s, Y, True)
         found[k] = a["watch"]["band_energy"]
     return found
 
 
 def raised(cell):
-    codes = cell.s["axis"][Y]["watch"]["raised"]
-    return [code for code in (FALLBACK, OSCILLATION) if codes & (1 << code)]
+    return [code for code in (FALLBACK, OSCILLATION) if cell.noticed & (1 << code)]
 
 
 def sine(frequency_Hz, amplitude):

@@ -28,11 +28,12 @@ from typing import Any
 
 from micromanip.rt.jit import compiled
 from micromanip.rt.record import Field, Record, record
+from micromanip.rt.sums import ROWS_AT_ONCE, advance_model, weighted
 
 from .tooth import FOLLOWS, TOOTH, TOOTH_STATE, follow_tooth, forget_tooth, start_tooth, turn_on
 
-MAX_STATES = 32
-"""A multiple of 4; a model behind a slow bus has a state for each cycle of its delay."""
+MAX_STATES = 2 * ROWS_AT_ONCE
+"""A model behind a slow bus has a state for each cycle of its delay."""
 GAPS = 64
 """Cycles between two samples up to which each number of them has a gain of its own; that of the last serves more."""
 INPUT_HISTORY = 256
@@ -40,36 +41,40 @@ INPUT_HISTORY = 256
 
 MODEL: tuple[Field, ...] = (
     ("states", "i8"),
-    ("a_columns", "f8", (MAX_STATES, MAX_STATES)),
-    ("b", "f8", (MAX_STATES,)),
-    ("c", "f8", (MAX_STATES,)),
-    ("gains", "f8", (GAPS, MAX_STATES)),
-    ("steady_u", "f8", (MAX_STATES,)),
-    ("steady_y", "f8", (MAX_STATES,)),
     ("slow", "i8"),
     ("innovation_um", "f8"),
     ("repeated_um", "f8"),
     ("gap_cycles", "i8"),
     *TOOTH,
-    ("plain", "f8", (GAPS, MAX_STATES)),
+    ("b", "f8", (MAX_STATES,)),
+    ("c", "f8", (MAX_STATES,)),
 )
-"""Parameters: the model and the filter's gains, by the cycles since the sample before, less one;
+"""Parameters: the model and what its filter believes;
 ``slow``: the first of the states that are disturbances; ``innovation_um``: how large an innovation may be at once,
 ``repeated_um`` of a reading that is the same for the third time; ``gap_cycles``: samples further apart than that leave
 the estimate uncertain."""
+MATRICES: tuple[Field, ...] = (
+    ("a_columns", "f8", (MAX_STATES, MAX_STATES)),
+    ("gains", "f8", (GAPS, MAX_STATES)),
+    ("plain", "f8", (GAPS, MAX_STATES)),
+    ("steady_u", "f8", (MAX_STATES,)),
+    ("steady_y", "f8", (MAX_STATES,)),
+)
+"""What is large, and mostly padding or for rare gaps, behind what each cycle reads. Gains are by the cycles since the
+sample before, less one."""
 ESTIMATOR_STATE = record(
     ("filtered", "f8", (MAX_STATES,)),
     ("x", "f8", (MAX_STATES,)),
     ("scratch", "f8", (MAX_STATES,)),
     ("filtered_cycle", "i8"),
     ("cycle", "i8"),
-    ("history", "f8", (INPUT_HISTORY,)),
     ("innovation_um", "f8"),
     ("opened_um", "f8"),
     ("reading_um", "f8"),
     ("repeated", "i8"),
     ("running", "i8"),
     *TOOTH_STATE,
+    ("history", "f8", (INPUT_HISTORY,)),
 )
 
 _MASK = INPUT_HISTORY - 1
@@ -80,32 +85,14 @@ _REPEATED = 2
 
 @compiled
 def predict(p: Record, x: Any, scratch: Any, u: float) -> None:
-    """One cycle of the model: ``x <- A x + B u``.
-
-    Four states at a time over the padded length, their sums in registers: the compiler can't know that `scratch` lies
-    apart from `p`, and turns only sums that it need not store at each term into vector instructions. The padding is
-    zero and stays zero.
-    """
-    a, b = p["a_columns"], p["b"]
-    for i in range(0, p["states"], 4):
-        s0, s1, s2, s3 = b[i] * u, b[i + 1] * u, b[i + 2] * u, b[i + 3] * u
-        for j in range(p["states"]):
-            s0 += a[j, i] * x[j]
-            s1 += a[j, i + 1] * x[j]
-            s2 += a[j, i + 2] * x[j]
-            s3 += a[j, i + 3] * x[j]
-        scratch[i], scratch[i + 1], scratch[i + 2], scratch[i + 3] = s0, s1, s2, s3
-    for i in range(p["states"]):
-        x[i] = scratch[i]
+    """One cycle of the model: ``x <- A x + B u``."""
+    advance_model(p["a_columns"], p["b"], u, x, scratch, p["states"])
 
 
 @compiled
 def output(p: Record, x: Any) -> float:
     """``C x``: the sensor reading (um) that the estimate `x` expects."""
-    y = 0.0
-    for i in range(p["states"]):
-        y += p["c"][i] * x[i]
-    return y
+    return weighted(0.0, p["c"], x, p["states"])
 
 
 @compiled
@@ -195,20 +182,18 @@ def update(p: Record, s: Record, sample_cycle: int, y: float) -> bool:
     gap = passed > p["gap_cycles"]
     s["repeated"] = s["repeated"] + 1 if y == s["reading_um"] else 0
     s["reading_um"] = y
-    if sample_cycle == now:
-        for i in range(n):
-            s["filtered"][i] = s["x"][i]
-    else:
-        _advance(p, s, s["filtered"], s["filtered_cycle"], sample_cycle)
-    innovation = y - output(p, s["filtered"])
+    expected = s["x"]
+    if sample_cycle != now:
+        expected = s["filtered"]
+        _advance(p, s, expected, s["filtered_cycle"], sample_cycle)
+    innovation = y - output(p, expected)
     applied = believed(p, s, innovation)
     motion = innovation if gap else applied
     if tooth > 0:
-        o1, o2 = s["filtered"][tooth], s["filtered"][tooth + 1]
+        o1, o2 = expected[tooth], expected[tooth + 1]
         follow_tooth(p, s, o1, o2, gain[tooth] * applied, gain[tooth + 1] * applied, applied)
     for i in range(n):
-        s["filtered"][i] += gain[i] * (motion if i < p["slow"] else applied)
-        s["x"][i] = s["filtered"][i]
+        s["x"][i] = s["filtered"][i] = expected[i] + gain[i] * (motion if i < p["slow"] else applied)
     if p["tooth"] != tooth:
         forget_tooth(p, s["filtered"])
         forget_tooth(p, s["x"])

@@ -15,8 +15,9 @@ from typing import Any
 
 from micromanip.rt.jit import compiled
 from micromanip.rt.record import Record, record
+from micromanip.rt.sums import weighted
 
-from .estimator import MAX_STATES, MODEL
+from .estimator import MATRICES, MAX_STATES, MODEL
 from .reference import REFERENCE_STATES
 
 OUTER_PARAMETERS = record(
@@ -26,6 +27,7 @@ OUTER_PARAMETERS = record(
     ("reference", "f8", (REFERENCE_STATES,)),
     ("far_feedback", "f8", (MAX_STATES,)),
     ("far_reference", "f8", (REFERENCE_STATES,)),
+    *MATRICES,
 )
 """The estimator's model with K and G, per cycle, for near the path and far from it; G has `reference_states`."""
 
@@ -33,9 +35,5 @@ OUTER_PARAMETERS = record(
 @compiled
 def outer_setpoint(p: Record, feedback: Any, reference: Any, x: Any, w: Any) -> float:
     """Actuator set-point (um, relative to the working point) for estimate `x` and reference `w`, by gains of `p`."""
-    u = 0.0
-    for i in range(p["reference_states"]):
-        u += reference[i] * w[i]
-    for i in range(p["states"]):
-        u -= feedback[i] * x[i]
-    return u
+    u = weighted(0.0, reference, w, p["reference_states"])
+    return -weighted(-u, feedback, x, p["states"])

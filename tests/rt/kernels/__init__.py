@@ -105,6 +105,13 @@ def tooth_course(p: Any, s: Any, y: Any, every: int, turns: Any, innovations: An
 
 
 @compiled
+def sums_course(p: Any, x: Any, scratch: Any, u: float, y: Any) -> None:
+    """What a model's state shows, in `y`, and its next one."""
+    y[0] = output(p, x)
+    predict(p, x, scratch, u)
+
+
+@compiled
 def outer_course(
     p: Any, s: Any, plant: Any, exogenous: Any, w: Any, moved: Any, still: Any, period_s: float, out: Any
 ) -> None:

@@ -261,7 +261,8 @@ def is_excited(axis: Record, a: Record) -> bool:
 def watch_axis(p: Record, s: Record, i: int, moving: bool, enabled: bool) -> None:
     """Watch axis `i` by what it did in the cycle before: its loops while `moving`, its amplifier while `enabled`."""
     axis, phase = p["axis"][i], s["phase"]
-    driven = moving and (phase == CLOSED or phase in (LIFTING, CHECKING_STAGE, SWEEPING))
+    lifts = phase == LIFTING and s["axis"][i]["lifted"] != 0
+    driven = moving and (phase == CLOSED or lifts or phase in (CHECKING_STAGE, SWEEPING))
     inner = driven and axis["mode"] != VOLTAGE
     outer = moving and axis["mode"] == STAGE and phase == CLOSED
     tracking = moving and s["state"] == TRACKING

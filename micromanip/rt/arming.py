@@ -41,9 +41,11 @@ from .states import (
     VOLTAGE,
 )
 
-CHECK_PARAMETERS = record(("step", "f8"), ("low", "f8"), ("high", "f8"), ("slack", "f8"), ("lag_step", "f8"))
-"""Polarity and scale check: height of the step, and between what the answer to it must lie; by how much a gauge may
-stray during the lift, and the share of a voltage's change that it shows a cycle later."""
+CHECK_PARAMETERS = record(
+    ("step", "f8"), ("low", "f8"), ("high", "f8"), ("slack", "f8"), ("slack_cycles", "i8"), ("lag_step", "f8")
+)
+"""Polarity and scale check: height of the step, and between what the answer to it must lie; by how much, and how
+long, a gauge may stray during the lift, and the share of a voltage's change that it shows a cycle later."""
 CHECK_STATE = record(
     ("before", "f8"),
     ("after", "f8"),
@@ -57,7 +59,7 @@ CHECK_STATE = record(
 )
 """What a check gathers; its place among the axes that are checked in this arming (1 is the first, 0: it is not due);
 what it found last, and whether that was as expected and still counts. During the lift: the voltage that the gauge shows
-at least, and how many of its samples in a row do not fit."""
+at least, and for how many cycles it has not fitted."""
 _SHOWS = 3.0
 """A lift that is so many times as far as its gauge may stray shows whether the gauge follows the voltage."""
 

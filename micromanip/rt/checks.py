@@ -34,11 +34,10 @@ from .states import (
     STRAIN_STUCK,
     VOLTAGE,
 )
+from .watch import lasting
 
 _UNUSABLE_CYCLES = 20
 """A capacitive sensor unusable for longer is not waited for, however patient the watch may be while tracking."""
-_OUTSIDE = 3
-"""Samples in a row by which a gauge does not follow its voltage."""
 _CELL_CHANGED = 1 << DRIVER_ERROR | 1 << LINK_LOST
 _GAUGE_CHANGED = 1 << STRAIN_INVALID | 1 << STRAIN_STUCK | 1 << DISAGREEMENT | 1 << AMPLIFIER_FAULT | 1 << STRAIN_CHECK
 _STAGE_CHANGED = 1 << STAGE_INVALID | 1 << STAGE_STUCK | 1 << STAGE_CHECK
@@ -137,9 +136,8 @@ def watch_lift(p: Record, s: Record) -> None:
         least_um = min(min(by_low * gone_V, by_high * gone_V), min(by_low * shown_V, by_high * shown_V))
         most_um = max(max(by_low * gone_V, by_high * gone_V), max(by_low * shown_V, by_high * shown_V))
         too_low, too_high = gone_um < least_um - limits["slack"], gone_um > most_um + limits["slack"]
-        if a["strain"]["fresh"]:
-            c["outside"] = c["outside"] + 1 if too_low or too_high else 0
-        if c["outside"] >= _OUTSIDE:
+        c["outside"] = lasting(c["outside"], too_low or too_high)
+        if c["outside"] >= limits["slack_cycles"]:
             found = gone_um / math.copysign(max(abs(gone_V), abs(limits["step"])), gone_V)
             end_arming(p, s, i, STRAIN_CHECK, found, by_high if too_high == (gone_V > 0.0) else by_low)
 

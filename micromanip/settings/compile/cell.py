@@ -44,6 +44,8 @@ _NEXT_CYCLE = 1
 """The references of a cycle are answered in the next one."""
 _ALONE = 0.3
 """Share of its lift in which an axis is ahead of the next one: a sixth of the way."""
+_STRAY_S = 0.003
+"""Longer than half a period of an inner loop that oscillates, which is another fault."""
 _RESET_S = 0.2
 """Long enough for an output that is written ten times a second."""
 
@@ -83,8 +85,8 @@ def compile_cell(configuration: Configuration, wiring: Wiring, version: int = 1)
         _fill_wiring(p["axis"][i], name, configuration, wiring)
         _fill_axis(p["axis"][i], axis, configuration.outputs[f"voltage_{name}"], period_s)
         _fill_checks(p["axis"][i], axis, configuration.outputs[f"voltage_{name}"], start)
-        shown = _gauge_lag(configuration, wiring, name)
-        p["axis"][i]["strain_check"]["lag_step"] = 1.0 / shown
+        shown, check = _gauge_lag(configuration, wiring, name), p["axis"][i]["strain_check"]
+        check["lag_step"], check["slack_cycles"] = 1.0 / shown, cycles(_STRAY_S) + 2 * shown
         p["lift_turn_cycles"] = max(p["lift_turn_cycles"], round(_ALONE * p["lift_cycles"]) + 2 * shown)
         p["axis"][i]["authority_step"] = 1.0 / p["authority_cycles"]
         _fill_decoupling(p["axis"][i]["decoupling"], configuration, name)

@@ -27,6 +27,7 @@ from .states import (
     REFERENCE_LOST,
     STAGE,
     STAGE_CHECK,
+    STAGE_DRIFT,
     STAGE_INVALID,
     STAGE_STUCK,
     STRAIN_CHECK,
@@ -39,7 +40,8 @@ from .watch import lasting
 _UNUSABLE_CYCLES = 20
 """A capacitive sensor unusable for longer is not waited for, however patient the watch may be while tracking."""
 _CELL_CHANGED = 1 << DRIVER_ERROR | 1 << LINK_LOST
-_GAUGE_CHANGED = 1 << STRAIN_INVALID | 1 << STRAIN_STUCK | 1 << DISAGREEMENT | 1 << AMPLIFIER_FAULT | 1 << STRAIN_CHECK
+_APART = 1 << DISAGREEMENT | 1 << STAGE_DRIFT
+_GAUGE_CHANGED = _APART | 1 << STRAIN_INVALID | 1 << STRAIN_STUCK | 1 << AMPLIFIER_FAULT | 1 << STRAIN_CHECK
 _STAGE_CHANGED = 1 << STAGE_INVALID | 1 << STAGE_STUCK | 1 << STAGE_CHECK
 """Faults after which a device, a cable or a setting may be another one, or is to be mended."""
 

@@ -40,8 +40,9 @@ REACTION_NAMES = ("warn", "hold", "ramp", "off")
     LINK_LOST,
     OUTPUTS_TAKEN,
     LIMIT_CYCLE,
-) = range(23)
-FAULTS = 23
+    STAGE_DRIFT,
+) = range(24)
+FAULTS = 24
 """Faults: each has a reaction of its own, and the first that is more than a warning stays latched."""
 
 (
@@ -54,10 +55,11 @@ FAULTS = 23
     ROLLED_BACK,
     TOOTH_LOST,
     OUTRUN,
-) = range(FAULTS, FAULTS + 9)
+    REFERENCE_STUCK,
+) = range(FAULTS, FAULTS + 10)
 """Warnings: reported and written down as events, but never latched."""
 
-EVENT_CODES = FAULTS + 9
+EVENT_CODES = FAULTS + 10
 
 NOT_READY, LATCHED, ENABLE_MISSING, INTERLOCK_MISSING, LINK_MISSING, OUTPUTS_MISSING = 1, 2, 4, 8, 16, 32
 """Why arming was refused, the cell's bits."""

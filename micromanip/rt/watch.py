@@ -34,9 +34,11 @@ from .states import (
     OVER_TEMPERATURE,
     REFERENCE_LOST,
     REFERENCE_STALE,
+    REFERENCE_STUCK,
     SATURATED,
     SATURATING,
     STAGE,
+    STAGE_DRIFT,
     STAGE_INVALID,
     STAGE_STUCK,
     STRAIN_INVALID,
@@ -58,6 +60,9 @@ WATCH_PARAMETERS = record(
     ("innovation_variance", "f8"),
     ("innovation_ratio", "f8"),
     ("innovation_step", "f8"),
+    ("drift_gain", "f8"),
+    ("drift_um", "f8"),
+    ("drift_step", "f8"),
     ("following_um", "f8"),
     ("following_cycles", "i8"),
     ("saturating_cycles", "i8"),
@@ -69,6 +74,7 @@ WATCH_PARAMETERS = record(
     ("band_cycles", "i8"),
     ("stale_cycles", "i8"),
     ("lost_cycles", "i8"),
+    ("reference_identical", "i8"),
     ("derate", "f8"),
     ("hot_cycles", "i8"),
     ("swings", "i8"),
@@ -80,6 +86,9 @@ WATCH_STATE = record(
     ("coast", "i8"),
     ("degraded", "i8"),
     ("innovation", "f8"),
+    ("drifts", "i8"),
+    ("apart_um", "f8"),
+    ("drift_um", "f8"),
     ("following", "i8"),
     ("saturated", "i8"),
     ("error_band", SECTION_STATE),
@@ -152,6 +161,28 @@ def watch_innovation(p: Record, s: Record, i: int, active: bool) -> None:
     if disagree and limits["reaction"][DISAGREEMENT] == HOLDS:
         a["frozen"] = 1
     axis_fault(p, s, i, DISAGREEMENT, disagree, w["innovation"], limits["innovation_ratio"])
+
+
+@compiled
+def watch_drift(p: Record, s: Record, i: int, active: bool) -> None:
+    """Gauge and capacitive sensor part so slowly that the Kalman filter takes it for a force: the mean of the stage less
+    where the gauge says that it is, since the outer loop was closed. A hold keeps the voltage, as above.
+    """
+    axis, a = p["axis"][i], s["axis"][i]
+    limits, w = axis["watch"], a["watch"]
+    if active and a["stage"]["fresh"] and w["degraded"] == 0 and w["coast"] == 0:
+        answered_um = a["strain"]["value"] - axis["centre_um"] - a["decoupling"]["added_um"]
+        apart_um = a["stage"]["value"] - limits["drift_gain"] * answered_um
+        if w["drifts"] == 0:
+            w["apart_um"], w["drift_um"] = apart_um, 0.0
+        w["drift_um"] += limits["drift_step"] * (apart_um - w["apart_um"] - w["drift_um"])
+        w["drifts"] = 1
+    elif not active:
+        w["drifts"], w["drift_um"] = 0, 0.0
+    over = active and abs(w["drift_um"]) > limits["drift_um"]
+    if over and limits["reaction"][STAGE_DRIFT] == HOLDS:
+        a["frozen"] = 1
+    axis_fault(p, s, i, STAGE_DRIFT, over, abs(w["drift_um"]), limits["drift_um"])
 
 
 @compiled
@@ -230,12 +261,16 @@ def watch_oscillation(p: Record, s: Record, i: int, active: bool) -> None:
 
 @compiled
 def watch_reference(p: Record, s: Record, i: int, active: bool) -> None:
-    """No usable sample of the reference signal: extrapolated for a while, then the hold that decays to 0."""
+    """No usable sample of the reference signal: extrapolated for a while, then the hold that decays to 0. One that comes
+    in time and reads the same again and again is told: a tracker that has frozen, or a path that stands still."""
     limits, silent = p["axis"][i]["watch"], s["axis"][i]["reference"]["silent"]
+    same = s["axis"][i]["deviation"]["identical"]
     follows = active and p["axis"][i]["reference"]["kind"] == SIGNAL
     stale = follows and silent >= limits["stale_cycles"]
     lost = follows and silent >= limits["lost_cycles"]
     warn(s, i, REFERENCE_STALE, stale, float(silent), float(limits["stale_cycles"]))
+    stuck = follows and same >= limits["reference_identical"]
+    warn(s, i, REFERENCE_STUCK, stuck, float(same), float(limits["reference_identical"]))
     axis_fault(p, s, i, REFERENCE_LOST, lost, float(silent), float(limits["lost_cycles"]))
 
 
@@ -269,6 +304,7 @@ def watch_axis(p: Record, s: Record, i: int, moving: bool, enabled: bool) -> Non
     watch_strain(p, s, i, inner or (driven and is_excited(axis, s["axis"][i])))
     watch_stage(p, s, i, outer)
     watch_innovation(p, s, i, outer)
+    watch_drift(p, s, i, outer)
     watch_tooth(p, s, i, outer)
     watch_following(p, s, i, tracking and axis["mode"] != VOLTAGE)
     watch_voltage(p, s, i, inner)

@@ -46,6 +46,8 @@ from micromanip.driver.quantities import Latency, Real, SampleRate, Scale
 
 from ..canbus.link_options import LinkOptions
 
+_LONGEST_MS = 6_500
+"""Without outputs for so long nothing is watched (``Watchdog``)."""
 NodeId = Annotated[int, Field(strict=True, ge=1, le=127)]
 Number = Annotated[int, Field(ge=1, le=512)]
 Milliseconds = Annotated[int, Field(strict=True, ge=1, le=65535)]
@@ -136,6 +138,15 @@ class NodeOptions(Section):
         description="Watched by the node: outputs (event timer of the RPDO, 0x1400sub5) or the controller's heartbeat "
         "(consumer heartbeat time, 0x1016sub1).",
     )
+
+    @property
+    def silence(self) -> Watchdog | None:
+        """What it does without outputs. Where that is watchdog_ms nobody says what it has when it is switched on; one that
+        waits for the heartbeat tells us by an emergency message that it has missed it.
+        """
+        if self.watchdog_ms is None or self.watchdog_ms > _LONGEST_MS or self.watchdog_by == "heartbeat":
+            return self.watchdog
+        return Watchdog(ms=self.watchdog_ms, after_power_on="unknown")
 
     @model_validator(mode="after")
     def _does_something(self) -> NodeOptions:

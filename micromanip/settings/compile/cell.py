@@ -221,6 +221,9 @@ def _fill_innovation(a: Any, axis: Axis, outer: Outer, gains: OuterGains, cycles
     rise, time = cycles(said.process_ms * 1e-3), min(cycles(said.time_ms * 1e-3), cycles(_LONGEST_MEAN_S))
     brought = _PROCESS_MARGIN * process_innovation(outer, gains, step_um, rise, time)
     a["watch"]["innovation_variance"] = variance
+    a["watch"]["drift_gain"] = dc_gain(axis.outer)
+    if not math.isfinite(gain):
+        a["watch"]["drift_gain"], a["watch"]["drift_um"] = 0.0, math.inf
     a["watch"]["innovation_ratio"] += brought / variance
     a["outer"]["repeated_um"] = _NOISE_SIGMA * math.sqrt(variance)
     a["outer"]["innovation_um"] = math.sqrt(_PLAUSIBLE_SIGMA**2 * variance + brought)

@@ -5,8 +5,8 @@ asked. The file lies beside the device's lock and is written by whoever holds th
 power cycle; a file of an earlier start of the machine counts as none, and so does that of a pseudo terminal which had
 the same number before. A device that came back under another path takes its file along: `follow`.
 
-Two slots are written in turn, each a number that grows, the values, and a checksum of them and the header: a writer that
-is killed leaves the slot before, and what is not whole counts as nothing. A write is one system call: a file that
+Two slots are written in turn, each a number that grows, the values, and a checksum of them and the header: a writer
+that is killed leaves the slot before, and what is not whole counts as nothing. A write is one system call: a file that
 somebody cuts short would end a process that has it mapped.
 """
 

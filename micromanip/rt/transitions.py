@@ -127,7 +127,8 @@ def phase_of(p: Record, s: Record) -> tuple[int, float]:
 @compiled
 def phase_of_axis(s: Record, a: Record, phase: int) -> int:
     """The cell's phase, but for an axis whose turn in the lift has yet to come, and for one in a hold whose sensors are
-    not to be trusted: its voltage is frozen."""
+    not to be trusted: its voltage is frozen.
+    """
     if phase == LIFTING and a["lifted"] == 0:
         return PARKED
     return FROZEN if s["state"] == HOLDING and a["frozen"] != 0 else phase

@@ -165,8 +165,10 @@ def watch_innovation(p: Record, s: Record, i: int, active: bool) -> None:
 
 @compiled
 def watch_drift(p: Record, s: Record, i: int, active: bool) -> None:
-    """Gauge and capacitive sensor part so slowly that the Kalman filter takes it for a force: the mean of the stage less
-    where the gauge says that it is, since the outer loop was closed. A hold keeps the voltage, as above.
+    """Gauge and capacitive sensor part so slowly that the Kalman filter takes it for a force.
+
+    That is the mean of the stage less where the gauge says that it is, since the outer loop was closed. A hold keeps
+    the voltage, as above.
     """
     axis, a = p["axis"][i], s["axis"][i]
     limits, w = axis["watch"], a["watch"]
@@ -261,8 +263,10 @@ def watch_oscillation(p: Record, s: Record, i: int, active: bool) -> None:
 
 @compiled
 def watch_reference(p: Record, s: Record, i: int, active: bool) -> None:
-    """No usable sample of the reference signal: extrapolated for a while, then the hold that decays to 0. One that comes
-    in time and reads the same again and again is told: a tracker that has frozen, or a path that stands still."""
+    """No usable sample of the reference signal: extrapolated for a while, then the hold that decays to 0.
+
+    One that comes in time and reads the same again and again is told: a tracker that has frozen, or a path at rest.
+    """
     limits, silent = p["axis"][i]["watch"], s["axis"][i]["reference"]["silent"]
     same = s["axis"][i]["deviation"]["identical"]
     follows = active and p["axis"][i]["reference"]["kind"] == SIGNAL

@@ -141,8 +141,9 @@ class NodeOptions(Section):
 
     @property
     def silence(self) -> Watchdog | None:
-        """What it does without outputs. Where that is watchdog_ms nobody says what it has when it is switched on; one that
-        waits for the heartbeat tells us by an emergency message that it has missed it.
+        """What it does without outputs. Of watchdog_ms nobody says what the node has when it is switched on.
+
+        One that waits for the heartbeat tells by an emergency message that it has missed it.
         """
         if self.watchdog_ms is None or self.watchdog_ms > _LONGEST_MS or self.watchdog_by == "heartbeat":
             return self.watchdog

@@ -76,8 +76,8 @@ class Disagreement(Settings):
     time_ms: Milliseconds = Field(default=10.0, description="Averaging time.")
     drift_um: Distance | None = Field(
         default=100.0,
-        description="Largest slow deviation of the stage from where the gauge says it is, since the outer loop closed; the "
-        "deflection under the process' steady force is part of it.",
+        description="Largest slow deviation of the stage from where the gauge says it is, since the outer loop "
+        "closed; the deflection under the process' steady force included.",
     )
     process_um: DistanceOrZero = Field(
         default=60.0,

@@ -92,7 +92,7 @@ class LastGiven:
         self.turn += 1
         self._words[0], self._values[1:-1] = self.turn, values
         self._words[-1] = sealed(self._words, self._seed)
-        os.pwrite(self._descriptor, self._words, self._place(self.turn))
+        os.pwrite(self._descriptor, self._words.tobytes(), self._place(self.turn))
 
     def read(self) -> list[float | None] | None:
         """What each output was given last, None for one that never was; None where nothing ever was given."""

@@ -76,8 +76,7 @@ class _Pdo(Section):
     rate_hz: SampleRate = Field(description="Rate, for the budgets of bus and loop.")
     transmission: Transmission | None = Field(
         default=None,
-        description="sync: at each SYNC; a number n: at each n-th SYNC; event: by the sender's clock. Written to the "
-        "node at the start; null: as in the EDS.",
+        description="sync: at each SYNC; a number n: at each n-th; event: by the sender's clock; null: as in the EDS.",
     )
     map: tuple[str, ...] | None = Field(
         default=None,

@@ -33,7 +33,7 @@ REACTIONS = ("warn", "hold", "ramp", "off")
 """The mildest first."""
 Reaction = Literal["warn", "hold", "ramp", "off"]
 _SET = "simulation"
-_REACTION = "Reaction: warn only warns, hold freezes the correction, ramp goes to park, off cuts the amplifier."
+_REACTION = "Reaction to the fault."
 
 
 def _default(hardware: float, description: str, *, simulation: float | None) -> Any:
@@ -76,8 +76,7 @@ class Disagreement(Settings):
     time_ms: Milliseconds = Field(default=10.0, description="Averaging time.")
     drift_um: Distance | None = Field(
         default=100.0,
-        description="Largest slow deviation of the stage from where the gauge says it is, since the outer loop "
-        "closed; the deflection under the process' steady force included.",
+        description="Slow deviation of the stage from where the gauge says it is, the process' force included.",
     )
     process_um: DistanceOrZero = Field(
         default=60.0,

@@ -163,8 +163,8 @@ class Daemon:
         helpers.append(asyncio.create_task(self._verbs.follow_trials()))
         helpers.append(asyncio.create_task(self._trail.follow_repeats()))
         helpers.append(asyncio.create_task(self._recordings.warn()))
-        for task in helpers:
-            self._exhaustion.watch(task)
+        for helper in helpers:
+            self._exhaustion.watch(helper)
         stopped = asyncio.create_task(self._stop.wait())
         try:
             self._boxes.start()

@@ -114,7 +114,7 @@ def _fill_timing(a: Any, name: str, configuration: Configuration, wiring: Wiring
 
 def _gauge_lag(configuration: Configuration, wiring: Wiring, name: str) -> int:
     """Cycles until the gauge shows a voltage: the output's way, the actuator's lag, the gauge's interval and way."""
-    gauge, actuator = sensor_timing(configuration, wiring, "strain", name), configuration.axes[name].actuator
+    gauge, actuator = sensor_timing(configuration, wiring, "strain", name), configuration.axes[name].undone
     lag_s = gauge.latency_s + 1e-6 * (actuator.delay_us + actuator.gauge_us if actuator is not None else 0.0)
     way = output_cycles(configuration, output_timing(configuration, wiring, f"voltage_{name}"))
     return way + cycles_between(configuration, gauge) + round(lag_s * configuration.loop.rate_hz)

@@ -89,7 +89,7 @@ WATCH_STATE = record(
     ("coast", "i8"),
     ("degraded", "i8"),
     ("innovation", "f8"),
-    ("drifts", "i8"),
+    ("settling", "i8"),
     ("apart_um", "f8"),
     ("drift_um", "f8"),
     ("following", "i8"),
@@ -183,20 +183,21 @@ def watch_innovation(p: Record, s: Record, i: int, active: bool) -> int:
 def watch_drift(p: Record, s: Record, i: int, active: bool) -> int:
     """Gauge and capacitive sensor part so slowly that the Kalman filter takes it for a force.
 
-    That is the mean of the stage less where the gauge says that it is, since the outer loop was closed. A hold keeps
-    the voltage, as above.
+    That is the slow mean of the stage less where the gauge says that it is, beside the mean of the first while behind
+    the outer loop's closing. A hold keeps the voltage, as above.
     """
     axis, a = p["axis"][i], s["axis"][i]
     limits, w = axis["watch"], a["watch"]
     if active and a["stage"]["fresh"] and w["degraded"] == 0 and w["coast"] == 0:
         answered_um = a["strain"]["value"] - axis["centre_um"] - a["decoupling"]["added_um"]
         apart_um = a["stage"]["value"] - limits["drift_gain"] * answered_um
-        if w["drifts"] == 0:
-            w["apart_um"], w["drift_um"] = apart_um, 0.0
-        w["drift_um"] += limits["drift_step"] * (apart_um - w["apart_um"] - w["drift_um"])
-        w["drifts"] = 1
+        if limits["drift_step"] * w["settling"] < 1.0:
+            w["settling"] += 1
+            w["apart_um"] += (apart_um - w["apart_um"]) / w["settling"]
+        else:
+            w["drift_um"] += limits["drift_step"] * (apart_um - w["apart_um"] - w["drift_um"])
     elif not active:
-        w["drifts"], w["drift_um"] = 0, 0.0
+        w["settling"], w["apart_um"], w["drift_um"] = 0, 0.0, 0.0
     over = active and abs(w["drift_um"]) > limits["drift_um"]
     if over and limits["reaction"][STAGE_DRIFT] == HOLDS:
         a["frozen"] = 1

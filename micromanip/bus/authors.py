@@ -12,7 +12,7 @@ from .registry import installed
 _OURS = ("micromanip", "micromanip_drivers")
 _COMPILER = "numba"
 _COLOUR = re.compile(r"\x1b\[[0-9;]*m")
-_NO_CAUSE = ("Failed in nopython mode", "During: ", "Overload ", "There are ")
+_NO_CAUSE = ("Failed in ", "During: ", "Overload ", "There are ")
 
 
 def driver_at_fault(problem: BaseException) -> str | None:

@@ -38,6 +38,7 @@ from .actuation import DELAYS, Actuator, identify_actuator
 from .judged import SMALL_HZ, analyse_inverse, slopes_of, small_slope
 from .loops import model_system, over_path, stage_loop, strain_loop
 from .response import Measured, Wanted, identify, of_spectra
+from .response.choice import NOTHING
 from .sensitivity import AGREEMENT, Sensitivity, judge_loop
 
 Complex = NDArray[np.complex128]
@@ -176,10 +177,8 @@ def _without_model(settings: Axis, path: FeedbackPath, plant: Measured, period_s
     A narrow mode has its peak of Ms between two lines. Raises CheckFailed where no model fits.
     """
     found = identify(plant, period_s, Wanted(_ORDERS, DELAYS, _ERROR, _SURE, _MATTERS, _JUDGED_HZ))
-    if found.problem is not None:
-        raise CheckFailed(
-            f"no margins: {found.problem}; measure it held (`micromanip hold`), or with more --amplitude-um"
-        )
+    if not (plant.relative < _SURE).any():
+        raise CheckFailed(f"no margins: {NOTHING}; measure it held (`micromanip hold`), or with more --amplitude-um")
     around = strain_loop(settings.running_inner, over_path(found.system(), path))
     return judge_loop(_NAMES["strain"], plant, found.system(), around, margins(around), window=_WINDOW)
 

@@ -48,7 +48,7 @@ def test_what_counts_lies_away_from_long_gaps(rerun):
 
 @pytest.mark.parametrize(
     "values",
-    [{"outer.control_weight": 100.0}, {"outer.oscillation_Hz": None}, {"inner.K_V_per_um": 0.15}],
+    [{"outer.control_weight": 100.0}, {"outer.oscillation_Hz": None}, {"inner.K_V_per_um": 0.03}],
     ids=lambda values: next(iter(values)),
 )
 def test_the_truth_is_within_the_range_where_it_counts(stalled, rerun, values):

@@ -75,7 +75,7 @@ def test_where_the_observer_may_be_given_up_the_range_holds_both(recorded, rerun
     [
         {"inner.Td_ms": 0.0},
         {"setpoint.slew_um_per_ms": 1.0},
-        {"inner.mode": "pid"},
+        {"inner.Ti_ms": 0.3},
     ],
     ids=lambda values: next(iter(values)),
 )

@@ -205,23 +205,6 @@ def test_this_machine_only_as_root_and_with_systemd(root, config, monkeypatch):
         plan.carry_out(steps, Path("/"), print)
 
 
-def test_a_dry_run_works_from_anywhere_and_says_what_is_in_the_way(monkeypatch, tmp_path, config, capsys):
-    monkeypatch.setattr(layout.sys, "executable", str(tmp_path / "python"))
-    monkeypatch.setattr(layout, "_HIDDEN", (str(tmp_path),))
-    monkeypatch.setenv("PATH", str(tmp_path))
-    root = tmp_path / "other"
-    root.mkdir()
-    arguments = ["system", "install", str(config), "--root", str(root)]
-    main([*arguments, "--dry-run"])
-    out, err = capsys.readouterr()
-    assert "    +ExecStart=/opt/micromanip/bin/micromanip run" in out
-    assert [line.split(": ")[1] for line in err.splitlines()] == ["it can't be installed like this"] * 3
-    with pytest.raises(SystemExit) as ended:
-        main([*arguments, "--yes"])
-    assert ended.value.code == 1
-    assert not any(root.iterdir())
-
-
 def raising(problem):
     raise problem
 

@@ -100,13 +100,3 @@ def test_taken_back_by_itself(tracking, client):
     assert np.abs(rows["axis"]["setpoint_um"] - rows["axis"]["strain_um"])[-1000:].max() < 3.0
     (entry,) = [e for e in client.log()["entries"] if e["verb"] == "take back"]
     assert entry["user"] == "loop"
-
-
-def test_shown_by_the_commands(tracking, client):
-    assert command(tracking, "candidate", "set", f"{K}=0.55").stdout.splitlines()[1] == f"  {K}: 0.6 -> 0.55"
-    assert json.loads(command(tracking, "status", "--json").stdout)["candidate"] == "shadowing"
-    shown = command(tracking, "candidate", "show").stdout
-    assert "shadowing" in shown
-    assert "feedback, V" in shown
-    assert command(tracking, "candidate", "discard").stdout == "there is no candidate\n"
-    assert command(tracking, "status").stdout.count("candidate") == 0

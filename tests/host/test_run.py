@@ -1,13 +1,11 @@
 """``micromanip run --json``: the document that other tools rely on."""
 
-import json
 import math
 
 import pytest
 
 from campaigns.running_controller import Running
-from micromanip.cli.main import main
-from tests.cells import QUICK, WAITING, simulated
+from tests.cells import QUICK, simulated
 
 pytestmark = pytest.mark.realtime  # path errors of a real loop
 
@@ -76,34 +74,3 @@ def test_signals_have_their_rates_and_ages(report):
         if name.startswith("strain"):
             assert figures["age_max_us"] == 0
         assert figures["lost"] == 0  # the simulation takes no sample while the loop is away
-
-
-def test_without_arm_on_start_it_waits_in_ready(run, capsys):
-    """And it tells of its configuration what `check` does, at each line of it, in the same order."""
-    section = '    commissioned: {hash: "0123456789abcdef", report: report.html, date: 2026-11-21}\n'
-    weak = ("range_um: [2, 128], slew", "range_um: [46, 128], slew")
-    aged = ("deviation_z: {driver: cell, max_age_us: 3000}", "deviation_z: {driver: cell, max_age_us: 50000}")
-    text = simulated(*WAITING)
-    for old, new in (weak, aged):
-        assert old in text
-        text = text.replace(old, new)
-    at = text.index("    mode: stage", text.index("\naxes:"))
-    cell = run(text[:at] + section + text[at:], "--duration", "0.3")
-    assert cell.wait() == 0, cell.said
-    main(["check", str(cell.config), "--json"])
-    told = json.loads(capsys.readouterr().out)["warnings"]
-    assert [line for line in cell.said.splitlines() if str(cell.config) in line] == [
-        f"WARNING: {each}" for each in told
-    ]
-    keys = [each.removeprefix(f"{cell.config}:").split(": ")[1] for each in told]
-    assert keys[1:] == [
-        *(f"axes.{axis}.setpoint.range_um" for axis in "xyz"),
-        "reference.horizon_ms",
-    ]
-    assert told[0].endswith(
-        "axes.x.commissioned: axis x was changed after it was commissioned (report report.html, 2026-11-21): "
-        "commission it again, or remove the section commissioned"
-    )
-    assert cell.report["state"] == "OFF"
-    assert cell.report["path_error_um"]["x"] == {"uncompensated_rms": None, "rms": None, "max": None}
-    assert "TRACKING" not in cell.said

@@ -84,12 +84,6 @@ def test_a_second_controller_is_a_fault(bus, peer):
         bus.receive(Inbox(), 0)
 
 
-def test_the_load_is_that_of_all_messages_at_worst(bus):
-    [load] = bus.loads()
-    assert load.detail == "2000 x 89 us + 2000 x 56 us"
-    assert load.share == pytest.approx(0.289, abs=0.001)
-
-
 DBC = """VERSION ""
 NS_ :
 BS_:
@@ -152,20 +146,6 @@ def test_a_silence_must_be_longer_than_the_device_is_silent_anyway():
     with pytest.raises(ValidationError, match=r"silence_ms 100 is less than three periods .* \(20 Hz\).* or null"):
         options(silence_ms=100, receive={"Sensors": {"rate_hz": 20.0}, "Tracker": {"rate_hz": 2.0}})
     options(silence_ms=150, receive={"Sensors": {"rate_hz": 20.0}, "Tracker": {"rate_hz": 2.0}})
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        (None, "database: .*broken.dbc can't be read: No such file"),
-        ("BO_ 1 Plain 8 A\n", r"database: .*broken.dbc:1: it is not a DBC file: Invalid syntax at line 1, column 13"),
-    ],
-)
-def test_a_file_that_can_not_be_used(tmp_path, text, words):
-    if text is not None:
-        (tmp_path / "broken.dbc").write_text(text)
-    with pytest.raises(ConfigError, match=words):
-        CanBus(options("broken.dbc"), tmp_path)
 
 
 WIDE = DBC.replace("BO_ 1 Plain: 8", "BO_ 1 Plain: 16").replace("count : 16", "count : 96")

@@ -170,15 +170,6 @@ def test_budget_of_a_two_wire_line():
     assert one.detail == "5000 voltages x 90 us"
 
 
-def test_budget_of_text():
-    """Written out: "POS? 1 2 3\\n" and three lines of "1=" and 14 digits; "SVA ..." with ERR?, and its answer."""
-    options = changed(PIEZO, "tcp", None) | {"serial": {"device": "/dev/ttyS0", "baud": 115200}}
-    one = load(options)
-    asked = 11 + 3 * (2 + 14 + 3)
-    written = len("SVA 1 -20.0000 2 -20.0000 3 -20.0000\nERR?\n") + 3 + 14 + 3
-    assert one.share == pytest.approx(100 * (asked + written) * 10 / 115200)
-
-
 def test_rates_and_latencies():
     gap = built(GAP)
     assert {channel.rate_hz for channel in gap.inputs} == {250.0}  # of 2000 samples a second, 8 come together

@@ -51,16 +51,6 @@ def test_it_becomes_cycles_and_gains(tmp_path):
         assert with_it["fallback"][gain] / with_it["pid"][gain] == without["fallback"][gain] / without["pid"][gain]
 
 
-@pytest.mark.parametrize(
-    ("mode", "inner_mode", "reference"),
-    [("stage", "pid+feedforward", None), ("strain", "pid", HOLD), ("voltage", "pid+feedforward", HOLD)],
-)
-def test_where_there_is_nothing_to_undo_not_a_bit_is_another(tmp_path, mode, inner_mode, reference):
-    """The outer loop's model has the actuator in it; a PID alone, or an open loop, has no feedforward."""
-    with_it, without = (compiled(tmp_path, each, mode, inner_mode, reference) for each in (SECTION, None))
-    assert with_it.tobytes() == without.tobytes()
-
-
 def test_a_reference_that_is_not_known_is_not_followed_ahead(tmp_path):
     by_hand = {"source": "jog", "offset_um": 60.0, "range_um": [40.0, 80.0], "speed_um_per_s": 50.0, "target_um": {}}
     a = compiled(tmp_path, SECTION, reference=by_hand)

@@ -6,8 +6,6 @@ from pathlib import Path
 
 import pytest
 
-from tests.further import further
-
 from .command import code_of
 
 CONFIG = Path(__file__).parents[2] / "config"
@@ -85,24 +83,3 @@ def test_one_line_with_file_line_and_key(folder, name, capsys):
         out, err = capsys.readouterr()
         assert err.startswith(f"micromanip: {file}:{line}: {key}: ")
         assert (err.count("\n"), out) == (1, "")
-
-
-@pytest.mark.live
-@pytest.mark.parametrize(("example", "interface"), [("can.yaml", "can97"), *further(("canopen.yaml", "can98"))])
-def test_a_missing_interface_is_one_line_too(folder, example, interface, capsys):
-    """Each its own: a device belongs to one controller at a time, and tests run side by side."""
-    text = (CONFIG / example).read_text()
-    file = folder / example
-    changed = text.replace("interface: micromanip", "interface: socketcan").replace(
-        "channel: can0\n", f"channel: {interface}\n"
-    )
-    file.write_text(changed)
-    line = 1 + changed[: changed.index("  can0:")].count("\n")
-    assert code_of("run", file, "--socket", folder / "s") == 69
-    out, err = capsys.readouterr()
-    assert err.startswith(
-        f"micromanip: {file}:{line}: drivers.can0: socketcan-{interface}: "
-        f"there is no network interface {interface}; CAN interfaces"
-    )
-    assert err.count("\n") == 1
-    assert not out

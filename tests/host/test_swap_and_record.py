@@ -10,12 +10,10 @@ import pytest
 
 from campaigns.running_controller import PATIENCE_S
 from micromanip.host.controller import Controller
-from micromanip.host.recording.mcap_file import McapRecording
 from micromanip.host.recording.recording import RecorderProcess
 from micromanip.host.ring import RingReader
 from micromanip.recordings import open_telemetry
 from micromanip.rt import mailbox as w
-from micromanip.rt.records import CELL_PARAMETERS
 from micromanip.rt.states import ARM, STOP, TRACKING
 from micromanip.rt.telemetry import ROW
 from micromanip.settings.check import prepare
@@ -220,19 +218,3 @@ def test_recording_over_quick_swaps_has_every_set(one_run):
     assert list(sets["version"]) == list(np.unique(rows["version"]))
     gains = dict(zip(sets["version"].tolist(), sets["axis"]["pid"]["K_V_per_um"][:, 0], strict=True))
     assert all(gains[version] == pytest.approx(0.4 + 0.01 * (version - 2)) for version in gains if version > 1)
-
-
-def test_recording_of_a_tuning_that_was_taken_back(prepared, tmp_path):
-    """Also the older set, in force again, is in a file that began with the newer one."""
-    slots = np.zeros(3, CELL_PARAMETERS)
-    slots["version"][:2] = 1, 2
-    rows = np.zeros(6, ROW)
-    rows["version"] = 2, 2, 1, 1, 2, 1
-    orders = {"file": str(tmp_path / "run.mcap"), "configuration": "", "sha256": "", "axes": ["x"]}
-    recording = McapRecording(orders | {"period_ns": 100_000})
-    for part in np.split(rows, 3):
-        recording.append(part, slots)
-    recording.close()
-    telemetry = open_telemetry(recording.file)
-    assert [int(each["version"][0]) for each in telemetry.parameters] == [2, 1]
-    assert telemetry.column("version").tolist() == [2, 2, 1, 1, 2, 1]

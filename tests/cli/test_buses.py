@@ -13,10 +13,7 @@ SENSOR_EDS = (CONFIG / "can/sensor.eds").read_text()
 DBC = (CONFIG / "can/manipulator.dbc").read_text()
 
 BROKEN = {
-    "CAN, overfull": (
-        ("can.yaml", "data_bitrate: 5000000", "data_bitrate: 1000000"),
-        ("  can0:", "drivers.can0"),
-    ),
+    "CAN, overfull": (("can.yaml", "data_bitrate: 5000000", "data_bitrate: 1000000"), ("  can0:", "drivers.can0")),
     "CAN, no such signal": (
         ("can.yaml", "channel: Sensors.stage_x", "channel: Sensors.stgae_x"),
         ("channel: Sensors.stgae_x", "signals.stage_x"),
@@ -45,10 +42,7 @@ BROKEN = {
         ("canopen.yaml", "eds: can/sensor.eds", "eds: can/broken.eds"),
         ("eds: can/broken.eds", "drivers.can0.nodes.sensor.eds"),
     ),
-    "CANopen, overfull": (
-        ("canopen.yaml", "bitrate: 1000000", "bitrate: 500000"),
-        ("  can0:", "drivers.can0"),
-    ),
+    "CANopen, overfull": (("canopen.yaml", "bitrate: 1000000", "bitrate: 500000"), ("  can0:", "drivers.can0")),
 }
 """Example and what is changed in it; a mark of the line that is named, and the key."""
 

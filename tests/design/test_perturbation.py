@@ -127,10 +127,7 @@ def sides(weights=(0.08, 0.07, 0.06)):
         thresholds_um=(3.5, 7.0, 10.5),
         weights=weights,
     )
-    return (
-        StrainSide(PID, actuator(), model, (2.0, 128.0), 0.63),
-        StageSide(gains, settings.model, 1),
-    )
+    return (StrainSide(PID, actuator(), model, (2.0, 128.0), 0.63), StageSide(gains, settings.model, 1))
 
 
 def test_a_seed_gives_the_same_plant_alone_or_among_others():

@@ -201,10 +201,7 @@ def test_a_certificate_that_has_expired_counts_no_more(served):
 
 @pytest.mark.parametrize(
     ("policy", "mode"),
-    [
-        (Basic256Sha256, ua.MessageSecurityMode.SignAndEncrypt),
-        (Encrypted, ua.MessageSecurityMode.Sign),
-    ],
+    [(Basic256Sha256, ua.MessageSecurityMode.SignAndEncrypt), (Encrypted, ua.MessageSecurityMode.Sign)],
 )
 def test_another_security_policy_is_refused_at_once_and_by_its_name(served, policy, mode):
     async def asked():

@@ -10,19 +10,8 @@ from micromanip.settings.check import prepare
 
 CONFIG = Path(__file__).parents[2] / "config" / "paper.yaml"
 
-RESONANCE = {
-    "resonance_Hz": 63.0,
-    "resonance_damping": 0.04,
-    "antiresonance_Hz": 67.0,
-    "antiresonance_damping": 0.038,
-}
-SECTION = {
-    "delay_us": 190.0,
-    "gauge_us": 64.0,
-    "lag_us": 177.0,
-    "feedback_percent": 80.0,
-    "resonances": [RESONANCE],
-}
+RESONANCE = {"resonance_Hz": 63.0, "resonance_damping": 0.04, "antiresonance_Hz": 67.0, "antiresonance_damping": 0.038}
+SECTION = {"delay_us": 190.0, "gauge_us": 64.0, "lag_us": 177.0, "feedback_percent": 80.0, "resonances": [RESONANCE]}
 
 
 def compiled(tmp_path, actuator, mode="strain", inner_mode="pid+feedforward", reference=None):

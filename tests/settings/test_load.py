@@ -140,10 +140,7 @@ SYNTAX = {
         ("driver: simulated", 'driver: "\\ud800"'),
         "8: drivers.cell.driver: an escape that is only half a character, such as \\ud800",
     ),
-    "nested without end": (
-        ("seed: 1", f"seed: {'[' * 60}{']' * 60}"),
-        "8: drivers.cell.seed: nested too deeply",
-    ),
+    "nested without end": (("seed: 1", f"seed: {'[' * 60}{']' * 60}"), "8: drivers.cell.seed: nested too deeply"),
     "alias of itself": (
         ("      range_um: [5, 125]", "      range_um: &range [5, *range]"),
         "30: axes.x.setpoint.range_um[1]: an alias of the section it stands in",

@@ -52,11 +52,7 @@ def test_a_cell_that_cannot_arm_says_so(prepared):
         VirtualExperiment(prepared)(broken, 0.1)
 
 
-PASTS = {
-    "high": [140.0],
-    "low": [-20.0],
-    "many turns": [120.0, 10.0, 95.0, -15.0, 133.0, 40.0, 70.0],
-}
+PASTS = {"high": [140.0], "low": [-20.0], "many turns": [120.0, 10.0, 95.0, -15.0, 133.0, 40.0, 70.0]}
 
 
 def with_a_past(prepared, corners):

@@ -10,14 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from micromanip.design.learning.memory import (
-    Memory,
-    memory_files,
-    put_aside,
-    read_memory,
-    remove_memory,
-    write_memory,
-)
+from micromanip.design.learning.memory import Memory, memory_files, put_aside, read_memory, remove_memory, write_memory
 from micromanip.errors import CheckFailed, MicromanipError
 
 VALUES = 50

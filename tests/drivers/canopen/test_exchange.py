@@ -190,7 +190,7 @@ def test_a_node_that_answers_no_remote_frames_keeps_that_bit(at):
 
     objects.download = refusing
     bus = at.driver(
-        nodes__sensor__tpdo={1: {"rate_hz": 200.0, "transmission": "event", "signals": {"strain_x": {"scale": 1e-4}}}},
+        nodes__sensor__tpdo={1: {"rate_hz": 200.0, "transmission": "event", "signals": {"strain_x": {"scale": 1e-4}}}}
     )
     bus.open()
     bus.close()

@@ -48,10 +48,7 @@ def changed_field(keys, direction, pdo, field, **changes):
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        (
-            {"terminals": {"gauge": without(GAUGE, "inputs", "tracker", "rate_hz")}},
-            "counter and rate_hz belong",
-        ),
+        ({"terminals": {"gauge": without(GAUGE, "inputs", "tracker", "rate_hz")}}, "counter and rate_hz belong"),
         (
             {"terminals": {"a": AMPLIFIER | {"settings": {"range": {"index": 1, "type": "uint8", "value": 256}}}}},
             "256 does not fit into uint8",

@@ -92,12 +92,7 @@ REFUSED = [
     ),
     (BOARD, "binary.send.voltages.fields.voltage_x.safe", 200.0, "safe 200 is outside of the range -20 to 150"),
     (BOARD, "binary.send.voltages.fields.voltage_x.range", [200.0, 300.0], "safe 0 is outside of the range"),
-    (
-        PIEZO,
-        "ascii.write.voltages.cyclic_safe",
-        None,
-        "cyclic_safe: 100 writes per second wear out",
-    ),
+    (PIEZO, "ascii.write.voltages.cyclic_safe", None, "cyclic_safe: 100 writes per second wear out"),
     (PIEZO, "ascii.identity", "(", "ascii.identity.pattern: '(' is not a regular expression"),
     (
         PIEZO,
@@ -147,11 +142,7 @@ def test_budget_of_a_two_wire_line():
             "crc": {"name": "crc8.smbus"},
             "turnaround_us": 5.0,
             "receive": {
-                "strains": {
-                    "rate_hz": 5000,
-                    "bytes": 24,
-                    "fields": {"strain": {"at": 1, "type": "int32", **number}},
-                }
+                "strains": {"rate_hz": 5000, "bytes": 24, "fields": {"strain": {"at": 1, "type": "int32", **number}}}
             },
             "send": {
                 "voltages": {

@@ -44,8 +44,7 @@ def test_frames_that_are_gathered_are_named_with_what_mends_it(machine):
 
 
 @pytest.mark.parametrize(
-    ("rt_priority", "verdict"),
-    [(50, Verdict.POOR), (80, Verdict.POOR), (85, Verdict.GOOD), (None, Verdict.POOR)],
+    ("rt_priority", "verdict"), [(50, Verdict.POOR), (80, Verdict.POOR), (85, Verdict.GOOD), (None, Verdict.POOR)]
 )
 def test_interrupts_on_the_loops_cpu_need_to_go_before_the_loop(machine, rt_priority, verdict):
     files = CARD | {"proc/irq/125/smp_affinity_list": "3\n"}

@@ -13,8 +13,6 @@ import time
 from pathlib import Path
 
 import pytest
-from hypothesis import example, given
-from hypothesis import strategies as st
 
 from micromanip.client import Client
 from micromanip.errors import CheckFailed, DeviceUnavailable, PermissionDenied
@@ -134,21 +132,6 @@ def test_bad_request_is_answered_and_the_connection_goes_on(tmp_path, line, mess
 def test_refusal_carries_the_exit_code(tmp_path):
     (refused,) = answers(tmp_path / "s", [b'{"version": 1, "verb": "refused"}'])
     assert refused == {"version": 1, "ok": False, "error": "refused: the state is OFF", "exit_code": 1}
-
-
-@given(st.binary(max_size=300))
-@example(b"\0\n\0\n\0")
-@example(b'{"version": 1, "verb": NaN}')
-def test_random_bytes(tmp_path_factory, noise):
-    """Each line of whatever is sent gets one JSON answer, then a good request a good one."""
-
-    async def conversation(reader, writer):
-        writer.write(noise + b"\n" + HERE + b"\n")
-        return [json.loads(await reader.readline()) for _ in range(noise.count(b"\n") + 2)]
-
-    heard = talk(tmp_path_factory.mktemp("noise") / "s", conversation)
-    assert all(not answer["ok"] and answer["exit_code"] == 64 for answer in heard[:-1])
-    assert heard[-1] == ECHO
 
 
 def test_line_of_a_megabyte(tmp_path):

@@ -42,15 +42,6 @@ def test_the_order_of_causes():
     ]
 
 
-def test_a_pause_is_measured_by_what_is_usual_on_the_channel():
-    rows = tracking_rows()
-    stage = rows["axis"]["fresh"][:, 0]
-    stage[:] = 1
-    stage[::10] = 3  # the stage comes every 10 cycles
-    stage[BEFORE - 199 : BEFORE - 150] = 1
-    assert seen(rows) == [(-19.0, "x", "capacitive sensor: no good sample for 4.0 ms")]
-
-
 def test_story_has_trip_states_axes_and_configuration(tmp_path):
     rows = tracking_rows()
     rows["axis"]["voltage_V"][BEFORE - 3800 : BEFORE, 0] = 150.0

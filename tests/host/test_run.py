@@ -50,27 +50,3 @@ def test_path_error_is_small_where_the_machine_lets_the_loop_run(report):
         pytest.skip(f"the machine stalled the loop: {report['overruns']} overruns in {report['cycles']} cycles")
     for figures in report["path_error_um"].values():
         assert figures["rms"] < figures["uncompensated_rms"] / 5
-
-
-def test_signals_have_their_rates_and_ages(report):
-    signals, cycles, overruns = (report[key] for key in ("signals", "cycles", "overruns"))
-    assert signals.keys() == {f"{role}_{axis}" for role in ("strain", "stage", "deviation") for axis in "xyz"}
-    seen = cycles / (cycles + overruns)  # a missed cycle sees no sample, which is its right
-    for name, figures in signals.items():
-        assert figures.keys() == {
-            *("rate_hz", "stated_hz", "age_p50_us", "age_p99_9_us", "age_max_us"),
-            *("lost", "superseded", "refused", "samples", "late", "stale_cycles"),
-        }
-        assert figures["age_p50_us"] <= figures["age_p99_9_us"] <= figures["age_max_us"]
-        assert 0 <= figures["late"] <= figures["stale_cycles"]
-        assert figures["samples"] > 0
-        if name.startswith("deviation"):
-            assert 1000 * seen - 30 <= figures["rate_hz"] <= 1005
-            assert 1000 <= figures["age_p50_us"] <= 1900
-            assert 1900 <= figures["age_max_us"] <= 1900 + 1000 * overruns
-        else:
-            assert figures["rate_hz"] == pytest.approx(10_000 * seen, rel=0.02)
-            assert figures["age_p50_us"] == 0
-        if name.startswith("strain"):
-            assert figures["age_max_us"] == 0
-        assert figures["lost"] == 0  # the simulation takes no sample while the loop is away

@@ -159,22 +159,6 @@ def test_swap_while_tracking_is_bumpless(mode, name):
     assert np.abs(after["axis"]["voltage_V"] - before["axis"]["voltage_V"][-1]).max() < 40.0
 
 
-def test_swapping_the_same_parameters_changes_no_state():
-    """Not a single one, but for the book-keeping of the swap itself."""
-    configuration = MODES["strain"]()
-    new = compile_cell(configuration, wiring(), version=1)
-    cells = [VirtualCell(compile_cell(configuration, wiring()), wiring()) for _ in range(2)]
-    for cell in cells:
-        cell.arm()
-        cell.run(0.02)
-    swap_cell(cells[0].parameters[0], new[0], cells[0].state[0])
-    one, other = (cell.state[0]["axis"] for cell in cells)
-    for field in ("hysteresis", "pid", "estimator", "reference", "setpoint_um", "voltage_V"):
-        for i in range(3):
-            assert one[i][field].tobytes() == other[i][field].tobytes(), field
-    assert (cells[0].run(0.02)["axis"]["voltage_V"] == cells[1].run(0.02)["axis"]["voltage_V"]).all()
-
-
 def other_plant(configuration):
     """Another flexure: another meaning of the states."""
     axes = {}

@@ -2,12 +2,9 @@
 
 import importlib
 import sys
-from pathlib import Path
 
 from campaigns.__main__ import main
 from campaigns.report import Report
-
-CONTRIBUTING = Path(__file__).parents[2] / "CONTRIBUTING.md"
 
 
 def typed(monkeypatch, *arguments):

@@ -2,7 +2,6 @@
 
 import json
 import os
-import shutil
 import stat
 from pathlib import Path
 
@@ -15,7 +14,6 @@ from micromanip.host.service.steps import Run
 from tests.cells import SLOW as ARMING
 from tests.cells import changed
 
-EXAMPLES = Path(__file__).parents[2] / "config"
 SLOW = changed(ARMING, ("arm_on_start: true", "arm_on_start: false"))
 
 
@@ -167,31 +165,6 @@ def test_a_service_does_not_arm_by_itself(typed, root, config):
     typed(config, "--yes")
     (root / "etc/micromanip/cell.yaml").write_text(ARMING)  # edited where it is
     assert typed("--yes")[0] == 78
-
-
-def test_the_limits_of_a_simulation_are_said_aloud(typed, config):
-    config.write_text(changed(SLOW, ("limits: hardware", "limits: simulation")))
-    said = f"{config}: loop.limits: simulation, whose fault limits are too wide for anything that really moves"
-    code, out, err = typed(config, "--dry-run", "--json")
-    assert (code, err) == (0, f"WARNING: {said}\n")
-    assert json.loads(out)["warnings"] == [said]
-    assert f"WARNING: {said}\n" in typed(config, "--yes")[2]
-
-
-def test_so_would_be_the_files_of_a_driver(typed, root, tmp_path):
-    """The service would end with 78 at its first start, because of a DBC file that nobody has copied."""
-    config, there = tmp_path / "mine.yaml", root / "etc/micromanip"
-    shutil.copytree(EXAMPLES / "can", tmp_path / "can")
-    config.write_text(changed((EXAMPLES / "can.yaml").read_text(), ("arm_on_start: true", "arm_on_start: false")))
-    code, _, err = typed(config, "--yes")
-    assert code == 1
-    assert "database: " in err
-    assert "copy what they lead to there first" in err
-    assert files(root) == []
-    shutil.copytree(EXAMPLES / "can", there / "can")
-    code, _, err = typed(config, "--yes")
-    assert code == 0, err
-    assert (there / "cell.yaml").read_text() == config.read_text()
 
 
 def test_this_machine_only_as_root_and_with_systemd(root, config, monkeypatch):

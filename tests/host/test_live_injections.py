@@ -142,12 +142,3 @@ def test_a_disarm_ends_it_at_once(tracking):
             until(lambda: client.request("analyse_live", number=number)["done"], "it does not end")
         until(lambda: client.status()["state"] == "READY" and lines(tracking) == 0, "it does not rest")
         track(client)
-
-
-def state(cell):
-    return cell.status["state"][0]["axis"][0]
-
-
-def in_force(cell):
-    slots = cell.control["parameters"]
-    return int(slots[slots["version"] == cell.status["state"][0]["version"]][0]["axis"][0]["move"]["kind"])

@@ -59,13 +59,6 @@ def samples(bus):
     return [sample for sample in inbox if bus.inputs[sample.channel].name == "Sensors.strain_x"]
 
 
-def test_a_frozen_counter_gives_no_samples_although_values_move(bus, peer):
-    for value in (1.0, 2.0, 3.0):
-        send(peer, Count=5, strain_x=value)
-    assert [sample.value for sample in samples(bus)] == pytest.approx([1.0])
-    assert bus.statistics()["repeated"] == 2
-
-
 def test_a_status_of_zero_can_be_bad(peer):
     status = {"signal": "Status", "good": [1, 3]}
     bus = CanBus(options(receive={"Sensors": {"rate_hz": 1.0, "status": status}}), FOLDER)

@@ -17,7 +17,7 @@ from micromanip.bus.errors import IdentityMismatch, LinkError, TransientError
 from micromanip.bus.inbox import Inbox
 
 from .board import FRAMING, Board, frame
-from .scripted_port import ScriptedPort, raised
+from .scripted_port import ScriptedPort
 from .wires import PtyWire
 
 COUNTER = {"at": 4, "type": "uint16", "byte_order": "little"}
@@ -166,17 +166,6 @@ def test_what_nothing_answers_is_taken_when_the_device_is_heard_after_it(stream)
     port.coming.append((time.monotonic_ns(), strains(1)))
     one.receive(inbox, time.monotonic_ns())
     assert inbox.confirmed == [task]
-
-
-def test_a_counter_that_stands_still_is_silence():
-    one, port = framing(lambda data: [(0.0, frame(0x81, struct.pack("<I", 1234)))], FRAMING["binary"], silence_ms=30.0)
-    begin(one)
-
-    def repeat():
-        port.coming.append((time.monotonic_ns(), strains(7)))
-        one.receive(Inbox(), time.monotonic_ns() + 1_000_000)
-
-    assert isinstance(raised(repeat), LinkError)
 
 
 def test_identity_must_be_told_twice():

@@ -1,7 +1,9 @@
 """The device's time stamps in our own time."""
 
 import itertools
+import random
 
+import pytest
 from micromanip_drivers.line.device_clock import DeviceClock
 
 US, MS, S = 1000, 1_000_000, 1_000_000_000
@@ -17,6 +19,19 @@ def messages(count, delay_ns, period_ns=MS, ppm=0.0, first_us=0):
         yield stamp_us, really_ns + WAY_NS + delay_ns(number), really_ns
 
 
+@pytest.mark.parametrize("ppm", [-50.0, 0.0, 50.0])
+def test_jitter_of_the_way_is_taken_out_and_drift_is_followed(ppm):
+    draw = random.Random(1)
+    clock = DeviceClock(1e-6, None)
+    late = []
+    for stamp, received_ns, really_ns in messages(60_000, lambda _: draw.choice((0, 0, 50, 500, 2000)) * US, ppm=ppm):
+        taken_ns = clock.taken_ns(stamp, received_ns)
+        assert taken_ns <= received_ns
+        late.append(taken_ns - really_ns - WAY_NS)
+    assert max(map(abs, late[1000:])) < 20 * US
+    assert clock.steps == 0
+
+
 def test_wrap_of_the_stamp():
     clock = DeviceClock(1e-6, 1 << 16)
     taken = [
@@ -25,6 +40,18 @@ def test_wrap_of_the_stamp():
     ]
     assert [b - a for a, b in itertools.pairwise(taken)] == [MS] * 499
     assert clock.steps == 0
+
+
+def test_clock_that_was_set_back_is_followed():
+    clock = DeviceClock(1e-6, None)
+    for stamp, received_ns, _ in messages(50, lambda _: 0, first_us=10_000_000):
+        clock.taken_ns(stamp, received_ns)
+    for number, (stamp, received_ns, really_ns) in enumerate(messages(20, lambda _: 0)):
+        taken_ns = clock.taken_ns(stamp, received_ns + S)
+        assert taken_ns <= received_ns + S
+        if number > 5:
+            assert taken_ns == really_ns + WAY_NS + S
+    assert clock.steps == 1
 
 
 def test_stamp_that_is_no_number():

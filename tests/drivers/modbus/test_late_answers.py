@@ -129,26 +129,6 @@ def test_an_echo_is_named():
 RTU_REQUEST = bytes.fromhex("01 03 0005 0001 940b")
 
 
-def test_a_counter_that_stands_still_makes_nothing_fresh_and_a_bad_status_is_passed_on():
-    tasks = {
-        "ask": {
-            "function": 3,
-            "rate_hz": 20,
-            "read": READ,
-            "counter": {"address": 6, "type": "uint16"},
-            "status": {"address": 7, "type": "bits", "first_bit": 1, "bit_count": 2, "good": [1, 2]},
-        }
-    }
-    scripted = Scripted(serial=False, tasks=tasks)
-    for number, registers in {2: "0001 0007 0002", 3: "0002 0007 0002", 4: "0003 0008 0006"}.items():
-        scripted.unit.said[number] = instead(bytes.fromhex(f"03 06 {registers}"))
-    assert scripted.turn() == [1.0]
-    assert scripted.turn() == [], "the count is the same"
-    assert scripted.turn() == [3.0]
-    assert [sample.status for sample in scripted.inbox] == [3]
-    assert scripted.driver.statistics()["repeated"] == 1
-
-
 @BOTH
 def test_two_units_on_one_line_never_get_each_others_answers(serial):
     task = {"ask": {"function": 3, "rate_hz": 20, "read": READ}}

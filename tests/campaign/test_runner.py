@@ -1,4 +1,4 @@
-"""The runner lists what there is, and each campaign can be run by its name."""
+"""What a campaign finds wrong is its exit code."""
 
 import importlib
 import sys

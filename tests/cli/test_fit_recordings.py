@@ -5,14 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from .test_fit_hysteresis import record
 from .test_fit_linear import code_of as linear_code
 from .test_fit_linear import record as linear_record
-
-
-@pytest.fixture
-def csv(tmp_path):
-    return record(tmp_path / "x.csv", 1)
 
 
 def test_a_linear_fit_with_a_gap_and_spikes_is_that_without(tmp_path, capsys):

@@ -1,4 +1,4 @@
-"""Nothing that is printed depends on where a sensor has its zero; real recordings where they are there."""
+"""A model is the same wherever a sensor has its zero."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What is wrong in a configuration of a line, from the device's side: one sentence each, with file, line and key."""
+"""A port that is in use, from the device's side."""
 
 import pytest
 from testbus.virtual_bus import VirtualLoop

@@ -1,4 +1,4 @@
-"""What is wrong in a configuration, from the devices' side: one sentence each, with file, line and key."""
+"""Channels that are in use, and interfaces that nothing can be played on."""
 
 import pytest
 from testbus.virtual_bus import VirtualLoop

@@ -72,9 +72,6 @@ def test_the_key_of_another_is_refused(tmp_path, lines):
     assert lines == []
 
 
-"""Of a curve that is not supported."""
-
-
 @pytest.mark.parametrize(("mode", "may"), [(0o600, True), (0o640, True), (0o644, False), (0o660, False)])
 def test_a_key_is_read_by_its_owner_and_its_group(tmp_path, mode, may):
     public, private = made(tmp_path)

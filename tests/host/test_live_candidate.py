@@ -1,4 +1,4 @@
-"""A candidate tuning beside a real loop that tracks: promoted and confirmed, or taken back by the loop itself."""
+"""A candidate tuning beside a real loop that tracks: promoted without a bump and confirmed."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Moves and sensitivity measured on a real loop: softly, let go where nobody asks any more, gone with the state."""
+"""Sensitivity measured on a real loop: softly, let go where nobody asks any more, gone with the state."""
 
 import json
 import time

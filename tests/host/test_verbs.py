@@ -294,13 +294,8 @@ FIELDS = {
     "status with anything": ("status", {"verbose": 1}, "status: verbose: unknown key verbose.*"),
     "set without": ("set", {}, "set: changes: missing, .*"),
     "set nothing": ("set", {"changes": {}}, "set: changes: expected a section, from 1 to 200 entries, .*"),
-    "set a list": ("set", {"changes": [K, 1]}, "set: changes: expected a section.*"),
-    "get a text": ("get", {"keys": K}, "get: keys: expected a list of texts.*"),
-    "save by text": ("save", {"force": "yes"}, r"save: force: expected true or false.*"),
     "jog nowhere": ("jog", {"axis": "x"}, "jog: give either by_um or to_um"),
-    "jog twice": ("jog", {"axis": "x", "by_um": 1, "to_um": 1}, "jog: give either by_um or to_um"),
     "jog to infinity": ("jog", {"axis": "x", "to_um": 1e999}, "jog: to_um: .*"),
-    "log none": ("log", {"last": 0}, "log: last: expected a whole number from 1 to 1000, not 0"),
 }
 
 

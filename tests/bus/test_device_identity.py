@@ -2,7 +2,6 @@
 
 import os
 import socket
-import struct
 
 import pytest
 
@@ -90,18 +89,3 @@ def test_the_kernel_is_asked_what_kind_of_interface_it_is(monkeypatch):
     assert link_kind.kind_of_link("nosuchcan0") is None
     monkeypatch.setattr(socket, "AF_NETLINK", 4711)
     assert link_kind.kind_of_link("lo") is None, "a service may not ask"
-
-
-def test_the_kernels_answer_is_read():
-    def attribute(number, value):
-        return struct.pack("=HH", 4 + len(value), number) + value + b"\0" * (-len(value) % 4)
-
-    def answer(kind, *attributes):
-        body = b"\0" * 16 + b"".join(attributes)
-        return struct.pack("=IHHII", 16 + len(body), kind, 0, 1, 0) + body
-
-    info = attribute(18 | 0x8000, attribute(2, b"xyz") + attribute(1, b"vcan\0"))
-    assert link_kind.kind_in(answer(16, attribute(3, b"can0\0"), info)) == "vcan"
-    assert link_kind.kind_in(answer(16, attribute(3, b"can0\0"))) == ""
-    assert link_kind.kind_in(answer(2, b"\0" * 4)) is None, "an error"
-    assert link_kind.kind_in(answer(16, b"\0" * 8)) == "", "an attribute without an end ends it"

@@ -11,15 +11,7 @@ from micromanip.bus.image import ProcessImage
 from micromanip.bus.last_given import LastGiven
 from micromanip.bus.safe_state import LAST_SWITCH, SWITCH, UNUSED, VOLTAGE, SafeOutput, SafeState
 from micromanip.rt.bus_image import FOLLOWING, IMAGE, RESTING
-from micromanip.rt.steady.gate import (
-    decide,
-    note_given,
-    note_sent,
-    rests,
-    state_holds,
-    take_confirmed,
-    take_wanted,
-)
+from micromanip.rt.steady.gate import decide, note_given, note_sent, rests, state_holds, take_confirmed, take_wanted
 from micromanip.rt.steady.records import INBOX, STEADY
 
 NOW_NS, DEAD_NS = 10**12, 10**8

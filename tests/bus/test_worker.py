@@ -9,14 +9,7 @@ import numpy as np
 import pytest
 
 from micromanip.bus.driver import BusDriver, BusOptions, Channel, Load, Outcome, Task
-from micromanip.bus.errors import (
-    DeviceFault,
-    IdentityMismatch,
-    LinkError,
-    OutputRefused,
-    StillOpening,
-    TransientError,
-)
+from micromanip.bus.errors import DeviceFault, IdentityMismatch, LinkError, OutputRefused, StillOpening, TransientError
 from micromanip.bus.image import ProcessImage
 from micromanip.bus.last_given import LastGiven
 from micromanip.bus.safe_state import SWITCH, VOLTAGE, SafeOutput

@@ -42,28 +42,6 @@ def report(tmp_path_factory):
     return json.loads(out.getvalue())
 
 
-def test_every_criterion_is_judged(report):
-    (axis,) = report["axes"]
-    names = [criterion["name"] for criterion in axis["criteria"]]
-    assert names == [
-        "invertible over the set-points",
-        "strain loop: stable",
-        "strain loop: gain margin",
-        "strain loop: phase margin",
-        "strain loop: limit cycle",
-        "outer loop: stable",
-        "outer loop: gain margin",
-        "outer loop: phase margin",
-        "outer loop: at every slope",
-        "outer loop: a swing of any size",
-        "outer loop: limit cycle",
-        "outer loop: drawn plants",
-        "played cells hold the path",
-    ]
-    assert report["passed"] == all(criterion["passed"] for criterion in axis["criteria"])
-    assert all(criterion["value"] and criterion["limit"] for criterion in axis["criteria"])
-
-
 def test_verdicts_follow_from_the_figures(report):
     (axis,) = report["axes"]
     passed = {criterion["name"]: criterion["passed"] for criterion in axis["criteria"]}

@@ -6,8 +6,6 @@ from pathlib import Path
 
 import pytest
 
-from tests.further import further
-
 from .command import code_of
 
 CONFIG = Path(__file__).parents[2] / "config"
@@ -15,10 +13,7 @@ SENSOR_EDS = (CONFIG / "can/sensor.eds").read_text()
 DBC = (CONFIG / "can/manipulator.dbc").read_text()
 
 BROKEN = {
-    "CAN, overfull": (
-        ("can.yaml", "data_bitrate: 5000000", "data_bitrate: 1000000"),
-        ("  can0:", "drivers.can0"),
-    ),
+    "CAN, overfull": (("can.yaml", "data_bitrate: 5000000", "data_bitrate: 1000000"), ("  can0:", "drivers.can0")),
     "CAN, no such signal": (
         ("can.yaml", "channel: Sensors.stage_x", "channel: Sensors.stgae_x"),
         ("channel: Sensors.stgae_x", "signals.stage_x"),
@@ -47,10 +42,7 @@ BROKEN = {
         ("canopen.yaml", "eds: can/sensor.eds", "eds: can/broken.eds"),
         ("eds: can/broken.eds", "drivers.can0.nodes.sensor.eds"),
     ),
-    "CANopen, overfull": (
-        ("canopen.yaml", "bitrate: 1000000", "bitrate: 500000"),
-        ("  can0:", "drivers.can0"),
-    ),
+    "CANopen, overfull": (("canopen.yaml", "bitrate: 1000000", "bitrate: 500000"), ("  can0:", "drivers.can0")),
 }
 """Example and what is changed in it; a mark of the line that is named, and the key."""
 
@@ -85,24 +77,3 @@ def test_one_line_with_file_line_and_key(folder, name, capsys):
         out, err = capsys.readouterr()
         assert err.startswith(f"micromanip: {file}:{line}: {key}: ")
         assert (err.count("\n"), out) == (1, "")
-
-
-@pytest.mark.live
-@pytest.mark.parametrize(("example", "interface"), [("can.yaml", "can97"), *further(("canopen.yaml", "can98"))])
-def test_a_missing_interface_is_one_line_too(folder, example, interface, capsys):
-    """Each its own: a device belongs to one controller at a time, and tests run side by side."""
-    text = (CONFIG / example).read_text()
-    file = folder / example
-    changed = text.replace("interface: micromanip", "interface: socketcan").replace(
-        "channel: can0\n", f"channel: {interface}\n"
-    )
-    file.write_text(changed)
-    line = 1 + changed[: changed.index("  can0:")].count("\n")
-    assert code_of("run", file, "--socket", folder / "s") == 69
-    out, err = capsys.readouterr()
-    assert err.startswith(
-        f"micromanip: {file}:{line}: drivers.can0: socketcan-{interface}: "
-        f"there is no network interface {interface}; CAN interfaces"
-    )
-    assert err.count("\n") == 1
-    assert not out

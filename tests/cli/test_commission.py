@@ -77,20 +77,6 @@ def test_evaluate_is_at_or_below_the_papers_sigma(commissioned, tmp_path, capsys
         assert row["std_error_um"] <= paper.SIGMA_UM["C"][row["frequency_hz"]]
 
 
-def test_a_later_change_is_noticed(commissioned, tmp_path, capsys):
-    text = (commissioned.folder / "out" / "tuned.yaml").read_text(encoding="utf-8")
-    tuned, _ = load_with_source(commissioned.folder / "out" / "tuned.yaml")
-    weight = f"control_weight: {tuned.axes['y'].outer.control_weight}\n"
-    assert weight in text
-    other = tmp_path / "other.yaml"
-    other.write_text(text.replace(weight, "control_weight: 5.0\n"), encoding="utf-8")
-    assert code_of("check", other) == 0
-    assert (
-        f"axis y was changed after it was commissioned (report {tuned.axes['y'].commissioned.report}, "
-        in capsys.readouterr().err
-    )
-
-
 def test_an_axis_with_a_gauge_alone_and_nothing_tuned_gets_its_strain_loop(tmp_path, capsys):
     """No stage sensor, no section `inner`, and a set-point that may be faster than its output."""
     config = tmp_path / "cell.yaml"

@@ -126,13 +126,6 @@ def test_a_broken_cell_is_named_before_a_loop_is_closed(name, tmp_path, monkeypa
     assert re.search(wanted, said), said
 
 
-@pytest.mark.long
-def test_a_tracker_that_is_missing(tmp_path, monkeypatch, capsys):
-    config = cell(tmp_path, fault("deviation_x", "drop"), base="simulated.yaml")
-    said = refusal(config, tmp_path, monkeypatch, capsys)
-    assert re.search("the tracker gives no usable samples .* of signals.deviation_x", said), said
-
-
 def test_a_host_that_stood_still_is_told_as_that(tmp_path):
     """All sensors are silent at once, for 40 ms in the middle of a record whose gauge has a gap there."""
 

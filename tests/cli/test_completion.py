@@ -1,13 +1,8 @@
 """Shells complete the names of axes: quickly, and silently where they can't be told."""
 
-import os
-import socket
-import time
-
 import pytest
 from click.shell_completion import ShellComplete
 
-from micromanip.cli import axes
 from micromanip.cli.main import cli
 
 from .command import COMMANDS
@@ -45,20 +40,6 @@ def completed(*words):
 )
 def test_one_axis_of_the_file(words, file):
     assert completed(*(str(file) if word == "FILE" else word for word in words)) == ["left", "up"]
-
-
-def test_who_hangs_is_not_waited_for(tmp_path, monkeypatch):
-    monkeypatch.setattr(axes, "_PATIENCE_S", 0.2)
-    path = tmp_path / "control.sock"
-    with socket.socket(socket.AF_UNIX) as listening:
-        listening.bind(str(path))
-        listening.listen()
-        begin = time.monotonic()
-        assert completed("jog", "--socket", path, "") == []
-    assert time.monotonic() - begin < 5.0
-    pipe = tmp_path / "pipe"
-    os.mkfifo(pipe)
-    assert completed("analyse", "margins", pipe, "--axis", "") == []
 
 
 def test_every_command_that_takes_an_axis_completes_it():

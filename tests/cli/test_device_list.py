@@ -1,7 +1,6 @@
 """``micromanip device list``: what is installed, good or not, with its reason."""
 
 import json
-from pathlib import Path
 
 import pytest
 
@@ -9,7 +8,6 @@ from micromanip.bus import inspection
 
 from .command import code_of
 
-LAG_STAGE = Path(__file__).parents[2] / "docs" / "examples" / "lag_stage" / "cell.yaml"
 BUS = '''
 from micromanip.bus.driver import BusDriver, BusOptions
 class Driver(BusDriver):
@@ -93,14 +91,3 @@ def test_broken_one_is_shown_with_its_reason(text, reason, announce, only, capsy
     assert "BROKEN" in out
     assert "simulated  cyclic  loads" in out
     assert err == "micromanip: driver nothing can't be used\n"
-
-
-def test_one_that_is_not_whole_is_a_wrong_configuration(announce, tmp_path, capsys):
-    """Its class can't be made an object of, which was called a bug of ours."""
-    announce("nothing", "driver_of_nothing:Driver", BUS.replace("def close", "def shut").replace("def open", "def ope"))
-    cell = tmp_path / "cell.yaml"
-    cell.write_text(LAG_STAGE.read_text().replace("driver: lag_stage, um_per_V: 0.9, lag_ms: 0.5", "driver: nothing"))
-    said = "driver nothing (driver_of_nothing:Driver) does not have close, open: "
-    for verb in ("check", "run"):
-        assert code_of(verb, cell) == 78
-        assert f"{cell}:4: drivers.stage.driver: {said}" in capsys.readouterr().err

@@ -4,9 +4,6 @@ import sys
 
 import pytest
 
-from micromanip.design.parallel import scheduler
-from micromanip.errors import DeviceUnavailable
-
 from .command import code_of
 
 FIT = ("--input", "u", "--output", "y", "--burn-in", "0")
@@ -32,9 +29,3 @@ def test_a_command_names_the_extra(missing, extra, arguments, tmp_path, monkeypa
     assert code_of(*arguments) == 69
     said = capsys.readouterr().err
     assert f"needs {missing}: install micromanip with its extra {extra} " in said
-
-
-def test_a_cluster_names_the_extra(monkeypatch):
-    monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(DeviceUnavailable, match=r"needs distributed: .* its extra cluster "), scheduler("tcp://x:1"):
-        pass

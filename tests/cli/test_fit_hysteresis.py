@@ -92,21 +92,6 @@ def test_into_keeps_comments_and_the_other_axes(csv, cell, capsys):
     assert len(model.weights) == 6
 
 
-@pytest.mark.parametrize(("named", "others"), [("x", "yz"), ("y", "xz")])
-def test_into_an_anchor_or_its_alias_changes_the_named_axis_only(csv, cell, named, others):
-    text = cell.read_text()
-    axes = text.index("axes:\n")
-    first = text[text.index("  x:\n", axes) : text.index("  y:\n", axes)].replace("  x:\n", "  x: &axis\n")
-    cell.write_text(text[:axes] + "axes:\n" + first + "  y: *axis   # like x\n  z: *axis\n")
-    before = yaml.safe_load(cell.read_text())["axes"]
-    assert code_of(csv, *QUICK, "--into", cell, "--axis", named) == 0
-    after = yaml.safe_load(cell.read_text())["axes"]
-    assert [after[other] for other in others] == [before[other] for other in others]
-    assert after[named].pop("hysteresis")["model"] == "pi"
-    assert after[named] == before[named]
-    load_with_source(cell)
-
-
 @pytest.mark.parametrize(
     ("header", "factor", "columns", "says"),
     [
@@ -138,10 +123,8 @@ def test_into_takes_no_unit_for_granted(csv, cell, header, factor, columns, says
 
 REFUSED = {
     "--axis alone": (("--axis", "x"), 64, "--into and --axis go together"),
-    "--into alone": (("--into", "cell.yaml"), 64, "--into and --axis go together"),
     "no such axis": (("--into", "cell.yaml", "--axis", "w"), 64, "there is no axis w in cell.yaml"),
     "another rate": (("--validate", "other.csv"), 1, "other.csv: sampled every 0.004 s"),
-    "no such record": (("--validate", "none.csv"), 1, "none.csv: no such file"),
     "no such model": (("--model", "cubic"), 64, "--model"),
 }
 

@@ -1,7 +1,6 @@
 """``fit linear``: the documented keys, CSV by name and text by number, several files; errors in one line."""
 
 import json
-import re
 from functools import partial
 from pathlib import Path
 
@@ -48,22 +47,6 @@ def report_of(capsys, *arguments):
     return json.loads(capsys.readouterr().out)
 
 
-def spoilt(file, change):
-    """The record with its columns changed."""
-    names = ["t_s", "u1", "u2", "y1", "y2"]
-    table = dict(zip(names, np.loadtxt(file, delimiter=",", skiprows=1).T.copy(), strict=True))
-    change(table)
-    np.savetxt(file, np.column_stack(list(table.values())), "%.12g", ",", header=",".join(table), comments="")
-
-
-@pytest.mark.parametrize("order", [(), ("--order", "3")])
-def test_columns_that_are_mixed_up_are_refused(order, csv, capsys):
-    assert code_of(csv, "--input", "y1", "--output", "u1", *order) == 1
-    said = capsys.readouterr().err
-    assert re.search(r"u1 runs ahead of y1: from y1 to u1 a model fits with \d %, the other way round with 9\d", said)
-    assert code_of(csv, "--input", "u1", "--output", "y1", *order) == 0
-
-
 def test_json_has_the_documented_keys(csv, capsys):
     report = report_of(capsys, csv, *COLUMNS)
     assert {"order", "fit_percent", "rms_error_percent", "poles_z"} <= set(report)
@@ -84,25 +67,6 @@ def test_json_has_the_documented_keys(csv, capsys):
     gain = C @ np.linalg.solve(np.eye(6) - A, B)
     truth = [[0.3 / np.polyval(np.poly(POLES).real, 1.0), 0.0], [1.0, 2.0]]
     assert gain == pytest.approx(np.array(truth), abs=0.05)
-
-
-@pytest.mark.parametrize("quote", ["", '"'])
-def test_columns_with_commas_in_their_names(quote, csv, capsys):
-    text = Path(csv).read_text().splitlines()
-    Path(csv).write_text("\n".join(['t_s,"Ch1,V","Voltage, 2 (V)","Gauge, A (um)",y2', *text[1:]]))
-    names = [",".join(f"{quote}{name}{quote}" for name in ("Ch1,V", "Voltage, 2 (V)")), "y2,Gauge, A (um)"]
-    report = report_of(capsys, csv, "--input", names[0], "--output", names[1])
-    assert report["fit_percent"] == pytest.approx([99.0, 99.0], abs=0.3)
-
-
-def test_rows_without_a_number_are_left_out_with_their_lines(csv, capsys):
-    def not_a_number(table):
-        table["y2"][[40, 50]] = table["t_s"][60] = np.nan
-
-    spoilt(csv, not_a_number)
-    assert code_of(csv, *COLUMNS) == 0
-    assert "3 rows lack a number and are left out, the first at " in (said := capsys.readouterr().err)
-    assert "x.csv:42; by t_s 3 samples are missing, in 3 gaps" in said
 
 
 REFUSED = {

@@ -5,20 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from .test_fit_hysteresis import QUICK, code_of, record
 from .test_fit_linear import code_of as linear_code
 from .test_fit_linear import record as linear_record
-
-
-@pytest.fixture
-def csv(tmp_path):
-    return record(tmp_path / "x.csv", 1)
-
-
-@pytest.mark.parametrize("cut", ["5", "5:1", "a:b", "-1:3", "1:1"])
-def test_a_cut_that_is_none_is_wrong_usage(csv, cut, capsys):
-    assert code_of(csv, *QUICK, f"--cut={cut}") == 64
-    assert "Traceback" not in capsys.readouterr().err
 
 
 def test_a_linear_fit_with_a_gap_and_spikes_is_that_without(tmp_path, capsys):

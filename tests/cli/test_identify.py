@@ -140,19 +140,6 @@ def live(tmp_path):
         each.process.wait()
 
 
-@pytest.mark.live
-def test_live_on_the_simulation(live):
-    run = live(1)
-    assert run.end() == 0, run.said
-    said = (run.folder / "stdout").read_text().splitlines()
-    assert said[1].startswith("next: micromanip fit hysteresis ")
-    columns = table(run.out / "x_multisine.csv")
-    assert len(columns) == 1000
-    assert 40.0 < np.ptp(columns["strain_um"]) < 130.0
-    # the record is the experiment, not its beginning: the voltage is that of the upper three quarters
-    assert columns["voltage_V"].min() > 15.0
-
-
 def lag_ms(file):
     """By how much the strain is behind the voltage, to the millisecond of the rows."""
     columns, most = table(file), 40

@@ -1,4 +1,4 @@
-"""`micromanip learn`: a memory as CSV; what is asked of the running cell is in tests/host/test_learning_live.py."""
+"""`micromanip learn`: a memory as CSV; what is asked of the running cell is in tests/host/test_learning_service.py."""
 
 import json
 
@@ -7,7 +7,6 @@ import pytest
 from click.testing import CliRunner
 
 from micromanip.cli.commands import cli
-from micromanip.cli.learn import _print_status
 from micromanip.design.learning.memory import Memory, write_memory
 from micromanip.errors import CheckFailed, UsageError
 
@@ -28,16 +27,3 @@ def test_export_writes_a_memory_as_csv_and_replaces_nothing(tmp_path):
     (tmp_path / "y.npz").write_bytes(b"not one")
     assert isinstance(asked("export", tmp_path / "y.npz", tmp_path / "y.csv").exception, CheckFailed)
     assert not (tmp_path / "y.csv").exists()
-
-
-def test_status_says_what_is_played_and_what_became_of_the_last_part(monkeypatch, capsys):
-    monkeypatch.setenv("COLUMNS", "120")
-    last = {"error_um": 0.41, "without_um": 0.52, "verdict": "better", "learned_Hz": [[7.0, 9.0]]}
-    axes = {
-        "x": {"generation": 4, "may_play": True, "state": "plays", "part": 5, "apart_um": 1.25, "last": last},
-        "y": {"generation": 2, "may_play": False, "state": "idle", "part": 5, "apart_um": 0.0, "last": None},
-    }
-    _print_status({"state": "learning", "made": 4, "folder": "learned", "axes": axes})
-    shown = capsys.readouterr().out
-    for word in ("learning, 4 parts made", "state 4", "plays", "0.520", "better", "7-9", "state 2, not played"):
-        assert word in shown

@@ -136,8 +136,7 @@ def test_an_error_is_one_document_too_where_json_is_asked_for(typed, capsys):
     "arguments", [*further(f"check {CONFIG}", f"check {CONFIG} --json"), "device list --json", "--help", "get --help"]
 )
 @pytest.mark.parametrize(
-    ("redirected", "code", "said"),
-    [("| head -c 1", 0, ""), (">&-", 0, ""), ("> /dev/full", 69, FULL)],
+    ("redirected", "code", "said"), [("| head -c 1", 0, ""), (">&-", 0, ""), ("> /dev/full", 69, FULL)]
 )
 def test_a_closed_or_full_output_is_no_bug(arguments, redirected, code, said):
     program = Path(sys.executable).with_name("micromanip")

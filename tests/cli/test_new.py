@@ -59,22 +59,6 @@ def test_each_axis_has_channels_and_registers_of_its_own(printed):
     assert "host: 10.0.0.7" in text
 
 
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        ((), "--driver is missing: one of canbus"),
-        (("--driver", "modbos"), "did you mean modbus"),
-        (("--driver", "modbus", "--axes", "x,x"), "a name is there twice"),
-        (("--driver", "modbus", "--axes", "x y"), "'x y' is no name of an axis"),
-    ],
-)
-def test_a_wrong_order_is_one_sentence(arguments, said, capsys):
-    assert code_of("new", *arguments) == 64
-    err = capsys.readouterr().err
-    assert said in err
-    assert err.count("\n") == 1
-
-
 def test_what_comes_with_the_program_is_listed(printed):
     text = printed("--list")
     assert text.startswith(f"drivers: {', '.join(DRIVERS)}\n")

@@ -20,11 +20,7 @@ from micromanip.settings.schema.hysteresis import PrandtlIshlinskii, attainable_
 
 TANH = {"shaping": "tanh", "coefficients": (180.0, 0.0036, -0.11, 18.0)}
 AFFINE = {"shaping": "affine", "coefficients": (0.63, -1.2)}
-TABLE = {
-    "shaping": "table",
-    "table_V": (-20.0, 15.0, 60.0, 110.0, 150.0),
-    "table_um": (-12.0, 8.0, 40.0, 66.0, 80.0),
-}
+TABLE = {"shaping": "table", "table_V": (-20.0, 15.0, 60.0, 110.0, 150.0), "table_um": (-12.0, 8.0, 40.0, 66.0, 80.0)}
 SHAPINGS = {"identity": {"shaping": "identity"}, "affine": AFFINE, "tanh": TANH, "table": TABLE}
 
 

@@ -91,18 +91,6 @@ def test_the_offset_is_refitted_on_held_out_data():
     assert rms == pytest.approx(100 * error.std() / np.ptp(other_y[BURN_IN:]))
 
 
-def test_the_same_seed_gives_the_same_model():
-    v, y = data("pi-tanh")
-    structure = structure_of("pi-tanh", v, STEP_S, 8)
-    one, two, three = (fit(structure, v, y, WHOLE, BURN_IN, starts=3, seed=seed) for seed in (4, 4, 5))
-    np.testing.assert_array_equal(one.x, two.x)
-    assert one.cost == two.cost
-    assert three.cost == pytest.approx(one.cost, rel=0.01)
-    called = []
-    fit(structure, v, y, WHOLE, BURN_IN, starts=3, progress=lambda: called.append(1))
-    assert len(called) == 3
-
-
 @pytest.fixture(scope="module")
 def real():
     """Two recordings of a real piezo manipulator."""

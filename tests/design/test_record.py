@@ -36,26 +36,13 @@ def constant_input(columns):
     columns["voltage_V"][:] = 60.0
 
 
-def constant_output(columns):
-    columns["strain_um"][:] = 0.0
-
-
 def too_short(columns):
     for name, values in columns.items():
         columns[name] = values[:150]
 
 
-def one_row(columns):
-    for name, values in columns.items():
-        columns[name] = values[:1]
-
-
 def clipped_above(columns):
     np.minimum(columns["strain_um"], 170.0, out=columns["strain_um"])
-
-
-def clipped_below(columns):
-    np.maximum(columns["strain_um"], 40.0, out=columns["strain_um"])
 
 
 def clipped_before_the_noise(columns):
@@ -72,10 +59,6 @@ def standing_time(columns):
     columns["t_s"][:] = 0.0
 
 
-def no_time(columns):
-    del columns["t_s"]
-
-
 def falling(columns):
     columns["strain_um"] *= -1.0
 
@@ -89,22 +72,10 @@ def one_way(columns):
         columns[name] = np.linspace(values[0], values[0] + 10.0, len(values))
 
 
-def other_name(columns):
-    columns["strain_z_um"] = columns.pop("strain_um")
-
-
-def unlike_name(columns):
-    columns["q"] = columns.pop("strain_um")
-
-
 BAD = {
     constant_input: "{file}: voltage_V is constant: record while the actuator moves over the stroke that it will use",
-    constant_output: "{file}: strain_um is constant: record while the actuator moves over the stroke that it will use",
     too_short: "{file}: 150 samples are too few; record at least 200",
-    one_row: "{file}:2: 1 sample is too few; record at least 200",
     clipped_above: "{file}: strain_um sticks at its top value 170 for 14 samples while the input "
-    "goes on outwards: the sensor is clipped; shift its range, or record a smaller movement",
-    clipped_below: "{file}: strain_um sticks at its bottom value 40 for 22 samples while the input "
     "goes on outwards: the sensor is clipped; shift its range, or record a smaller movement",
     clipped_before_the_noise: "{file}: strain_um sticks near its top value 165.055, but for noise, for 20 samples "
     "while the input goes on outwards: the sensor is clipped; shift its range, or record a smaller movement",
@@ -112,13 +83,10 @@ BAD = {
     "(--input is the voltage, --output the displacement)",
     standing_time: "{file}:3: t_s stands still here (999 of 999 steps do not rise); a time column rises with every "
     "sample: name another with --time, cut the file there, or take its rows as even, --time none --dt SECONDS",
-    no_time: "{file}: there is no time column (a name that begins with t); name it with --time, or give --dt",
     falling: "{file}: strain_um falls when voltage_V rises: turn the sensor's sign, or name the right columns",
     unrelated: "{file}: strain_um hardly follows voltage_V (correlation {any}): "
     "are these the columns of one axis, recorded together?",
     one_way: "{file}: voltage_V passes its middle only {any} times: record at least two full periods",
-    other_name: "{file}: there is no column strain_um; did you mean strain_z_um?",
-    unlike_name: "{file}: there is no column strain_um; its columns are t_s, voltage_V, q",
 }
 NO_TABLE = (
     "{file}: not a table of numbers: one row per sample, separated by commas, semicolons, tabs or spaces, is read"

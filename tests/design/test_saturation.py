@@ -19,12 +19,7 @@ CELL = prepare(Path(__file__).parents[2] / "config" / "simulated.yaml")
 PERIOD_S = 1e-4
 AS_IT_IS, NERVOUS = (
     {},
-    {
-        "control_weight": 0.4217,
-        "input_noise_um": 1.0,
-        "disturbance_um": 0.0555,
-        "oscillation_um": 0.001755,
-    },
+    {"control_weight": 0.4217, "input_noise_um": 1.0, "disturbance_um": 0.0555, "oscillation_um": 0.001755},
 )
 """The second has all its margins: Ms 1.86, 7.8 dB and 37 degrees on its own model."""
 
@@ -45,12 +40,7 @@ def test_a_calm_loop_comes_to_rest_and_a_nervous_one_does_not():
 
 
 SELDOM = prepare(Path(__file__).parents[2] / "config" / "simulated_2khz.yaml")
-SWINGS = {
-    "control_weight": 0.05623,
-    "input_noise_um": 0.001,
-    "disturbance_um": 7.208e-05,
-    "oscillation_um": 7.208e-06,
-}
+SWINGS = {"control_weight": 0.05623, "input_noise_um": 0.001, "disturbance_um": 7.208e-05, "oscillation_um": 7.208e-06}
 """Ms 1.61, 9.6 dB and 52 degrees on its own model; the stage swings by 10 um rms for ever."""
 
 

@@ -10,7 +10,6 @@ from tools.pictures.house import ANYWHERE, ROOMS
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
 LINK = re.compile(r"\[(?P<text>[^\]]*)\]\((?P<target>[^)\s]+)\)")
-FUNCTION = re.compile(r"`(?P<file>\w+\.py)::(?P<name>\w+)`")
 
 
 def links(page):
@@ -34,19 +33,6 @@ def test_links_lead_somewhere(page):
     for text, path, anchor in links(page):
         assert path.exists(), f"{page.name}: [{text}] leads to {path}, which is not there"
         assert not anchor or anchor in anchors(path), f"{page.name}: {path.name} has no heading #{anchor}"
-
-
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_functions_named_beside_a_link_are_in_that_file(page):
-    for text, path, _ in links(page):
-        named = FUNCTION.fullmatch(text)
-        if named is None:
-            continue
-        assert path.name == named["file"]
-        source = path.read_text(encoding="utf-8")
-        assert re.search(rf"^\s*(async def|def|class) {named['name']}\b|^{named['name']} = ", source, re.MULTILINE), (
-            f"{page.name}: there is no {named['name']} in {path.relative_to(ROOT)}"
-        )
 
 
 def test_every_page_and_picture_is_reached_from_the_index():

@@ -36,7 +36,4 @@ def test_the_search_finds_a_word_of_a_page(site):
     index = json.loads((site / "search" / "search_index.json").read_text())
     assert {
         entry["location"].split("#")[0] for entry in index["docs"] if "describing function" in entry["text"].lower()
-    } >= {
-        "theory.html",
-        "analyse.html",
-    }
+    } >= {"theory.html", "analyse.html"}

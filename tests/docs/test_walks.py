@@ -57,10 +57,7 @@ def difference(shown, printed):
 
 @pytest.mark.long
 @pytest.mark.timeout(900)
-@pytest.mark.parametrize(
-    ("page", "outputs"),
-    [("quickstart.md", 3), *further(("record-and-replay.md", 1))],
-)
+@pytest.mark.parametrize(("page", "outputs"), [("quickstart.md", 3), *further(("record-and-replay.md", 1))])
 def test_what_a_page_shows_is_printed(page, outputs, tmp_path):
     for name in ("config", "docs"):
         (tmp_path / name).symlink_to(ROOT / name)

@@ -41,10 +41,7 @@ def test_a_bus_driver_loads_neither_compiler_nor_suite(module, unwanted):
 
 
 def test_pages_and_examples_come_in_by_the_door():
-    files = [
-        *(ROOT / "docs" / "examples").rglob("*.py"),
-        ROOT / "docs" / "write-a-driver.md",
-    ]
+    files = [*(ROOT / "docs" / "examples").rglob("*.py"), ROOT / "docs" / "write-a-driver.md"]
     imported = {name for file in files for name in IMPORT.findall(file.read_text(encoding="utf-8"))}
     assert imported
     assert {name for name in imported if not name.startswith("micromanip.driver")} == set()

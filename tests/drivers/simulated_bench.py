@@ -1,6 +1,5 @@
 """The simulated cell called as the loop does: by the addresses of its four functions."""
 
-import functools
 import json
 from pathlib import Path
 
@@ -8,8 +7,6 @@ import numpy as np
 from micromanip_drivers.simulated.driver import SimulatedCell
 from micromanip_drivers.simulated.options import Options
 from micromanip_drivers.simulated.records import CHANNELS, CONTEXT
-
-from micromanip.settings.check import prepare
 
 from .called import Called
 
@@ -78,9 +75,3 @@ class Bench(Called):
             assert self.exchange(*([volts(k)] if volts else [])) == 0
             out[k] = self.signals["value"][where]
         return out
-
-
-@functools.cache
-def tuned_cell():
-    """The configuration simulated.yaml, checked and compiled."""
-    return prepare(CONFIG / "simulated.yaml")

@@ -1,10 +1,7 @@
 """A deviation out of a file, played by the simulated cell."""
 
 import numpy as np
-import pytest
 from scipy.interpolate import CubicHermiteSpline
-
-from micromanip.driver import ConfigError
 
 from .simulated_bench import PERIOD_NS, QUIET_TRACKER, Bench, quiet
 
@@ -40,16 +37,3 @@ def test_a_cubic_runs_through_the_rows_and_stands_still_beyond_them(tmp_path):
 def test_the_tracker_sees_the_path_late(tmp_path):
     path, seen = played(tmp_path, 300, rate_Hz=10_000.0, latency_ms=1.0)
     np.testing.assert_allclose(seen[20:], path[10:-10], atol=1e-9)
-
-
-def test_a_file_that_is_none_is_told_with_the_key(tmp_path):
-    file = tmp_path / "path.csv"
-    for text, message in (
-        ("t_s,x_mm\n0,1\n0.1,2\n0.4,3\n0.5,3\n", "deviation.file: .*row 2 comes 0.3 s after the one before"),
-        ("t_s,y_um\n0,1\n0.1,2\n", "deviation.file: .*there is no column deviation_x_um"),
-    ):
-        file.write_text(text, encoding="utf-8")
-        with pytest.raises(ConfigError, match=message):
-            Bench(quiet(deviation={"file": str(file)}), opened=False)
-    with pytest.raises(ConfigError, match="no such file"):
-        Bench(quiet(deviation={"file": str(tmp_path / "gone.csv")}), opened=False)

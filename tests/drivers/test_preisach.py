@@ -74,19 +74,6 @@ def test_against_a_grid_of_relays(v):
     assert along(v) == pytest.approx(by_relays(v), rel=1e-6, abs=1e-9)
 
 
-VOLTS = st.floats(-20.0, 150.0)
-COURSES = st.lists(VOLTS, min_size=1, max_size=40)
-
-
-@given(COURSES, st.floats(-200.0, -20.0))
-def test_negative_saturation(history, below):
-    """Further down than -20 V nothing happens, and nothing is remembered."""
-    _, s = operator()
-    along(history, P, s)
-    assert along([below, -20.0, below - 5.0], P, s) == pytest.approx([0.0, 0.0, 0.0], abs=1e-9)
-    assert along([60.0], P, s)[0] == pytest.approx(along([60.0])[0], abs=1e-9)
-
-
 def test_full_memory_forgets_its_smallest_loops_only():
     """A shrinking oscillation of many more turns than fit: the outer loops are still there."""
     p, s = operator()

@@ -1,16 +1,9 @@
 """Scheduled faults of the simulated cell: each kind, its time, slow channels, and options that make no sense."""
 
-import json
-
 import numpy as np
 import pytest
-from micromanip_drivers.simulated.driver import SimulatedCell
-from micromanip_drivers.simulated.options import Options
-from pydantic import ValidationError
 
-from micromanip.errors import ConfigError
-
-from .simulated_bench import PERIOD_NS, Bench, quiet
+from .simulated_bench import Bench, quiet
 
 AT, CYCLES = 10, 5  # the 10th exchange is the first at 1 ms
 NOISY = {"axes": ["x"]}
@@ -106,24 +99,3 @@ def test_a_failed_exchange_returns_its_code_and_leaves_the_samples():
     assert set(codes) == {0, 17}
     assert sequence[AT - 2] == sequence[AT - 2 + CYCLES]
     assert cell.c["periods"] == 20  # the plant has gone on all the time
-
-
-def refused(options):
-    with pytest.raises((ConfigError, ValidationError)) as caught:
-        SimulatedCell(Options.model_validate_json(json.dumps(options)), PERIOD_NS)
-    return str(caught.value)
-
-
-def test_options_that_make_no_sense():
-    assert "faults[0].channel: there is no channel strian_x; did you mean strain_x?" in refused(
-        {"faults": [fault("strian_x", "nan")]}
-    )
-    assert "faults[1].channel: enable exists with the option lines only" in refused(
-        {"faults": [fault("strain_x", "nan"), fault("enable", "nan")]}
-    )
-    assert "error goes with the channel exchange" in refused({"faults": [fault("strain_x", "error", 3.0)]})
-    assert "error goes with the channel exchange" in refused({"faults": [fault("exchange", "nan")]})
-    assert "a whole number from 1, not 0" in refused({"faults": [fault("exchange", "error", 0.0)]})
-    assert "a spike is one sample" in refused({"faults": [fault("strain_x", "spike", 1.0)]})
-    assert "faults" in refused({"faults": [fault("strain_x", "nan")] * 17})
-    assert "gibberish" in refused({"faults": [fault("strain_x", "gibberish")]})

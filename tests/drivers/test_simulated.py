@@ -6,7 +6,7 @@ from micromanip_drivers.simulated import mechanics
 from micromanip_drivers.simulated.options import Plant
 from scipy import signal
 
-from .simulated_bench import NO_FORCE, PERIOD_NS, QUIET_PLANT, STILL, Bench, quiet
+from .simulated_bench import NO_FORCE, PERIOD_NS, STILL, Bench, quiet
 
 PERIOD_S = PERIOD_NS * 1e-9
 
@@ -50,22 +50,6 @@ def test_all_its_state_is_in_the_context():
         one.exchange(30.0, k, 20.0)
         other.exchange(30.0, k, 20.0)
     assert one.signals.tobytes() == other.signals.tobytes()
-
-
-@pytest.mark.parametrize("periods", [2, 3, 50])
-def test_an_overrun_advances_by_the_periods_that_passed(periods):
-    """With a voltage held, one exchange over n periods is n exchanges, in the plant's time."""
-    options = quiet(force={"start_s": 0.0, "noise_N": 0.0}, deviation={}, plant={**QUIET_PLANT, "ambient_step_K": 2.0})
-    once, each = Bench(options), Bench(options)
-    for bench in (once, each):
-        bench.record(30, "strain", volts=lambda k: 60.0)
-    assert once.exchange(60.0, periods=periods) == 0
-    each.hold(periods, 60.0)
-    assert once.c["periods"] == each.c["periods"] == 30 + periods
-    for name in ("strain", "stage", "true_strain", "true_stage", "path_error", "uncompensated"):
-        assert once.signal(name)["value"] == pytest.approx(each.signal(name)["value"], abs=1e-12), name
-    assert once.c["s"][0]["force_N"] == each.c["s"][0]["force_N"] != 0.0
-    assert once.signal("strain")["time_ns"] == each.signal("strain")["time_ns"]
 
 
 # -- amplifier and converters --------------------------------------------------------------------------
@@ -116,18 +100,6 @@ def test_discretisation_is_exact_for_held_inputs(step_s, second_mode):
     expected_a, expected_b, *_ = signal.cont2discrete((A, B, np.eye(len(A)), np.zeros((len(A), 2))), step_s)
     assert a == pytest.approx(expected_a, rel=1e-9, abs=1e-12)
     assert b == pytest.approx(expected_b, rel=1e-9, abs=1e-15)
-
-
-def test_the_running_plant_rings_at_its_first_mode():
-    """A small step of the voltage: frequency and decay of what the stage then does."""
-    bench = Bench(quiet())
-    bench.record(3000, "true_stage", volts=lambda k: 60.0)
-    ringing = bench.record(4000, "true_stage", volts=lambda k: 61.0)[100:, 0]
-    ringing = ringing - np.polyval(np.polyfit(np.arange(len(ringing)), ringing, 2), np.arange(len(ringing)))
-    power = np.abs(np.fft.rfft(ringing * np.hanning(len(ringing)), 1 << 17))
-    assert np.argmax(power) / (1 << 17) / PERIOD_S == pytest.approx(63.0, abs=1.5)
-    crests = np.array([np.abs(ringing[k : k + 160]).max() for k in range(0, 1600, 160)])
-    assert np.log(crests[0] / crests[5]) / (5 * 160 * PERIOD_S * 2 * np.pi * 63.0) == pytest.approx(0.04, abs=0.008)
 
 
 # -- sensors ---------------------------------------------------------------------------------------------
@@ -213,12 +185,6 @@ def moved(volts, options):
     for k in range(8000):
         bench.exchange(min(volts, 0.02 * k), 0.0, 0.0)
     return np.array([float(bench.signal("true_stage", axis)["value"]) for axis in "xyz"]) - still
-
-
-def test_couplings_are_a_matrix_of_their_own():
-    rows = [[1.0, 0.02, 0.0], [-0.03, 1.0, 0.0], [0.04, 0.01, 1.0]]
-    went = moved(60.0, {"couplings": rows, "coupling": 0.1})
-    assert went / went[0] == pytest.approx([1.0, -0.03, 0.04], abs=1e-9)
 
 
 def test_the_flexure_pushes_the_other_axes_by_their_share():

@@ -89,19 +89,3 @@ def test_what_is_no_number_is_refused_whole_and_does_not_feed_the_watchdog(scene
     scene.tick(30, voltage_x=10.0, voltage_y=bad)
     assert scene.amplifier.refused == 30
     assert not scene.amplifier.ok
-
-
-def test_figures_of_what_arrived(scene):
-    for volts in (1.0, 4.0, 3.0):
-        scene.tick(1, voltage_x=volts, voltage_y=0.0)
-    assert scene.amplifier.arrived["voltage_x"].report() == {
-        "min": 1.0,
-        "max": 4.0,
-        "largest_step_V": 3.0,
-        "samples": 3,
-    }
-    scene.amplifier.take_report()
-    scene.tick(1, voltage_x=13.0, voltage_y=0.0)
-    since = scene.amplifier.take_report()["voltage_x"]
-    assert (since.minimum, since.largest_step, since.samples) == (13.0, 10.0, 1), "a step across two reports counts"
-    assert scene.amplifier.take_report()["voltage_x"].report()["samples"] == 0

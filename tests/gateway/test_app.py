@@ -264,22 +264,6 @@ def test_a_fault_does_not_wait_until_traces_are_drawn(app, played):
     asyncio.run(play())
 
 
-def test_a_fault_and_a_lost_controller_are_told(app, played):
-    async def play():
-        browser = await greeted(app, played)
-        played.cell.status = status("FAULT", [FAULT])
-        played.cell._notify(None)
-        told = await browser.heard(lambda m: kind("status")(m) and m["status"]["state"] == "FAULT")
-        assert told["status"]["fault_reports"][0]["next_step"] == "Look at the gauge's plug."
-        browser.say({"type": "drawn"})
-        played.cell.status, played.cell.problem = None, "no controller answers"
-        played.cell._notify(None)
-        assert (await browser.heard(lambda m: kind("status")(m) and m["status"] is None))["problem"]
-        await browser.leave()
-
-    asyncio.run(play())
-
-
 def test_the_fault_of_a_controller_that_is_gone_stays_until_somebody_has_seen_it(app, played):
     """It comes up again at once, as a service does, and its fault would be gone with it."""
     cell = played.cell

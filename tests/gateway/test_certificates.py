@@ -9,12 +9,6 @@ pytest.importorskip("uvicorn", reason="the extra gateway is not installed")
 
 from cryptography import x509
 from cryptography.hazmat.primitives.asymmetric import ec
-from cryptography.hazmat.primitives.serialization import (
-    BestAvailableEncryption,
-    Encoding,
-    PrivateFormat,
-    load_pem_private_key,
-)
 
 from micromanip.errors import ConfigError, PermissionDenied
 from micromanip.gateway import certificates, serving
@@ -76,29 +70,6 @@ def test_the_key_of_another_is_refused(tmp_path, lines):
     with pytest.raises(ConfigError, match=r"server\.key is not the key of .*server\.pem"):
         put_in(tmp_path / "opcua", public, other)
     assert lines == []
-
-
-"""Of a curve that is not supported."""
-
-
-def test_which_of_the_two_can_not_be_used_is_said(tmp_path):
-    public, private = made(tmp_path)
-    locked = tmp_path / "locked.pem"
-    locked.touch(0o600)
-    key = load_pem_private_key(private.read_bytes(), None)
-    locked.write_bytes(key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, BestAvailableEncryption(b"secret")))
-    der = tmp_path / "cell.der"
-    der.write_bytes(x509.load_pem_x509_certificate(public.read_bytes()).public_bytes(Encoding.DER))
-    for files, words in (
-        ((private, public), r"cell-key\.pem: not a certificate in PEM"),
-        ((der, private), r"cell\.der: not a certificate in PEM"),
-        ((public, locked), r"locked\.pem: this key has a password; write it without one"),
-    ):
-        with pytest.raises(ConfigError, match=words):
-            checked(*files)
-    public.chmod(0o600)
-    with pytest.raises(ConfigError, match=r"cell\.pem: not a private key in PEM"):
-        checked(public, public)
 
 
 @pytest.mark.parametrize(("mode", "may"), [(0o600, True), (0o640, True), (0o644, False), (0o660, False)])

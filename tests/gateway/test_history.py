@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 from micromanip.gateway.cell import Source
 from micromanip.gateway.fields import fields
 from micromanip.gateway.history import History
-from micromanip.rt import states
 
 from .rings import AXES, TOLD, Played, rows
 
@@ -75,14 +74,6 @@ def test_a_window_of_few_cycles_is_whole_and_one_of_the_far_past_is_blocks():
     assert far.rows == 16, "only the coarsest level reaches back so far"
     assert far.cycles[0] <= 200 < far.cycles[1]
     assert history.oldest_full == 3000 - FULL
-
-
-def test_every_column_of_the_telemetry_is_a_field():
-    assert len(FIELDS) == 8 + 2 * 25
-    raised = rows([0, 1, 2])
-    raised["axis"]["conditions"][:, 1] = [0, 1 << states.SATURATED, 1 << states.ROLLED_BACK | 1 << states.SATURATED]
-    (field,) = [field for field in FIELDS if field.name == "y.conditions"]
-    assert field.of(raised).tolist() == [0, states.SATURATED, states.ROLLED_BACK]
 
 
 def test_a_ring_is_read_without_gaps_and_what_was_overwritten_is_counted(tmp_path):

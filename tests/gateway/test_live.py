@@ -3,7 +3,6 @@
 import json
 import mmap
 import os
-import signal
 import subprocess
 import sys
 import time
@@ -118,28 +117,3 @@ def test_it_is_handed_out_again_and_again_without_a_leak(cell):
             for descriptor in client.telemetry()[1]:
                 os.close(descriptor)
         until(lambda: cell.descriptors <= before + 1, "descriptors of the host are left open")
-
-
-def test_neither_misses_the_other(cell, gateway):
-    with Client(cell.socket) as client:
-        gateway.process.send_signal(signal.SIGSTOP)
-        before = client.status()
-        time.sleep(0.5)
-        after = client.status()
-        gateway.process.send_signal(signal.SIGCONT)
-        assert (after["state"], after["cycles"] > before["cycles"]) == (before["state"], True)
-    cell.end()
-    until(lambda: gateway.state() is None, "the gateway notices")
-    until(lambda: "no controller answers" in gateway.get("/api/status", "observe"), "and says why")
-    again = Running(cell.folder, cell.config.read_text(), "--socket", str(cell.socket))
-    try:
-        until(lambda: gateway.state() == "READY", "the gateway sees the next one")
-        gateway.process.kill()
-        gateway.process.wait()
-        with Client(cell.socket) as client:
-            assert client.status()["state"] == "READY"
-    finally:
-        again.process.send_signal(signal.SIGTERM)
-        again.process.wait(60)
-        again.kill()
-        again.release()

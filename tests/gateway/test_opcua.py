@@ -14,7 +14,6 @@ from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256 as Bas
 
 from micromanip.errors import ConfigError, PermissionDenied
 from micromanip.gateway.cell import Cell
-from micromanip.gateway.opcua.nodes import readings
 from micromanip.gateway.opcua.service import NAMESPACE, OpcUa
 from micromanip.gateway.opcua.users import prepared_folder
 from tests.cli.played import FAULT
@@ -128,31 +127,6 @@ def test_values_have_units_and_times_and_those_that_are_not_known_say_so(served)
     asyncio.run(seen())
 
 
-def test_every_reading_is_a_variable_that_a_browsing_client_finds(served):
-    async def found():
-        served.say(status())
-        async with client(served) as made:
-            await eventually(lambda: value(made, "Monitoring/Links/can"), True)
-            place, paths = [(made.get_node(ua.NodeId("cell", await made.get_namespace_index(NAMESPACE))), ())], set()
-            while place:
-                above, path = place.pop()
-                for below in await above.get_children():
-                    name = (await below.read_browse_name()).Name
-                    kind = await below.read_node_class()
-                    if kind == ua.NodeClass.Object:
-                        place.append((below, (*path, name)))
-                    elif kind == ua.NodeClass.Variable:
-                        paths.add((*path, name))
-            return paths
-
-    shown = asyncio.run(found())
-    cell = Cell(served.people / "none")
-    cell.status = status()
-    wanted = {reading.path for reading in readings(cell, "0")}
-    assert shown == wanted
-    assert len(wanted) > 100
-
-
 @pytest.mark.parametrize("order", ["Arm", "Hold", "Disarm", "Reset"])
 def test_who_may_operate_gives_orders_in_his_name(served, order):
     served.played.orders.clear()
@@ -227,10 +201,7 @@ def test_a_certificate_that_has_expired_counts_no_more(served):
 
 @pytest.mark.parametrize(
     ("policy", "mode"),
-    [
-        (Basic256Sha256, ua.MessageSecurityMode.SignAndEncrypt),
-        (Encrypted, ua.MessageSecurityMode.Sign),
-    ],
+    [(Basic256Sha256, ua.MessageSecurityMode.SignAndEncrypt), (Encrypted, ua.MessageSecurityMode.Sign)],
 )
 def test_another_security_policy_is_refused_at_once_and_by_its_name(served, policy, mode):
     async def asked():

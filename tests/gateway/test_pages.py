@@ -18,7 +18,6 @@ from micromanip.rt import states
 from tests.cli.played import FAULT
 from tests.gateway.chromium import PROGRAM, chromium
 
-from .answering import Answering
 from .rings import Played, rows, status
 from .served import follow, served
 from .test_recording_history import FAULT_CYCLE, written
@@ -189,35 +188,6 @@ def test_the_scope_triggers_at_the_cycle_and_reads_the_sine(browser, address, pl
     in_order(browser, address)
 
 
-def test_what_is_frozen_is_saved_as_a_recording(browser, tmp_path):
-    mine = Played(tmp_path / "control.sock")
-    mine.cell.status, mine.cell.problem = status(), None
-    for part in np.split(rows(np.arange(20_000)), 10):
-        mine.play(part)
-        mine.cell.source.read()
-    follow(mine)
-    browser("Browser.setDownloadBehavior", behavior="allow", downloadPath=str(tmp_path))
-    with served(Gateway(mine.cell, Tokens([Token("ana", "operate", DO)]), Origins(), lambda: None)) as there:
-        signed_in(browser, there, "/scope")
-        browser.until("window.scopeFrames?.at(-1)?.last === 19999")
-        controller = Answering(mine.cell.socket)
-        try:
-            browser.value("document.getElementById('save-recording').click()")
-            file = tmp_path / "scope-19999.mcap"
-            end = time.monotonic() + 30.0
-            while not file.exists():
-                told = browser.value("document.getElementById('notice').textContent")
-                assert time.monotonic() < end, told
-        finally:
-            controller.close()
-        assert browser.value("document.getElementById('freeze').textContent") == "Live"
-        cycles = open_telemetry(file).column("cycle")
-        assert cycles[-1] == 19_999
-        assert (np.diff(cycles) == 1).all()
-        in_order(browser, there)
-        browser("Page.navigate", url="about:blank")
-
-
 def test_a_recording_is_seen_whole_and_down_to_a_millisecond_without_a_token(browser, tmp_path):
     file = written(tmp_path / "run.mcap")
     source = filed(file)
@@ -241,67 +211,6 @@ def test_a_recording_is_seen_whole_and_down_to_a_millisecond_without_a_token(bro
         browser.until("document.querySelector('#plots canvas') !== null")
         for hidden in ("freeze", "trigger-card", "pages", "forget"):
             assert browser.value(f"document.getElementById('{hidden}').hidden"), hidden
-        in_order(browser, there)
-        browser("Page.navigate", url="about:blank")
-
-
-FOUND = {"Ms": 1.5, "at_Hz": 400.0, "gain_dB": 9.0, "phase_deg": None}
-
-
-class Measured:
-    """What the controller answers to the page, without the judgement."""
-
-    def __init__(self):
-        self.begun, self.looks = [], 0
-
-    async def ask(self, name, told):
-        if "number" not in told:
-            self.begun.append(told)
-            self.looks = 0
-            return {"number": len(self.begun), "seconds": 5.0}
-        self.looks += 1
-        answer = {"number": told["number"], "done": self.looks > 2, "progress": 0.5}
-        found = {"measured": FOUND, "predicted": None, "slopes": [{"slope": 1.0, "measured": FOUND, "predicted": None}]}
-        found |= {
-            "Ms_least": 1.4,
-            "Ms_most": 1.6,
-            "agrees": None,
-            "problem": None,
-            "frequency_Hz": [10.0, 100.0, 1000.0],
-        }
-        found |= {"sensitivity": [0.1, 0.9, 1.4], "sensitivity_predicted": None}
-        return answer | ({"found": found, "problem": None} if answer["done"] else {})
-
-
-def test_margins_are_measured_after_a_question_and_end_with_the_page(browser, played, tmp_path):
-    played.cell.status = status("HOLDING")
-    gateway = Gateway(played.cell, Tokens([Token("ana", "operate", DO)]), Origins(), lambda: None)
-    gateway._measuring = Measured()
-    begin, said = "document.getElementById('begin')", "document.getElementById('said').textContent"
-    with served(gateway) as there:
-        signed_in(browser, there, "/margins")
-        for answer in ("no", "yes"):
-            browser.until(f"!{begin}.disabled")
-            browser.value(f"{begin}.click()")
-            browser.until("document.getElementById('question').open")
-            assert browser.value("document.activeElement.value") == "no"
-            browser.value(f"document.querySelector('#question [value={answer}]').click()")
-            browser.value("new Promise((done) => setTimeout(done, 200))")  # until the page has heard that it is closed
-        browser.until(f"{said} === 'measured'")
-        assert [told["seed"] for told in gateway._measuring.begun] == [1, 2]
-        assert "1.40 to 1.60" in browser.value("document.getElementById('verdict').textContent")
-        assert "9.0" in browser.value("document.getElementById('margins').textContent")
-        assert browser.value("document.querySelector('#curve canvas') !== null")
-        browser.value(f"{begin}.click(); document.querySelector('#question [value=yes]').click()")
-        browser.until("!document.getElementById('stop').disabled")
-        browser.value("document.dispatchEvent(new KeyboardEvent('keydown', {key: 'Escape'}))")
-        browser.until(f"{said}.startsWith('stopped')")
-        looks = gateway._measuring.looks
-        time.sleep(0.6)
-        assert gateway._measuring.looks <= looks + 1, "nobody asks any more: the controller ends it"
-        for width in (390, 1280):
-            browser("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=False)
-            assert browser.until("document.documentElement.scrollWidth <= innerWidth", 5.0), f"it fits at {width}"
         in_order(browser, there)
         browser("Page.navigate", url="about:blank")
 

@@ -103,28 +103,6 @@ def test_what_was_cut_off_is_shown_up_to_there_and_said(tmp_path):
     assert "this is what was in the file" in found.recording["problem"]
 
 
-def test_an_overview_that_is_half_made_shows_what_is_there_and_the_rest_as_unknown(tmp_path):
-    file = written(tmp_path / "run.mcap")
-    source, every = opened(file), made()
-    overview, pieces = source.history.overview, []
-    fill(open_telemetry(file).pieces(), source.fields, overview, lambda: pieces.append(0) is None and len(pieces) <= 3)
-    assert overview.share == pytest.approx(3 / 9)
-    window = source.history.window(source.history.index(NAMES[:1]), 100, 100 + 20_000, 500)
-    low, high = window.low[0], window.high[0]
-    assert 0 < np.isfinite(low).sum() < len(low)
-    strain = every["axis"]["strain_um"][:, 0]
-    for begin, least, greatest in zip(window.cycles, low, high, strict=True):
-        held = strain[(every["cycle"] >= begin) & (every["cycle"] < begin + window.rows)]
-        if np.isfinite(least):
-            assert held.min() <= least <= greatest <= held.max()
-    fill(open_telemetry(file).pieces(), source.fields, overview)
-    again = opened(file)
-    assert again.history.overview.share == 1.0, "it is found again"
-    whole = again.history.window(again.history.index(NAMES[:1]), 100, 100 + 20_000, 500)
-    assert np.nanmax(whole.high) == np.float32(strain.max())
-    assert whole.missing == 50
-
-
 @pytest.mark.parametrize("place", [0.3, 0.7])
 def test_a_damaged_piece_is_left_blank_and_said(tmp_path, place):
     file, every = written(tmp_path / "run.mcap"), made()

@@ -8,8 +8,7 @@ from micromanip.host.statistics import Ages
 
 
 @given(
-    st.lists(st.lists(st.integers(0, 1 << 39), max_size=40), min_size=1, max_size=4),
-    st.sampled_from([0.5, 0.9, 0.999]),
+    st.lists(st.lists(st.integers(0, 1 << 39), max_size=40), min_size=1, max_size=4), st.sampled_from([0.5, 0.9, 0.999])
 )
 def test_percentile_is_that_of_the_sorted_ages_within_a_bin(parts, share):
     ages = Ages()

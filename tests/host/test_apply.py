@@ -60,12 +60,6 @@ def test_a_tuning_comes_into_force_and_goes_back(cell, apply):
     assert cell.config.read_text() == before
 
 
-def test_nothing_changes_where_nothing_is_another(cell, apply):
-    code, done, _ = apply(tuned(cell))
-    assert (code, done["changed"], done["before"]) == (0, [], None)
-    assert list(cell.config.parent.glob("*.before-*")) == []
-
-
 def test_what_takes_a_new_start_is_asked_for_a_unit(cell, apply):
     code, _, err = apply(tuned(cell, ELSEWHERE))
     assert code == 64

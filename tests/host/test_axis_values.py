@@ -73,13 +73,6 @@ def test_values_of_an_axis_that_tracks(controller):
     assert axis["error_of"] == "path"
 
 
-@pytest.mark.parametrize(("found", "told"), [(199.123456, 199.12346), (np.nan, None)])
-def test_the_frequency_of_the_tooth_is_told_where_it_is_followed(controller, found, told):
-    made = rows()
-    made["axis"]["tooth_Hz"] = found
-    assert report(controller, made)["tooth_Hz"] == told
-
-
 def test_an_axis_at_rest_has_position_strain_and_voltage_and_no_setpoint_or_error(controller):
     axis = report(controller, rows(20, PARKED))
     for name in ("setpoint_um", "error_um"):

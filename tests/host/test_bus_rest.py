@@ -8,7 +8,7 @@ import pytest
 
 from micromanip.bus import device_lock, output_writer
 from micromanip.bus.driver import BusDriver, BusOptions, Channel, Outcome, Task
-from micromanip.bus.errors import DeviceFault, IdentityMismatch, LinkError, OutputRefused, TransientError
+from micromanip.bus.errors import DeviceFault, IdentityMismatch, LinkError, TransientError
 from micromanip.bus.last_given import LastGiven
 from micromanip.bus.safe_state import LAST_SWITCH, SWITCH, UNUSED, VOLTAGE, SafeOutput
 from micromanip.bus.watchdog import Watchdog
@@ -218,16 +218,6 @@ def test_what_is_known_of_some_is_used(tmp_path):
     assert max(steps([80.0, *bus.course("voltage_x")])) <= STEP_V * (1 + 1e-9)
 
 
-def test_a_slow_task_is_given_its_time():
-    class Slow(Bus):
-        tasks = tuple(replace(task, rate_hz=4.0) for task in Bus.tasks)
-
-    bus = Slow(voltage_x=80.0)
-    slow = [replace(output, slew_V_per_s=40.0 * 4.0) for output in OUTPUTS]
-    assert rested(bus, slow) == ([], [])
-    assert max(steps([80.0, *bus.course("voltage_x")])) <= 40.0
-
-
 def test_the_memory_that_is_not_ours_is_said_and_keeps_nothing_from_rest(tmp_path):
     (tmp_path / "bench.given").mkdir()
     bus = Bus(voltage_x=80.0)
@@ -259,17 +249,6 @@ def test_one_failing_task_leaves_the_others_tried(error, failing):
     assert str(error) in failed[0]
 
 
-def test_a_failure_is_told_with_the_last_voltage():
-    bus = Bus(voltage_x=80.0)
-    bus.raises[1] = DeviceFault("unit 3: illegal address")
-    failed, _ = rested(bus)
-    assert failed[0] == "voltage_x (safe: 0 V) can't be called safe: unknown, last 80 V; unit 3: illegal address"
-    assert (
-        failed[1]
-        == "amplifier_enable (safe: 0) can't be called safe: unknown, last 1; it waits for the voltages to be at rest"
-    )
-
-
 def test_without_any_knowledge_that_is_told_too():
     bus = Bus()
     bus.asked = False
@@ -279,19 +258,6 @@ def test_without_any_knowledge_that_is_told_too():
     assert len(failed) == 4, "what nobody uses is not told"
     assert bus.written == []
     assert bus.opened > 2
-
-
-def test_why_the_link_is_gone_is_told_of_all():
-    bus = Bus(voltage_x=80.0)
-    bus.raises[2] = LinkError("reset by the device")
-    bus.raises["open"] = [None, *[LinkError("no answer")] * 1000]
-    failed, _ = rested(bus)
-    assert [line.rpartition("; ")[2] for line in failed] == [
-        "no answer",
-        "reset by the device",
-        "no answer",
-        "it waits for the voltages to be at rest",
-    ]
 
 
 def test_a_link_that_comes_back_is_used():
@@ -343,13 +309,6 @@ def test_errors_that_come_and_go_do_no_harm():
     assert rested(bus)[0] == []
     assert bus.has == SAFE
     assert max(steps([80.0, *bus.course("voltage_x")])) <= STEP_V * (1 + 1e-9)
-
-
-def test_a_value_that_the_wire_refuses():
-    bus = Bus(voltage_x=80.0)
-    bus.raises[1] = OutputRefused("voltage_x: out of the wire's range")
-    failed, _ = rested(bus)
-    assert failed[0].endswith("unknown, last 80 V; voltage_x: out of the wire's range")
 
 
 def test_a_device_that_takes_everything_and_does_something_else():
@@ -426,13 +385,6 @@ def test_what_broke_the_link_is_tried_again_however_long_the_others_take():
     bus.raises[1] = [LinkError("reset")]
     assert rested(bus, ramp_s=8.0)[0] == []
     assert bus.has == pytest.approx(SAFE)
-
-
-def test_a_problem_that_is_over_is_not_told():
-    bus = Bus(voltage_x=80.0)
-    bus.raises[1] = [TransientError("late"), None]
-    bus.outcome[1] = [None, *[Outcome.HELD] * 100_000]
-    assert rested(bus)[0][0].endswith("; it was not acknowledged")
 
 
 def test_a_task_is_given_up_after_three_seconds_and_two_turns():

@@ -74,20 +74,6 @@ def test_offer(cell):
     assert cell.entries == [("candidate_set", True, {K: (0.6, 0.5), TI: (0.571, 0.6)}, None)]
 
 
-def test_figures_beside_each_other(offered):
-    for name, scale in (("state", 1.0), ("shadow", 0.25)):
-        figures = offered.controller.status[name][0]["axis"]["figures"]
-        figures["innovation"], figures["feedback"] = 0.04 * scale, 9.0 * scale
-    offered.controller.status["shadow"][0]["axis"]["figures"]["innovation"][1] = float("inf")
-    compared = offered("candidate_show")["comparison"]
-    assert list(compared) == ["x", "y", "z"]
-    assert compared["x"] == {
-        "active": {"innovation_um": 0.2, "feedback_V": 3.0},
-        "candidate": {"innovation_um": 0.1, "feedback_V": 1.5},
-    }
-    assert compared["y"]["candidate"] == {"innovation_um": None, "feedback_V": 1.5}
-
-
 WRONG = {
     "value": (ConfigError, {K: -1, TI: 0.6}, f"{K}: expected a number from 1e-09 to 1000000000, not -1"),
     "key": (UsageError, {"axes.x.iner.Ti_ms": 1}, "unknown key axes.x.iner.Ti_ms; did you mean axes.x.inner.Ti_ms.*"),
@@ -172,14 +158,6 @@ def test_noticed_before_anything_else(promoted, verb):
     promoted(verb, **{"set": {"changes": {"axes.x.inner.Td_ms": 0.1}}}.get(verb, {}))
     assert promoted.controller.prepared.configuration.axes["x"].inner.K_V_per_um == 0.6
     assert len(promoted.said) == 1
-
-
-def test_taken_back_with_the_tracking(promoted):
-    promoted.controller.state = "RAMPING"
-    takes_back(promoted, axis=-1, value=float("nan"), limit=float("nan"))
-    told = "W-501 the promoted tuning was reverted: the cell no longer tracks, its state is RAMPING"
-    assert promoted("candidate_show")["reason"] == told
-    assert promoted.said == [told]
 
 
 def test_discard_on_trial(promoted):

@@ -81,20 +81,6 @@ def test_a_death_is_noticed_and_what_it_cut_off_is_left_out(module):
     asyncio.run(main())
 
 
-def test_what_it_complains_of_while_it_goes_on(module):
-    async def main():
-        child = Child(module, (), complains=True)
-        await child.start("complain")
-        complaints = child.complaints()
-        assert [await anext(complaints) for _ in range(2)] == ["a cable is cut", "it is whole again"]
-        assert child.runs, "it is heard before its end"
-        child.send("end")
-        assert [line async for line in complaints] == ["it goes"]
-        await child.wait()
-
-    asyncio.run(main())
-
-
 def test_one_that_does_not_obey_is_killed(module):
     async def main():
         child = Child(module, ())

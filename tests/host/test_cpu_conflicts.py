@@ -40,13 +40,3 @@ def test_the_loop_of_another_cell_is_named_by_its_command(pinned):
     assert Path("/proc/self/cmdline").read_bytes().split(b"\0")[0].decode() in found, "who started it"
     assert told(cpu, other) == [], "an ordinary process gives way"
     assert told(cpu, loop, own=loop) == told(cpu + 1, loop) == list(cpu_conflicts(None, 0)) == []
-
-
-@pytest.mark.live  # a process
-def test_so_is_what_has_a_real_time_priority(pinned):
-    cpu = max(os.sched_getaffinity(0))
-    pid = pinned(cpu, "somebody", "os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))")
-    if pid is None:
-        pytest.skip("a real-time priority takes rights")
-    (found,) = told(cpu, pid)
-    assert found.startswith(f"process {pid} is pinned to it with SCHED_RR 1: `")

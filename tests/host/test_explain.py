@@ -13,7 +13,7 @@ from micromanip.cli.main import cli
 from micromanip.host.trips.evidence import error_um, observations
 from micromanip.host.trips.report import lines, story
 from micromanip.host.trips.store import file_name
-from micromanip.rt.states import OVERRUNS, READY, STAGE_INVALID, STRAIN, STRAIN_INVALID, TRACKING
+from micromanip.rt.states import OVERRUNS, STAGE_INVALID, STRAIN, STRAIN_INVALID, TRACKING
 from micromanip.settings.check import prepare
 from micromanip.virtual.cell import VirtualCell
 
@@ -40,26 +40,6 @@ def test_the_order_of_causes():
         (-2.0, None, "3 deadlines missed"),
         (-0.3, "x", "strain gauge: no good sample any more"),
     ]
-
-
-def test_an_amplifier_that_parks_at_an_end_of_its_range_is_not_called_saturated():
-    """It rests at 0 V until it is armed; only what it is driven to there limits it."""
-    rows = tracking_rows()
-    rows["axis"]["voltage_V"][: BEFORE - 500, 0] = 150.0
-    rows["state"][: BEFORE - 1000] = READY
-    found = box(rows)
-    found.parameters["axis"]["limiter"]["park_V"][0, 0] = 150.0
-    told = [(round(moment.ms, 1), moment.text) for moment in observations(found) if "range" in moment.text]
-    assert told == [(-100.0, "voltage at the end of its range, 150 V, for 49.9 ms")]
-
-
-def test_a_pause_is_measured_by_what_is_usual_on_the_channel():
-    rows = tracking_rows()
-    stage = rows["axis"]["fresh"][:, 0]
-    stage[:] = 1
-    stage[::10] = 3  # the stage comes every 10 cycles
-    stage[BEFORE - 199 : BEFORE - 150] = 1
-    assert seen(rows) == [(-19.0, "x", "capacitive sensor: no good sample for 4.0 ms")]
 
 
 def test_story_has_trip_states_axes_and_configuration(tmp_path):
@@ -152,12 +132,3 @@ def test_command_takes_the_newest_or_the_one_that_is_named(shelf):
     assert json.loads(run("show", "--trips", folder, "--json").stdout)["code"] == "X-104"
     assert json.loads(run("show", names[0][:-4], "--trips", folder, "--json").stdout)["code"] == "X-201"
     assert run("show", folder / names[0]).stdout.startswith("X-201 happened\n")
-
-
-def test_list(shelf):
-    folder, names = shelf
-    entries = json.loads(run("list", "--trips", folder, "--json").stdout)
-    assert [entry["code"] for entry in entries] == [None, "X-201", "X-104"]
-    assert "is no black box, or it is damaged" in entries[0]["message"]
-    told = run("list", "--trips", folder).stdout.splitlines()
-    assert told[1:] == [f"{names[0][:-4]}  X-201 happened", f"{names[1][:-4]}  X-104 happened"]

@@ -2,7 +2,6 @@
 
 import json
 import os
-import shutil
 import stat
 from pathlib import Path
 
@@ -15,7 +14,6 @@ from micromanip.host.service.steps import Run
 from tests.cells import SLOW as ARMING
 from tests.cells import changed
 
-EXAMPLES = Path(__file__).parents[2] / "config"
 SLOW = changed(ARMING, ("arm_on_start: true", "arm_on_start: false"))
 
 
@@ -169,31 +167,6 @@ def test_a_service_does_not_arm_by_itself(typed, root, config):
     assert typed("--yes")[0] == 78
 
 
-def test_the_limits_of_a_simulation_are_said_aloud(typed, config):
-    config.write_text(changed(SLOW, ("limits: hardware", "limits: simulation")))
-    said = f"{config}: loop.limits: simulation, whose fault limits are too wide for anything that really moves"
-    code, out, err = typed(config, "--dry-run", "--json")
-    assert (code, err) == (0, f"WARNING: {said}\n")
-    assert json.loads(out)["warnings"] == [said]
-    assert f"WARNING: {said}\n" in typed(config, "--yes")[2]
-
-
-def test_so_would_be_the_files_of_a_driver(typed, root, tmp_path):
-    """The service would end with 78 at its first start, because of a DBC file that nobody has copied."""
-    config, there = tmp_path / "mine.yaml", root / "etc/micromanip"
-    shutil.copytree(EXAMPLES / "can", tmp_path / "can")
-    config.write_text(changed((EXAMPLES / "can.yaml").read_text(), ("arm_on_start: true", "arm_on_start: false")))
-    code, _, err = typed(config, "--yes")
-    assert code == 1
-    assert "database: " in err
-    assert "copy what they lead to there first" in err
-    assert files(root) == []
-    shutil.copytree(EXAMPLES / "can", there / "can")
-    code, _, err = typed(config, "--yes")
-    assert code == 0, err
-    assert (there / "cell.yaml").read_text() == config.read_text()
-
-
 def test_this_machine_only_as_root_and_with_systemd(root, config, monkeypatch):
     steps = [Run(("true",))]
     monkeypatch.setattr(plan.os, "geteuid", lambda: 1000)
@@ -203,23 +176,6 @@ def test_this_machine_only_as_root_and_with_systemd(root, config, monkeypatch):
     monkeypatch.setattr(plan, "_MANAGER", root / "none")
     with pytest.raises(DeviceUnavailable, match="not booted with systemd"):
         plan.carry_out(steps, Path("/"), print)
-
-
-def test_a_dry_run_works_from_anywhere_and_says_what_is_in_the_way(monkeypatch, tmp_path, config, capsys):
-    monkeypatch.setattr(layout.sys, "executable", str(tmp_path / "python"))
-    monkeypatch.setattr(layout, "_HIDDEN", (str(tmp_path),))
-    monkeypatch.setenv("PATH", str(tmp_path))
-    root = tmp_path / "other"
-    root.mkdir()
-    arguments = ["system", "install", str(config), "--root", str(root)]
-    main([*arguments, "--dry-run"])
-    out, err = capsys.readouterr()
-    assert "    +ExecStart=/opt/micromanip/bin/micromanip run" in out
-    assert [line.split(": ")[1] for line in err.splitlines()] == ["it can't be installed like this"] * 3
-    with pytest.raises(SystemExit) as ended:
-        main([*arguments, "--yes"])
-    assert ended.value.code == 1
-    assert not any(root.iterdir())
 
 
 def raising(problem):

@@ -6,7 +6,6 @@ import struct
 
 import pytest
 
-from micromanip.cli.live import LiveLine
 from micromanip.faults import BY_NAME, FaultReport
 from micromanip.host import journal
 
@@ -81,18 +80,3 @@ def test_a_warning_of_the_loop_is_no_trip():
     fields = journal.fields(FaultReport(BY_NAME["SATURATING"], "z", 150.0, 500.0))
     assert (fields["PRIORITY"], fields["MICROMANIP_CODE"], fields["MICROMANIP_AXIS"]) == ("4", "W-214", "z")
     assert "MESSAGE_ID" not in fields
-
-
-def test_a_live_line_sends_to_the_journal_alone(monkeypatch, capfd):
-    """What the journal does not take is printed."""
-    taken = []
-    takes = [True]
-    monkeypatch.setattr(journal, "is_connected", lambda: True)
-    monkeypatch.setattr(journal, "send", lambda fields: takes[0] and taken.append(fields) is None)
-    report = FaultReport(BY_NAME["STRAIN_INVALID"], "y", 53.0, 3.0, box="/trips/a.npz")
-    with LiveLine() as line:
-        line.say(report)
-        takes[0] = False
-        line.say(report)
-    assert [fields["MICROMANIP_TRIP"] for fields in taken] == ["/trips/a.npz"]
-    assert capfd.readouterr().err.splitlines() == [str(report)]

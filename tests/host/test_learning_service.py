@@ -12,7 +12,7 @@ from micromanip.host.parameter_buffers import ParameterBuffers
 from micromanip.host.shared_memory import CONTROL, STATUS, Segments
 from micromanip.rt import mailbox as w
 from micromanip.rt.faults import note
-from micromanip.rt.laws.learned import FINISHED, PATH_LEFT, PLAYS
+from micromanip.rt.laws.learned import FINISHED, PLAYS
 from micromanip.rt.states import (
     COASTING,
     DRIVER_ERROR,
@@ -218,31 +218,6 @@ def test_reset_ends_what_is_played_at_once_and_until_the_process_has_forgotten_n
     show(service, loop, 0.3, 3)
     look(service, 2)
     assert loop.numbers.tolist() == [3, 3, 3]
-
-
-def test_reset_says_where_the_files_stay_once_nobody_learns(service, loop):
-    show(service, loop, 0.1)
-    look(service)
-    hear(service, {"hopeless": "no tracker"})
-    with pytest.raises(CheckFailed, match="remove it there"):
-        asyncio.run(service.reset([]))
-    assert not loop.numbers.any()
-
-
-def test_what_ends_early_is_said_once_for_all_axes_and_its_refusal_is_only_noted(service, loop):
-    loop.cell["parts"], loop.axes["apart_um"][2], loop.axes["part"][:] = 3, 6.25, 30_000
-    for whys in ([PLAYS, PLAYS, PLAYS], [PLAYS, PATH_LEFT, PATH_LEFT], [PLAYS, PATH_LEFT, PATH_LEFT]):
-        loop.axes["why"][:] = whys
-        look(service)
-    loop.cell["parts"] = 4  # the next has begun, and nothing is played in it yet
-    look(service)
-    assert service.said == [
-        "part 3: the learned correction of axis y, z has faded out: the reference is 6.25 um from the path that was "
-        "learned, 5 um may be"
-    ]
-    hear(service, {"part": 3, "learned": {}, "refused": {"y": "another path", "x": "too late"}})
-    assert service.said[1:] == ["WARNING: too late"]
-    assert [each["key"] for each in service.noted] == ["learning.y", "learning.z", "learning.y", "learning.x"]
 
 
 def faulted(loop, cycle, *faults):

@@ -1,13 +1,8 @@
-"""A candidate tuning beside a real loop that tracks: promoted and confirmed, or taken back by the loop itself."""
-
-import json
+"""A candidate tuning beside a real loop that tracks: promoted without a bump and confirmed."""
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from campaigns.running_controller import until
-from micromanip.cli.main import cli
 from micromanip.client import Client
 from micromanip.errors import CheckFailed
 from micromanip.rt import mailbox as w
@@ -50,10 +45,6 @@ def pid(**values):
     return {f"axes.{axis}.inner.{key}": value for axis in AXES for key, value in values.items()}
 
 
-def command(cell, *arguments):
-    return CliRunner().invoke(cli, [*arguments, "--socket", str(cell.socket)])
-
-
 def test_promoted_and_confirmed(tracking, client):
     before = int(tracking.status["words"][w.VERSION_ACTIVE])
     offered = client.candidate_set(pid(K_V_per_um=0.5))
@@ -77,36 +68,3 @@ def test_promoted_and_confirmed(tracking, client):
     assert (np.abs(np.diff(voltage, axis=0))[at - 1] / periods[at - 1]).max() <= 1.5 * usual
     assert client.value(K) == 0.5
     client.set(pid(K_V_per_um=USUAL_K))
-
-
-def test_taken_back_by_itself(tracking, client):
-    """No feedforward and hardly any feedback: the loop takes it back before the host knows, and tracks on."""
-    before = int(tracking.status["words"][w.VERSION_ACTIVE])
-    changes = pid(mode="pid", K_V_per_um=0.01, Td_ms=0.0, Ti_ms=100.0)
-    values = [f"{key}={value}" for key, value in changes.items()]
-    offered = json.loads(command(tracking, "candidate", "set", *values, "--json").stdout)
-    version = offered["version"]
-    assert version > before
-    ended = command(tracking, "candidate", "promote", "--wait")
-    assert ended.exit_code == 1
-    assert f"candidate, parameter version {version}: taken back" in ended.stdout
-    until(lambda: "W-501 axis " in tracking.said, tracking.last_words)
-    assert client.value(K) == USUAL_K
-    tracking.go_on(2000)
-    rows = rows_of(tracking.ring)[-60_000:]
-    assert set(np.unique(rows["version"][rows["version"] >= before])) == {before, version}
-    assert rows["version"][-1] == before
-    assert not rows["fault"].any()
-    assert np.abs(rows["axis"]["setpoint_um"] - rows["axis"]["strain_um"])[-1000:].max() < 3.0
-    (entry,) = [e for e in client.log()["entries"] if e["verb"] == "take back"]
-    assert entry["user"] == "loop"
-
-
-def test_shown_by_the_commands(tracking, client):
-    assert command(tracking, "candidate", "set", f"{K}=0.55").stdout.splitlines()[1] == f"  {K}: 0.6 -> 0.55"
-    assert json.loads(command(tracking, "status", "--json").stdout)["candidate"] == "shadowing"
-    shown = command(tracking, "candidate", "show").stdout
-    assert "shadowing" in shown
-    assert "feedback, V" in shown
-    assert command(tracking, "candidate", "discard").stdout == "there is no candidate\n"
-    assert command(tracking, "status").stdout.count("candidate") == 0

@@ -1,4 +1,4 @@
-"""Moves and sensitivity measured on a real loop: softly, let go where nobody asks any more, gone with the state."""
+"""Sensitivity measured on a real loop: softly, let go where nobody asks any more, gone with the state."""
 
 import json
 import time
@@ -32,14 +32,6 @@ def cell(tmp_path_factory):
 def tracking(cell):
     with Client(cell.socket) as client:
         track(client)
-    return cell
-
-
-@pytest.fixture
-def holding(cell):
-    with Client(cell.socket) as client:
-        track(client)
-        client.hold()
     return cell
 
 
@@ -135,18 +127,6 @@ def test_the_command(tracking, tmp_path):
     assert {file.name for file in (tmp_path / "out").iterdir()} >= {"sensitivity_x_strain.svg"}
 
 
-def test_its_drift_is_checked(tracking, tmp_path):
-    """Its strain loop alone is closed; a history is begun."""
-    with Client(tracking.socket) as client:
-        client.hold()
-    history = tmp_path / "drift.csv"
-    document = typed("analyse", "health", "--axis", "x", "--history", history, "--socket", tracking.socket)
-    (figure,) = document["axes"][0]["figures"]
-    assert figure["name"] == "actuator_um_per_V"
-    assert figure["latest"] == pytest.approx(0.7, rel=0.4)
-    assert len(history.read_text().splitlines()) == 2
-
-
 def test_a_disarm_ends_it_at_once(tracking):
     with Client(tracking.socket) as client:
         track(client)
@@ -162,33 +142,3 @@ def test_a_disarm_ends_it_at_once(tracking):
             until(lambda: client.request("analyse_live", number=number)["done"], "it does not end")
         until(lambda: client.status()["state"] == "READY" and lines(tracking) == 0, "it does not rest")
         track(client)
-
-
-def state(cell):
-    return cell.status["state"][0]["axis"][0]
-
-
-def in_force(cell):
-    slots = cell.control["parameters"]
-    return int(slots[slots["version"] == cell.status["state"][0]["version"]][0]["axis"][0]["move"]["kind"])
-
-
-def resting(cell):
-    until(lambda: in_force(cell) == 0, "it goes on")
-    place = float(state(cell)["setpoint_um"])
-    cell.go_on(500)
-    assert float(state(cell)["setpoint_um"]) == place, "it rests there"
-
-
-def test_a_step_goes_there_and_back_and_is_noted(holding):
-    before, seen = float(state(holding)["setpoint_um"]), []
-    with Client(holding.socket) as client:
-        done = client.move("x", "step", by_um=8.0, progress=lambda at: seen.append(at["offset_um"]))
-        assert (done["done"], done["progress"], done["offset_um"]) == (True, 1.0, 0.0)
-        assert max(seen) == pytest.approx(8.0, abs=0.01)
-        assert float(state(holding)["setpoint_um"]) == pytest.approx(before, abs=1e-6)
-        (entry,) = client.log(1)["entries"]
-        assert (entry["verb"], entry["accepted"]) == ("move", True)
-        assert "by_um 8" in entry["changes"][0]["new"]
-        assert client.status()["state"] == "HOLDING", "nothing has armed it"
-    resting(holding)

@@ -3,7 +3,6 @@
 import json
 import signal
 import subprocess
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +11,7 @@ from click.testing import CliRunner
 from campaigns.running_controller import MICROMANIP, until
 from micromanip.cli.main import cli
 from micromanip.client import Client
-from micromanip.errors import CheckFailed, ConfigError, UsageError
+from micromanip.errors import UsageError
 from micromanip.rt import mailbox as w
 from micromanip.rt.states import TRACKING
 from tests.cells import calm, rows_of
@@ -71,24 +70,6 @@ def test_a_set_is_one_swap(cell, client):
     assert client.value(K) == 0.55
 
 
-def test_refused_as_a_whole(cell, client):
-    before = version(cell)
-    with pytest.raises(CheckFailed, match=r"^nothing was changed, the state is TRACKING: axes.x.mode needs disarm$"):
-        client.set({"axes.x.mode": "voltage", K: 0.3})
-    with pytest.raises(ConfigError, match=r"^axes.x.inner.Ti_ms: expected a number from 0.001 to 3600000, not -1$"):
-        client.set({"axes.x.inner.Ti_ms": -1, K: 0.3})
-    cell.go_on(100)
-    assert version(cell) == before
-    assert client.value(K) != 0.3
-
-
-def test_no_linear_algebra_is_locked_into_memory(cell):
-    """Which the host needs for the driver's context, and with its work space is 130 MB."""
-    libraries = Path(f"/proc/{cell.loop}/maps").read_text()
-    assert "numpy" in libraries
-    assert "scipy/linalg" not in libraries
-
-
 def test_hang_up_reloads(cell, client):
     """SIGHUP to a service takes over its file; a file that needs more than a swap is refused, and says so."""
     text = cell.config.read_text()
@@ -121,21 +102,6 @@ def test_commands(cell):
     entries = json.loads(command(cell, "log", "--json"))["entries"]
     assert entries[0]["verb"] == "arm"
     assert entries[0]["user"] == "configuration"
-
-
-def test_watch_where_there_is_no_terminal(cell, monkeypatch):
-    """A line each time, until Ctrl-C; which is no failure."""
-    left = [1, 1]
-
-    def sleep(_):
-        if not left:
-            raise KeyboardInterrupt
-        left.pop()
-
-    monkeypatch.setattr("time.sleep", sleep)
-    lines = command(cell, "status", "--watch").splitlines()
-    assert len(lines) == 3
-    assert all(line.startswith("TRACKING") for line in lines)
 
 
 def watched(cell, lines, *arguments):

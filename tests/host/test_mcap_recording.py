@@ -138,20 +138,6 @@ def test_scalars_for_viewers(recorded):
     assert set(first) < set(known)
 
 
-def test_an_unfinished_file(tmp_path):
-    """As it stands while it is written: all that was appended, by us and by the library without an index."""
-    file = tmp_path / "run.mcap"
-    recording = begun(file)
-    rows = some_rows(42, 1234)
-    recording.append(rows, slots(1))
-    assert all_rows(file).tobytes() == rows.tobytes()
-    assert open_telemetry(file).end == {}
-    codec = BlockCodec.of(ROW)
-    found = [codec.rows(message.data) for topic, message in messages(file, NonSeekingReader) if topic == "/rows"]
-    assert np.concatenate(found).tobytes() == rows.tobytes()
-    recording.close()
-
-
 def test_cut_anywhere(recorded, tmp_path):
     """Whatever is there as a whole is read; nothing else is taken for it."""
     file, rows = recorded

@@ -82,12 +82,3 @@ def test_a_printer_whose_stream_breaks_does_the_rest():
         printer.do(leave)
         printer.do(done.set)
     assert done.is_set()
-
-
-def test_messages_come_in_their_order(pipe):
-    reading, writing = pipe
-    stream = _Descriptor(writing)
-    with Printer() as printer:
-        for k in range(100):
-            printer.do(lambda k=k: stream.write(f"{k} µm\n"))
-    assert os.read(reading, 10_000).decode() == "".join(f"{k} µm\n" for k in range(100))

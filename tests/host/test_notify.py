@@ -2,7 +2,6 @@
 
 import asyncio
 import os
-import socket
 import time
 
 import pytest
@@ -42,15 +41,6 @@ def test_status_is_one_line_and_sent_on_change_only(manager):
     for text in ("READY", "READY", "FAULT: X-101\nREADY=1"):
         service.status(text)
     assert manager() == ["STATUS=READY", "STATUS=FAULT: X-101 READY=1"]
-
-
-def test_abstract_socket():
-    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listener:
-        name = f"micromanip-test-{os.getpid()}"
-        listener.bind("\0" + name)
-        listener.settimeout(5)
-        ServiceManager({"NOTIFY_SOCKET": "@" + name}).ready()
-        assert listener.recv(100) == b"READY=1"
 
 
 @pytest.mark.parametrize("path", ["", "/nowhere/at/all", "/" + "x" * 200])

@@ -93,22 +93,6 @@ def test_what_the_loop_reads_is_never_filled(actions):
         loop.do(action)
 
 
-BURSTS = {
-    "in force": ("set", "burst"),
-    "candidate": ("set", "offer", "burst", "promote", "confirm"),
-    "on trial": ("set", "offer", "promote", "burst", "take back", "burst"),
-    "on trial after a confirmed one": ("offer", "promote", "confirm", "offer", "promote", "burst", "take back"),
-    "a second promotion": ("offer", "promote", "confirm", "offer", "promote", "promote", "burst", "take back"),
-}
-
-
-@pytest.mark.parametrize("actions", BURSTS.values(), ids=BURSTS)
-def test_a_burst(actions):
-    loop = Loop()
-    for action in actions:
-        loop.do(action)
-
-
 def test_a_loop_that_takes_nothing():
     """Rather refused than a slot filled that it may be about to read."""
     loop = Loop()

@@ -215,15 +215,3 @@ def state_at(cycle):
     state = np.zeros(1, CELL_STATE)[0]
     state["cycle"] = cycle
     return state
-
-
-def test_what_is_held_back_is_bounded():
-    window = Window([MARK], 100, 10)
-    for cycle in range(0, 100_000, 1000):
-        window.keep(state_at(cycle))
-    assert len(window._states) <= 12
-    for first in range(0, 100_000, 50):
-        part = rows_with(50)
-        part["cycle"] += first
-        window.take(part)
-    assert sum(map(len, window._held)) <= 10_200

@@ -3,12 +3,10 @@
 import numpy as np
 import pytest
 
-from micromanip.errors import UsageError
 from micromanip.host.recording.series import McapSeries
 from micromanip.recordings import open_telemetry
 from micromanip.rt.records import CELL_STATE
 
-from .standin import Cell
 from .test_mcap_recording import PERIOD_NS, all_rows, slots, some_rows
 
 
@@ -58,17 +56,3 @@ def test_the_oldest_go(tmp_path):
     assert files(tmp_path)[-1] == "shift-0010.mcap"
     assert 3 <= len(files(tmp_path)) < 10
     assert series.written == 10_000
-
-
-@pytest.mark.parametrize(
-    ("fields", "said"),
-    [
-        ({"segment_s": 60.0}, "segment_s and quota_bytes go together"),
-        ({"segment_s": 60.0, "quota_bytes": 10**9, "triggers": ["fault"], "after_s": 1.0}, "without an end"),
-        ({"segment_s": 60.0, "quota_bytes": 10**9, "file": "run.h5"}, "a recording is an MCAP file"),
-        ({"segment_s": 60.0, "quota_bytes": 10}, "quota_bytes"),
-    ],
-)
-def test_a_wrong_request_is_refused(tmp_path, fields, said):
-    with pytest.raises(UsageError, match=said):
-        Cell(tmp_path)("recording_start", **fields)

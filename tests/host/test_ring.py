@@ -107,15 +107,6 @@ def test_never_torn_never_twice_never_silently_lost(reads):
     assert reader.lost + returned == ring["words"][0]
 
 
-def test_latest():
-    ring = Ring()
-    reader = RingReader(ring)
-    assert reader.latest() is None
-    ring.write_rows(11)
-    assert reader.latest()["cycle"] == 10
-    assert list(reader.read()["cycle"]) == list(range(4, 11))  # it has not moved on
-
-
 def test_going_back():
     """As far as is asked, or as there is; what the loop may overwrite next is left, and nothing is skipped ahead."""
     ring = Ring()

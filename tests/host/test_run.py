@@ -1,13 +1,11 @@
 """``micromanip run --json``: the document that other tools rely on."""
 
-import json
 import math
 
 import pytest
 
 from campaigns.running_controller import Running
-from micromanip.cli.main import main
-from tests.cells import QUICK, WAITING, simulated
+from tests.cells import QUICK, simulated
 
 pytestmark = pytest.mark.realtime  # path errors of a real loop
 
@@ -52,58 +50,3 @@ def test_path_error_is_small_where_the_machine_lets_the_loop_run(report):
         pytest.skip(f"the machine stalled the loop: {report['overruns']} overruns in {report['cycles']} cycles")
     for figures in report["path_error_um"].values():
         assert figures["rms"] < figures["uncompensated_rms"] / 5
-
-
-def test_signals_have_their_rates_and_ages(report):
-    signals, cycles, overruns = (report[key] for key in ("signals", "cycles", "overruns"))
-    assert signals.keys() == {f"{role}_{axis}" for role in ("strain", "stage", "deviation") for axis in "xyz"}
-    seen = cycles / (cycles + overruns)  # a missed cycle sees no sample, which is its right
-    for name, figures in signals.items():
-        assert figures.keys() == {
-            *("rate_hz", "stated_hz", "age_p50_us", "age_p99_9_us", "age_max_us"),
-            *("lost", "superseded", "refused", "samples", "late", "stale_cycles"),
-        }
-        assert figures["age_p50_us"] <= figures["age_p99_9_us"] <= figures["age_max_us"]
-        assert 0 <= figures["late"] <= figures["stale_cycles"]
-        assert figures["samples"] > 0
-        if name.startswith("deviation"):
-            assert 1000 * seen - 30 <= figures["rate_hz"] <= 1005
-            assert 1000 <= figures["age_p50_us"] <= 1900
-            assert 1900 <= figures["age_max_us"] <= 1900 + 1000 * overruns
-        else:
-            assert figures["rate_hz"] == pytest.approx(10_000 * seen, rel=0.02)
-            assert figures["age_p50_us"] == 0
-        if name.startswith("strain"):
-            assert figures["age_max_us"] == 0
-        assert figures["lost"] == 0  # the simulation takes no sample while the loop is away
-
-
-def test_without_arm_on_start_it_waits_in_ready(run, capsys):
-    """And it tells of its configuration what `check` does, at each line of it, in the same order."""
-    section = '    commissioned: {hash: "0123456789abcdef", report: report.html, date: 2026-11-21}\n'
-    weak = ("range_um: [2, 128], slew", "range_um: [46, 128], slew")
-    aged = ("deviation_z: {driver: cell, max_age_us: 3000}", "deviation_z: {driver: cell, max_age_us: 50000}")
-    text = simulated(*WAITING)
-    for old, new in (weak, aged):
-        assert old in text
-        text = text.replace(old, new)
-    at = text.index("    mode: stage", text.index("\naxes:"))
-    cell = run(text[:at] + section + text[at:], "--duration", "0.3")
-    assert cell.wait() == 0, cell.said
-    main(["check", str(cell.config), "--json"])
-    told = json.loads(capsys.readouterr().out)["warnings"]
-    assert [line for line in cell.said.splitlines() if str(cell.config) in line] == [
-        f"WARNING: {each}" for each in told
-    ]
-    keys = [each.removeprefix(f"{cell.config}:").split(": ")[1] for each in told]
-    assert keys[1:] == [
-        *(f"axes.{axis}.setpoint.range_um" for axis in "xyz"),
-        "reference.horizon_ms",
-    ]
-    assert told[0].endswith(
-        "axes.x.commissioned: axis x was changed after it was commissioned (report report.html, 2026-11-21): "
-        "commission it again, or remove the section commissioned"
-    )
-    assert cell.report["state"] == "OFF"
-    assert cell.report["path_error_um"]["x"] == {"uncompensated_rms": None, "rms": None, "max": None}
-    assert "TRACKING" not in cell.said

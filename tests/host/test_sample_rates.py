@@ -58,13 +58,6 @@ def test_a_gauge_at_a_third_of_its_rate_is_told_with_figures_and_the_next_step(s
     assert sensors.play(every(1)) == [], "it is no more"
 
 
-def test_other_sensors_too(sensors):
-    (told,) = sensors.play(every(4), bit=STAGE)
-    assert told.startswith("stage_x comes 2500 times a second, its driver cell states 10000")
-    (told,) = Sensors(sensors.rates._controller.prepared).play(every(25), bit=DEVIATION)
-    assert told.startswith("deviation_x comes 400 times a second, its driver cell states 1000")
-
-
 @pytest.mark.parametrize(
     "came",
     [

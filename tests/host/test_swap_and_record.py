@@ -9,14 +9,11 @@ import numpy as np
 import pytest
 
 from campaigns.running_controller import PATIENCE_S
-from micromanip.errors import CheckFailed
 from micromanip.host.controller import Controller
-from micromanip.host.recording.mcap_file import McapRecording
 from micromanip.host.recording.recording import RecorderProcess
 from micromanip.host.ring import RingReader
 from micromanip.recordings import open_telemetry
 from micromanip.rt import mailbox as w
-from micromanip.rt.records import CELL_PARAMETERS
 from micromanip.rt.states import ARM, STOP, TRACKING
 from micromanip.rt.telemetry import ROW
 from micromanip.settings.check import prepare
@@ -211,29 +208,6 @@ def test_recording_has_every_cycle(prepared, one_run):
     assert np.abs(axis["voltage_V"] - rows["axis"]["voltage_V"][0]).max() < 4.0 * rows["periods"][0]
 
 
-@pytest.mark.thorough  # one of the quick ones, which follow
-def test_recording_over_a_swap_has_both_sets(prepared, tmp_path):
-    new = variant(prepared, **SWAPS["PID gain"])
-
-    async def during(controller):
-        await pass_cycles(controller, 4000)
-        await controller.apply(replace(prepared, parameters=new))
-        await pass_cycles(controller, 4000)
-
-    async def main():
-        async with tracking(prepared, tmp_path) as controller:
-            return await recorded(controller, tmp_path / "run.mcap", during)
-
-    said, _, file = asyncio.run(main())
-    assert said.endswith(", 0 lost")
-    telemetry = open_telemetry(file)
-    rows, sets = np.concatenate(list(telemetry.rows())), np.concatenate(telemetry.parameters)
-    assert list(sets["version"]) == [1, 2]
-    assert list(sets["axis"]["pid"]["K_V_per_um"][:, 0]) == [0.6, 0.4]
-    assert list(np.unique(rows["version"])) == [1, 2]
-    assert (np.diff(rows["version"]) >= 0).all()
-
-
 def test_recording_over_quick_swaps_has_every_set(one_run):
     """A row's version names a set in the file, however quickly they followed each other."""
     _, _, file = one_run["quick"]
@@ -244,35 +218,3 @@ def test_recording_over_quick_swaps_has_every_set(one_run):
     assert list(sets["version"]) == list(np.unique(rows["version"]))
     gains = dict(zip(sets["version"].tolist(), sets["axis"]["pid"]["K_V_per_um"][:, 0], strict=True))
     assert all(gains[version] == pytest.approx(0.4 + 0.01 * (version - 2)) for version in gains if version > 1)
-
-
-def test_recording_of_a_tuning_that_was_taken_back(prepared, tmp_path):
-    """Also the older set, in force again, is in a file that began with the newer one."""
-    slots = np.zeros(3, CELL_PARAMETERS)
-    slots["version"][:2] = 1, 2
-    rows = np.zeros(6, ROW)
-    rows["version"] = 2, 2, 1, 1, 2, 1
-    orders = {"file": str(tmp_path / "run.mcap"), "configuration": "", "sha256": "", "axes": ["x"]}
-    recording = McapRecording(orders | {"period_ns": 100_000})
-    for part in np.split(rows, 3):
-        recording.append(part, slots)
-    recording.close()
-    telemetry = open_telemetry(recording.file)
-    assert [int(each["version"][0]) for each in telemetry.parameters] == [2, 1]
-    assert telemetry.column("version").tolist() == [2, 2, 1, 1, 2, 1]
-
-
-@pytest.mark.thorough  # `recording start` is refused the same way without a loop: test_record_verbs.py
-def test_recording_to_an_impossible_place(prepared, tmp_path):
-    (tmp_path / "file").touch()
-
-    async def main():
-        async with tracking(prepared, tmp_path) as controller:
-            for place in ("no/such/folder/run.mcap", "file/run.mcap", "."):
-                recorder = RecorderProcess(controller, tmp_path / place, print)
-                with pytest.raises(CheckFailed, match=r"^nothing is recorded: .* can't be written: "):
-                    await recorder.start()
-            await pass_cycles(controller, 100)
-            assert controller.state == "TRACKING"
-
-    asyncio.run(main())

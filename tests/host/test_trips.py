@@ -12,7 +12,7 @@ from micromanip.client import Client
 from micromanip.errors import CheckFailed
 from micromanip.host.trips.store import TripRecord, trips
 from micromanip.rt.states import RAMPING, TRACKING
-from tests.cells import LEISURELY, calm
+from tests.cells import calm
 
 from .black_boxes import assert_whole, box_of, explained, folder
 
@@ -77,18 +77,6 @@ def test_trip_is_on_disk_before_a_reset(run):
     assert cell.left == []
     assert "X-201 axis y: " in cell.said
     assert [file.name for file in folder(cell).iterdir()] == [file.name for file in trips(folder(cell))]
-
-
-def test_black_box_that_keeps_dying(run):
-    """Started again three times, then given up, and said so; the loop does not care, nor does a reset wait."""
-    cell = run(LEISURELY).reach("TRACKING")
-    for _ in range(4):
-        os.kill(until(lambda: cell.child("trips.process"), cell.last_words), signal.SIGKILL)
-        until(lambda: not cell.child("trips.process"), "its end")
-    until(lambda: "died again; trips leave no black box any more" in cell.said, cell.last_words)
-    assert cell.said.count("the black box process died; it is started again") == 3
-    assert cell.state == "TRACKING"
-    assert cell.end() == 0
 
 
 def test_black_box_killed_between_its_halves_and_the_host_gone_while_a_fault_is_latched(run):

@@ -1,14 +1,12 @@
 """A cell that learns while it works, in virtual time: what repeats falls, and nothing that happens makes a step."""
 
 import re
-import resource
 
 import numpy as np
 import pytest
 
 from micromanip.design.learning.law import Update
-from micromanip.design.learning.memory import memory_warnings, read_memory, write_memory
-from micromanip.errors import CheckFailed
+from micromanip.design.learning.memory import memory_warnings, read_memory
 from micromanip.host.learning.handover import FADE_S
 from micromanip.rt.laws.learned import BROKEN_OFF, FINISHED, IDLE, OTHER_TOOL, PART_ENDED, PATH_LEFT, WITHDRAWN
 from micromanip.rt.states import END_PART, HOLD, TRACKING
@@ -213,25 +211,3 @@ def test_a_tool_has_a_memory_of_its_own_and_another_one_ends_it_softly(tmp_path_
     assert not found
     none = Production(tmp_path_factory.mktemp("none"), with_line(SECONDS, "tool", "interlock"))
     require_soft(made, rows, none.part(8, faults=changes, learns=False)[0])
-
-
-def test_a_full_disk_leaves_what_was_played_before(learned, monkeypatch):
-    """A limit of the size of files, which every user can have, stands for it."""
-    folder = learned.file.parent / "learned"
-    before, known = {file.name: file.read_bytes() for file in folder.iterdir()}, learned.store.of_tool(0)
-    monkeypatch.setattr("micromanip.learner.memory_store.write_memory", _limited)
-    _, _, found, cell = learned.part(11)
-    assert whys(cell) == [FINISHED] * 3
-    assert len(found) == 3
-    assert all(isinstance(problem, CheckFailed) and "File too large" in str(problem) for problem in found.values())
-    assert {file.name: file.read_bytes() for file in folder.iterdir()} == before
-    assert learned.store.of_tool(0) == known
-
-
-def _limited(file, memory):
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, hard))
-    try:
-        write_memory(file, memory)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))

@@ -8,7 +8,6 @@ import pytest
 from cli.command import code_of
 from host.test_mcap_recording import begun, slots, some_rows
 from pyarrow import parquet
-from scipy.io import loadmat
 
 from micromanip.errors import UsageError
 from micromanip.recordings import open_telemetry, read_table
@@ -55,14 +54,6 @@ def test_hdf5(recorded, tmp_path):
     assert all(bits(ours[name]) == bits(theirs[name]) for name in ours)
 
 
-def test_numpy(recorded, tmp_path):
-    file, rows = recorded
-    export(open_telemetry(file), tmp_path / "run.npz")
-    with np.load(tmp_path / "run.npz") as found:
-        assert all(bits(found[name]) == bits(values) for name, values in columns_of(rows).items())
-        assert found["sha256"] == "abc"
-
-
 def test_parquet(recorded, tmp_path):
     file, rows = recorded
     export(open_telemetry(file), tmp_path / "run.parquet")
@@ -76,15 +67,6 @@ def test_parquet(recorded, tmp_path):
     assert found.schema.field("strain_um_x").metadata[b"unit"] == b"um"
     assert found.schema.metadata[b"sha256"] == b"abc"
     assert found.column("t_s").to_numpy() == pytest.approx((rows["cycle"] - 42) * 1e-4)
-
-
-def test_matlab(recorded, tmp_path):
-    file, rows = recorded
-    export(open_telemetry(file), tmp_path / "run.mat")
-    found = loadmat(tmp_path / "run.mat")
-    for name, values in columns_of(rows).items():
-        assert bits(found[name][:, 0]) == bits(values), name
-    assert found["sha256"] == ["abc"]
 
 
 def test_csv(recorded, tmp_path):

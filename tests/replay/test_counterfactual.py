@@ -10,8 +10,8 @@ from cli.command import code_of
 from scipy.signal import lfilter
 
 from campaigns.counterfactual import CONFIG
-from micromanip.errors import CheckFailed, UsageError
-from micromanip.replay.comparable import recorded_configuration, require_comparable
+from micromanip.errors import CheckFailed
+from micromanip.replay.comparable import recorded_configuration
 from micromanip.replay.comparison import first_mismatch
 from micromanip.replay.counterfactual import Rerun, predict
 from micromanip.replay.fitting import fit_models
@@ -139,17 +139,6 @@ def test_another_cell_is_refused(recorded, tmp_path, capsys, was, is_, says):
     assert "Traceback" not in error
     (line,) = [line for line in error.splitlines() if line.startswith("micromanip: ")]
     assert re.search(says, line), line
-
-
-def test_only_a_stage_that_is_held_is_compared(recorded):
-    cell, _ = recorded
-    axis = cell.configuration.axes["y"].model_copy(update={"mode": "strain"})
-    other = cell.configuration.model_copy(update={"axes": {**cell.configuration.axes, "y": axis}})
-    with pytest.raises(UsageError, match=r"b\.yaml: axes\.y\.mode is strain; only tunings with mode: stage"):
-        require_comparable(cell.configuration, other, "a.mcap", "b.yaml")
-    fewer = cell.configuration.model_copy(update={"axes": {"x": cell.configuration.axes["x"]}})
-    with pytest.raises(UsageError, match=r"b\.yaml: axes is \['x'\], in a\.mcap it is \['x', 'y', 'z'\]"):
-        require_comparable(cell.configuration, fewer, "a.mcap", "b.yaml")
 
 
 def test_a_recording_that_says_too_little_is_refused(recorded, capsys):

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from cli.command import code_of
 
 from campaigns.counterfactual import record, recorded_cell, track
 from micromanip.recordings import open_telemetry
@@ -60,12 +59,3 @@ def test_the_truth_is_within_the_range_where_it_counts(stalled, rerun, values):
     assert (found.expected.low_um <= truth).all()
     assert (truth <= found.expected.high_um).all()
     assert (np.abs(truth[0] / found.recorded[0] - 1.0) > 0.02).all(), "another tuning changes something"
-
-
-def test_the_command_tells_what_is_left_out(stalled, rerun, tmp_path, capsys):
-    cell, telemetry = stalled
-    begin_s = rerun.window.at_s(int(np.argmax(rerun.window.rows["periods"] > 300)))
-    cut = ("--cut", f"{begin_s - 0.7:.2f}:{begin_s + 0.1:.2f}")
-    (tmp_path / "calm.yaml").write_text(cell.source.text.replace("control_weight: ", "control_weight: 1"))
-    assert code_of("replay", telemetry.file, "--with", tmp_path / "calm.yaml", *cut) == 0
-    assert "Left out of all figures: 0." in capsys.readouterr().out

@@ -72,11 +72,7 @@ def test_where_the_observer_may_be_given_up_the_range_holds_both(recorded, rerun
 @pytest.mark.long
 @pytest.mark.parametrize(
     "values",
-    [
-        {"inner.Td_ms": 0.0},
-        {"setpoint.slew_um_per_ms": 1.0},
-        {"inner.Ti_ms": 0.3},
-    ],
+    [{"inner.Td_ms": 0.0}, {"setpoint.slew_um_per_ms": 1.0}, {"inner.Ti_ms": 0.3}],
     ids=lambda values: next(iter(values)),
 )
 def test_the_truth_is_within_the_range(recorded, rerun, values):

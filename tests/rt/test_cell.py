@@ -312,16 +312,6 @@ def test_a_sensor_that_is_not_used_does_no_harm(role, axis):
     assert cell.s["state"] == TRACKING
 
 
-def test_two_bad_samples_are_ridden_out():
-    cell = tracking()
-    for _ in range(10):
-        cell.spoiled["strain", Y] = (math.nan, 0)
-        cell.run(2)
-        cell.spoiled.clear()
-        cell.run(1)
-    assert cell.s["state"] == TRACKING
-
-
 @pytest.mark.parametrize("axis", [X, Y])
 def test_arming_is_refused_with_a_bad_strain_gauge(axis):
     cell = ready()

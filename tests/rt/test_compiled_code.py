@@ -28,11 +28,7 @@ def entry_signature(function):
 ENTRIES = {
     "run_loop": (run_loop, lambda: entry_signature(run_loop), EXCHANGES),
     "run_virtual": (run_virtual, lambda: entry_signature(run_virtual), EXCHANGES),
-    "cell_cycle": (
-        cell_cycle,
-        lambda: (CELL, STATE, SIGNALS, OUTPUTS, SAMPLES, types.int64, types.int64),
-        0,
-    ),
+    "cell_cycle": (cell_cycle, lambda: (CELL, STATE, SIGNALS, OUTPUTS, SAMPLES, types.int64, types.int64), 0),
     "write_row": (
         write_row,
         lambda: (CELL, STATE, SIGNALS, numba.from_dtype(ROW), types.int64, types.int64, types.int64, types.int64),

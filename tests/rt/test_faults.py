@@ -3,17 +3,7 @@
 import numpy as np
 import pytest
 
-from micromanip.rt.faults import (
-    EVENTS,
-    axis_fault,
-    begins,
-    cell_fault,
-    forget,
-    note,
-    raise_fault,
-    react,
-    warn,
-)
+from micromanip.rt.faults import EVENTS, axis_fault, begins, cell_fault, forget, note, raise_fault, react, warn
 from micromanip.rt.phases import CLOSED, LIFTING, PARKING
 from micromanip.rt.records import CELL_PARAMETERS, CELL_STATE
 from micromanip.rt.states import (

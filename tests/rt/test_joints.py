@@ -163,16 +163,6 @@ def test_the_lead_is_what_a_correction_turns_it_by(amplitude_um, angle, innovati
     assert s["detuning"][0] == pytest.approx(expected, rel=0.02, abs=1e-9)
 
 
-@pytest.mark.parametrize("lost", ["gap", "memory"])
-def test_what_starts_anew_begins_at_the_configured_frequency(lost):
-    s = record(REFERENCE_STATE, filtered=[10.0], detuning=[4.0], time_ns=STEP_NS, silent=500)
-    if lost == "memory":
-        s["silent"], s["filtered"][3] = 0, math.nan
-    signal_sample(LONE, s, 12.0, STEP_NS + (30_000_000 if lost == "gap" else STEP_NS))
-    assert s["detuning"][0] == 0.0
-    assert s["filtered"][0] == 12.0
-
-
 @pytest.mark.parametrize(
     ("hertz", "percent", "kept"), [(8.0, 50.0, 9.0), (8.4, 50.0, 9.0), (8.0, 5.0, 8.4), (8.0, 0.0, 8.0)]
 )

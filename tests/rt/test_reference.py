@@ -155,33 +155,6 @@ def path(t):
     return 130.0 * np.sin(2 * np.pi * 0.11 * t) + 30.0 * np.sin(OMEGA * t + 0.3)
 
 
-def test_gain_and_filter_are_filterpys():
-    kf = KalmanFilter(dim_x=5, dim_z=1)
-    h = 1e-3
-    kf.F = reference_transition(SETTINGS.oscillations, h)
-    kf.H = np.array([[1.0, 0.0, 0.0, 1.0, 0.0]])
-    smooth = Q_continuous_white_noise(3, dt=h, spectral_density=SETTINGS.jerk_um_per_s3**2)
-    kf.Q = block_diag(smooth, SETTINGS.oscillations[0].um_per_s ** 2 * h * np.diag([1.0, OMEGA**2]))
-    kf.R = np.array([[SETTINGS.noise_um**2]])
-    kf.P = np.diag([1.0, 1e2, 1e4, 1.0, 1e2])
-    for _ in range(20_000):
-        kf.predict()
-        kf.update(np.zeros(1))
-    assert tracker_gain(SETTINGS) == pytest.approx(kf.K[:, 0], rel=1e-4)
-    # the same states, sample by sample, from the first one on
-    rng, p, s = np.random.default_rng(5), tracker(), record(REFERENCE_STATE)
-    for k in range(1, 300):
-        y = path(k * h) + 0.5 * rng.normal()
-        signal_sample(p, s, y, k * MS)
-        if k == 1:
-            kf.x = np.array([[y], [0.0], [0.0], [0.0], [0.0]])
-        else:
-            kf.predict()
-            kf.update(np.array([y]))
-        assert s["filtered"][:5] == pytest.approx(kf.x[:, 0], rel=1e-3, abs=1e-3 * max(1.0, np.abs(kf.x).max()))
-    assert s["rejected"] == 0
-
-
 THREE = AxisTracker(
     sample_rate_Hz=500.0,
     oscillations=(

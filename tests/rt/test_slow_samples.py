@@ -195,8 +195,7 @@ def test_held_samples_are_no_oscillation(every, late):
 
 
 @pytest.mark.parametrize(
-    ("late", "integral", "band_Hz"),
-    [(5, 0.35, (300.0, 1500.0)), (15, 0.15, (100.0, 400.0)), (45, 0.06, (30.0, 150.0))],
+    ("late", "integral", "band_Hz"), [(5, 0.35, (300.0, 1500.0)), (15, 0.15, (100.0, 400.0)), (45, 0.06, (30.0, 150.0))]
 )
 def test_a_swing_of_a_slow_loop_is_noticed(late, integral, band_Hz):
     """From one sample to the next, or slower, as the delay has it; the fallback gains are no better here."""

@@ -117,11 +117,7 @@ def test_a_frequency_that_was_found_makes_the_filter_of_that_frequency(share):
     assert states == pytest.approx(expected, rel=1e-6, abs=1e-9)
 
 
-@given(
-    st.lists(st.floats(-1e3, 1e3), min_size=1, max_size=40),
-    st.floats(-1.0, 1.0),
-    st.integers(1, 5),
-)
+@given(st.lists(st.floats(-1e3, 1e3), min_size=1, max_size=40), st.floats(-1.0, 1.0), st.integers(1, 5))
 def test_it_never_leaves_its_range_nor_hurries(y, begun, every):
     p = law(tooth_window=7)
     s = started(p, 1.0)

@@ -10,19 +10,8 @@ from micromanip.settings.check import prepare
 
 CONFIG = Path(__file__).parents[2] / "config" / "paper.yaml"
 
-RESONANCE = {
-    "resonance_Hz": 63.0,
-    "resonance_damping": 0.04,
-    "antiresonance_Hz": 67.0,
-    "antiresonance_damping": 0.038,
-}
-SECTION = {
-    "delay_us": 190.0,
-    "gauge_us": 64.0,
-    "lag_us": 177.0,
-    "feedback_percent": 80.0,
-    "resonances": [RESONANCE],
-}
+RESONANCE = {"resonance_Hz": 63.0, "resonance_damping": 0.04, "antiresonance_Hz": 67.0, "antiresonance_damping": 0.038}
+SECTION = {"delay_us": 190.0, "gauge_us": 64.0, "lag_us": 177.0, "feedback_percent": 80.0, "resonances": [RESONANCE]}
 
 
 def compiled(tmp_path, actuator, mode="strain", inner_mode="pid+feedforward", reference=None):
@@ -49,16 +38,6 @@ def test_it_becomes_cycles_and_gains(tmp_path):
     for gain in ("K_V_per_um", "integral", "derivative"):
         assert with_it["pid"][gain] == pytest.approx(0.8 * without["pid"][gain])
         assert with_it["fallback"][gain] / with_it["pid"][gain] == without["fallback"][gain] / without["pid"][gain]
-
-
-@pytest.mark.parametrize(
-    ("mode", "inner_mode", "reference"),
-    [("stage", "pid+feedforward", None), ("strain", "pid", HOLD), ("voltage", "pid+feedforward", HOLD)],
-)
-def test_where_there_is_nothing_to_undo_not_a_bit_is_another(tmp_path, mode, inner_mode, reference):
-    """The outer loop's model has the actuator in it; a PID alone, or an open loop, has no feedforward."""
-    with_it, without = (compiled(tmp_path, each, mode, inner_mode, reference) for each in (SECTION, None))
-    assert with_it.tobytes() == without.tobytes()
 
 
 def test_a_reference_that_is_not_known_is_not_followed_ahead(tmp_path):

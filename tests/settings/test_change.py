@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from micromanip.settings.change import changed, needed, needs, said
+from micromanip.settings.change import changed, needs, said
 from micromanip.settings.check import prepare, revise, validate
 from micromanip.settings.load import load
 from micromanip.settings.schema.key import DISARM, LIVE, RESTART
@@ -35,36 +35,6 @@ ALL = sorted(set(leaves(Shape.of(Configuration))))
 def test_of_every_key_it_is_said():
     assert len(ALL) > 80
     assert {said(path, "change") for path in ALL} == {LIVE, DISARM, RESTART}
-
-
-@pytest.mark.parametrize(
-    ("key", "wanted"),
-    {
-        "axes.x.inner.K_V_per_um": LIVE,
-        "axes.x.inner.mode": LIVE,
-        "axes.x.outer.model.A": LIVE,
-        "axes.x.outer": LIVE,
-        "axes.x.hysteresis.weights": LIVE,
-        "axes.x.setpoint.slew_um_per_ms": LIVE,
-        "axes.x.setpoint.range_um": DISARM,
-        "axes.x.mode": DISARM,
-        "axes.x.centre_um": DISARM,
-        "start.lift_s": DISARM,
-        "reference.offset_um": DISARM,
-        "reference.path": RESTART,
-        "outputs.voltage_x.range_V": DISARM,
-        "outputs.voltage_x.park_V": RESTART,
-        "outputs.voltage_x.driver": RESTART,
-        "signals.strain_x.channel": RESTART,
-        "signals.strain_x.range_um": LIVE,
-        "drivers.cell.seed": RESTART,
-        "loop.rate_hz": RESTART,
-        "control.group": RESTART,
-        "nobody.knows.it": RESTART,
-    }.items(),
-)
-def test_needed(key, wanted):
-    assert needed(tuple(key.split("."))) == wanted
 
 
 @pytest.fixture(scope="module")

@@ -2,12 +2,10 @@
 
 import json
 import os
-from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import pytest
 
-from micromanip.bus import registry
 from micromanip.bus.cyclic import CyclicDriver
 from micromanip.bus.registry import driver_class
 from micromanip.cli.main import main
@@ -288,30 +286,6 @@ def test_a_waveform_is_brought_to_the_loops_rate(tmp_path):
     samples = prepare(file).samples[:, 0]
     assert list(samples[::10]) == [60.0, 70.0, 65.0]
     assert list(samples[:4]) == pytest.approx([60.0, 61.0, 62.0, 63.0])
-
-
-NO_DRIVER = "is neither a micromanip.driver.CyclicDriver nor a micromanip.driver.BusDriver"
-
-
-@pytest.mark.parametrize(
-    ("value", "message"),
-    [
-        ("no_such_module:Driver", "driver odd can't be loaded from no_such_module:Driver: No module named"),
-        ("json:Driver", "driver odd can't be loaded from json:Driver: module 'json' has no attribute 'Driver'"),
-        (
-            "json:dumps",
-            f"driver odd (json:dumps) {NO_DRIVER}",
-        ),
-        (
-            "json:JSONDecoder",
-            f"driver odd (json:JSONDecoder) {NO_DRIVER}",
-        ),
-    ],
-)
-def test_an_entry_point_that_is_no_driver(tmp_path, monkeypatch, value, message):
-    monkeypatch.setattr(registry, "installed", lambda: {"odd": EntryPoint("odd", value, registry.GROUP)})
-    text = CELL.replace("driver: simulated, seed", "driver: odd, seed")
-    assert complaint(tmp_path, text).startswith(f"{line_of(text, 'driver: odd')}: drivers.cell.driver: {message}")
 
 
 def test_a_broken_configuration_starts_nothing(tmp_path, monkeypatch, capsys):

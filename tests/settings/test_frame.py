@@ -119,11 +119,7 @@ def test_a_target_at_the_tool_sees_what_the_far_one_computes(tmp_path):
         ({"matrix": [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0]]}, {}, "the matrix is a reflection"),
         ({}, {"arm_mm": [0.0, 0.0, 0.0]}, "nothing comes of an arm of 0 mm"),
         ({}, {"signals": ["tracker_a", "tracker_b", "tracker_1"]}, "each coordinate once"),
-        (
-            {},
-            {"signals": ["tracker_a", "tracker_b", "tracker_x"]},
-            "frame.lever.signals: the section signals has",
-        ),
+        ({}, {"signals": ["tracker_a", "tracker_b", "tracker_x"]}, "frame.lever.signals: the section signals has"),
         ({}, {"signals": ["tracker_a", "tracker_b"]}, "reference.frame.lever.signals"),
     ],
 )

@@ -5,7 +5,6 @@ import re
 import pytest
 
 from micromanip.errors import UsageError
-from micromanip.settings.text import units
 from micromanip.settings.text.keys import assigned, key_path, selected, yaml_value
 
 DOCUMENT = {
@@ -76,41 +75,7 @@ def test_selected():
         selected(LEAVES, DOCUMENT, ["axes.y.weihts"])
 
 
-@pytest.mark.parametrize(
-    ("text", "value"),
-    {
-        "1e-3": 1e-3,
-        "12": 12,
-        "true": True,
-        "on": "on",
-        "null": None,
-        "": None,
-        "[1, 2.5]": [1, 2.5],
-        "{model: none}": {"model": "none"},
-    }.items(),
-)
-def test_yaml_value(text, value):
-    found = yaml_value("key", text)
-    assert found == value
-    assert type(found) is type(value)
-
-
 @pytest.mark.parametrize("text", ["[1, 2", ".inf", "{a: 1, a: 2}", "!!python/object:os.system x"])
 def test_not_yaml(text):
     with pytest.raises(UsageError, match=r"^axes.x.centre_um: "):
         yaml_value("axes.x.centre_um", text)
-
-
-@pytest.mark.parametrize(
-    ("key", "said"),
-    [
-        ("Ti_ms", "milliseconds"),
-        ("slew_V_per_ms", "volts per millisecond"),
-        ("um_per_s", "micrometres per second"),
-        ("preisach_d_per_V", "per volt"),
-        ("jerk_um_per_s3", "micrometres per second cubed"),
-        ("model", None),
-    ],
-)
-def test_the_unit_of_a_key(key, said):
-    assert units.words_for(key) == said

@@ -131,8 +131,7 @@ def test_every_key_that_is_taken_reaches_somebody(effects):
 
 
 @pytest.mark.parametrize(
-    "key",
-    ["faults.link.silent_ms", "faults.link.loop_silent_ms", "start.ramp_s", "outputs.voltage_x.range_V"],
+    "key", ["faults.link.silent_ms", "faults.link.loop_silent_ms", "start.ramp_s", "outputs.voltage_x.range_V"]
 )
 def test_workers_are_told(key):
     path = tuple(key.split("."))

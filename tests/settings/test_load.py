@@ -1,10 +1,7 @@
 """Each broken configuration is the good one with one thing wrong; the whole message is asserted, line and hint."""
 
-from pathlib import Path
-
 import pytest
 
-from micromanip.errors import ConfigError
 from micromanip.settings.load import load
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
 from micromanip.settings.schema.model import Configuration
@@ -22,17 +19,9 @@ KEYS = {
         ("Ti_ms: 0.571", "Ti_s: 0.000571"),
         "41: axes.x.inner.Ti_s: unknown key Ti_s: did you mean Ti_ms (milliseconds)?",
     ),
-    "wrong unit prefix": (
-        ("range_V: [-20, 150]", "range_mV: [-20000, 150000]"),
-        "16: outputs.voltage_x.range_mV: unknown key range_mV: did you mean range_V (volts)?",
-    ),
     "unit left out": (
         ("offset_um: 0", "offset: 0"),
         "21: reference.offset: unknown key offset: did you mean offset_um (micrometres)?",
-    ),
-    "typing error": (
-        ("arm_on_start: false", "arm_on_strat: false"),
-        "44: arm_on_strat: unknown key arm_on_strat: did you mean arm_on_start?",
     ),
     "indented too little": (
         ("      filter_ms: 0.3", "    filter_ms: 0.3"),
@@ -62,11 +51,6 @@ VALUES = {
         "41: axes.x.inner.Ti_ms: expected a number from 0.001 to 3600000, not the text '0.571 ms': "
         "the key names the unit, write Ti_ms: 0.571",
     ),
-    "a unit in a list": (
-        ("[-20, 150]", "[-20 V, 150]"),
-        "16: outputs.voltage_x.range_V[0]: expected a number from -10000 to 10000, not the text '-20 V': "
-        "the key names the unit, write -20",
-    ),
     "decimal comma": (
         ("Td_ms: 0.167", "Td_ms: 0,167"),
         "42: axes.x.inner.Td_ms: expected a number from 0 to 3600000, not the text '0,167': write Td_ms: 0.167",
@@ -75,37 +59,19 @@ VALUES = {
         ("rate_hz: 10000", "rate_hz: 1e4"),
         "4: loop.rate_hz: expected a whole number from 100 to 20000, not 10000.0: write rate_hz: 10000",
     ),
-    "out of range": (
-        ("rate_hz: 10000", "rate_hz: 50000"),
-        "4: loop.rate_hz: expected a whole number from 100 to 20000, not 50000",
-    ),
     "yes is not true": (
         ("arm_on_start: false", "arm_on_start: yes"),
         "44: arm_on_start: expected true or false, not the text 'yes': write arm_on_start: true",
-    ),
-    "none is not null": (
-        ("max_age_us: null", "max_age_us: none"),
-        "12: signals.deviation_x.max_age_us: expected a number from 1 to 3600000000 or null, not the text 'none': "
-        "write max_age_us: null",
     ),
     "not one of the choices": (
         ("mode: pid+feedforward", "mode: pid+feedfoward"),
         "39: axes.x.inner.mode: expected pid, pid+feedforward or feedforward, not the text 'pid+feedfoward': "
         "did you mean pid+feedforward?",
     ),
-    "no such variant": (
-        ("source: sine", "source: sinus"),
-        "20: reference.source: expected hold, step, sine, file, signal or jog, not the text 'sinus': "
-        "did you mean sine?",
-    ),
     "a list without brackets": (
         ("[-20, 150]", "-20, 150"),
         "16: outputs.voltage_x.range_V: expected a list of 2 numbers, each from -10000 to 10000, not the text "
         "'-20, 150': write range_V: [-20, 150]",
-    ),
-    "infinite": (
-        ("[-20, 150]", "[-20, .inf]"),
-        "16: outputs.voltage_x.range_V[1]: expected a finite number, not .inf; where no limit is meant, null says so",
     ),
     "a rule of the section": (
         ("centre_um: 65", "centre_um: 650"),
@@ -123,7 +89,6 @@ SYNTAX = {
         ("      filter_ms: 0.3", "\tfilter_ms: 0.3"),
         "43: not YAML: character '\\t' can't start a value; indent with spaces, quote the text",
     ),
-    "open bracket": (("[-20, 150]", "[-20, 150"), "16: not YAML: this [ isn't closed"),
     "second document": (
         ("arm_on_start: false", "---\narm_on_start: false"),
         "44: not YAML: a second document begins here; a configuration is a single one",
@@ -136,14 +101,7 @@ SYNTAX = {
         ("mode: strain", "mode: !!python/name:os.system"),
         "27: axes.x.mode: the tag '!!python/name:os.system' isn't known here; leave it out",
     ),
-    "half a character": (
-        ("driver: simulated", 'driver: "\\ud800"'),
-        "8: drivers.cell.driver: an escape that is only half a character, such as \\ud800",
-    ),
-    "nested without end": (
-        ("seed: 1", f"seed: {'[' * 60}{']' * 60}"),
-        "8: drivers.cell.seed: nested too deeply",
-    ),
+    "nested without end": (("seed: 1", f"seed: {'[' * 60}{']' * 60}"), "8: drivers.cell.seed: nested too deeply"),
     "alias of itself": (
         ("      range_um: [5, 125]", "      range_um: &range [5, *range]"),
         "30: axes.x.setpoint.range_um[1]: an alias of the section it stands in",
@@ -183,22 +141,6 @@ SECTIONS = ", ".join(Configuration.model_fields)
 )
 def test_no_configuration_at_all(cell, content, expected):
     assert cell.message(content) == f"cell.yaml{expected}"
-
-
-@pytest.mark.parametrize(
-    ("name", "expected"),
-    [
-        ("none.yaml", f"none.yaml: no such file; {Path(__file__).resolve().parents[2] / 'config'} has examples"),
-        (".", ".: a directory; name the YAML file in it"),
-        ("circle", "circle: can't be read: Too many levels of symbolic links"),
-    ],
-)
-def test_unreadable_files(tmp_path, monkeypatch, name, expected):
-    monkeypatch.chdir(tmp_path)
-    Path("circle").symlink_to("circle")
-    with pytest.raises(ConfigError) as caught:
-        load(Path(name))
-    assert str(caught.value) == expected
 
 
 def test_only_the_first_ten_problems_are_shown(cell):

@@ -17,11 +17,3 @@ def test_drivers_options_are_up_to_date():
     assert page.read_text() == drivers_doc.render(), (
         "run: python -m micromanip.settings.documents.drivers_page > docs/driver-options.md"
     )
-
-
-def test_reference_names_unit_range_default_and_variants():
-    text = render()
-    assert "| `Ti_ms` | Integral time (0.001..3600000). |" in text
-    assert "| `rate_hz: 10000` | Cycles per second (100..20000). |" in text
-    assert "### `axes.<name>.hysteresis with model: network`" in text
-    assert "\n### `reference.sines[i]`\n" in text

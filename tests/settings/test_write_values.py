@@ -43,14 +43,6 @@ def differing(old, new):
     return [line for line in new.splitlines() if line not in old.splitlines()]
 
 
-def test_one_value():
-    text = SIMULATED.read_text()
-    new, meant = written(text, axes__x__setpoint__slew_um_per_ms=12.25)
-    assert differing(text, new) == ["    setpoint: {range_um: [2, 128], slew_um_per_ms: 12.25}"]
-    assert new.count("#") == text.count("#")
-    assert validate_document(Source.parse(SIMULATED, new)) == meant
-
-
 def test_lines_as_somebody_else_wrote_them_stay():
     """Long ones, lists without indentation, quotes, spaces and blanks of their own, trailing ones too."""
     text = SHARED.replace("loop: {", "loop:   { ")
@@ -62,13 +54,6 @@ def test_lines_as_somebody_else_wrote_them_stay():
     assert differing(text, new) == ["    setpoint: {range_um: [3.0, 120.0]}"]
     assert len(new.splitlines()) == len(text.splitlines())
     assert validate_document(Source.parse(Path("cell.yaml"), new)) == meant
-
-
-def test_a_limit_of_every_axis_is_written_once():
-    text = SIMULATED.read_text()
-    new, meant = written(text, faults__axis__saturation__warn_ms=33.0)
-    assert [line for line in differing(text, new) if "33" in line] == ["      warn_ms: 33.0"]
-    assert {axis.faults.saturation.warn_ms for axis in meant.axes.values()} == {33.0}
 
 
 def test_another_kind_of_section():

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from micromanip.control.margins import margins
 from micromanip.design.actuation import identify_actuator
 from micromanip.design.experiment import with_axes, with_reference
 from micromanip.design.loops import strain_loop
@@ -59,12 +58,3 @@ def test_the_sensitivity_is_as_predicted(cell, frequency_Hz):
     if frequency_Hz == NOTCH.frequency_Hz:
         assert taken == pytest.approx(0.9, rel=0.02)
         assert abs(with_it / without - 1.0) > 0.25
-
-
-def test_a_notch_changes_the_margins(cell):
-    configuration, _, actuator = cell
-    inner = configuration.axes["x"].inner
-    plain, notched = (margins(strain_loop(with_notch(inner, each), actuator.system)) for each in (None, NOTCH))
-    assert plain.stable
-    assert notched.stable
-    assert abs(notched.phase_deg - plain.phase_deg) > 5.0

@@ -6,8 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from micromanip.faults import BY_NAME
-from micromanip.rt.laws.tooth import FOLLOWS
 from micromanip.rt.states import NO_FAULT, TOOTH_LOST, TRACKING
 from micromanip.settings.check import prepare
 from micromanip.virtual.experiment import VirtualExperiment
@@ -48,21 +46,3 @@ def test_the_speed_is_found_and_costs_nothing_any_more(tmp_path):
     assert rows["tooth_Hz"][-1] == pytest.approx(204.0, abs=0.1)
     assert np.isnan(fixed_rows["tooth_Hz"]).all()
     assert TOOTH_LOST not in [code for code, *_ in told(cell)]
-
-
-def test_a_speed_out_of_reach_is_told_once_and_left_alone(tmp_path):
-    fixed, before, _ = tracked(tmp_path, 0.0, 215.0)
-    left, rows, cell = tracked(tmp_path, 3.0, 215.0)
-    warnings = [event for event in told(cell) if event[0] == TOOTH_LOST]
-    assert sorted(axis for _, axis, _, _ in warnings) == [0, 1, 2]
-    for _, _, found_Hz, said_Hz in warnings:
-        assert (found_Hz, said_Hz) == pytest.approx((206.0, 200.0), abs=0.06)
-    assert (cell.state[0]["axis"]["estimator"]["given_up"] != FOLLOWS).all()
-    assert np.isnan(rows["tooth_Hz"][-1]).all(), "nothing was found there"
-    assert np.isfinite(rows["tooth_Hz"][0, :3]).all()
-    assert left == pytest.approx(fixed, rel=0.15), "about as it was before"
-    steps, usual = (np.abs(np.diff(each["setpoint_um"], axis=0))[2000:].max(axis=0) for each in (rows, before))
-    assert (steps[:3] <= 1.5 * usual[:3]).all(), "no step where it was given up"
-    seen = BY_NAME["TOOTH_LOST"].what.format(value=206.0, limit=200.0)
-    assert "206.00 Hz" in seen
-    assert "200.00 Hz" in seen

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from micromanip.design.budget.budget import AxisBudget, Bound, Cause, Variant
 from micromanip.design.commission.at_rest import AtRest
 from micromanip.design.commission.production import in_production, tried
 from micromanip.design.experiment import with_axes, with_axis
@@ -110,10 +109,3 @@ def test_a_trial_that_ends_early_is_no_pass():
     assert "X-202" in production.criterion("x", 0.5).value
     gap = tried(production, lambda each: each, lambda *_: rows(np.nan, 100.0))
     assert not gap.criterion("x", 0.5).passed
-
-
-def budget_of(axis):
-    hertz = np.array([0.5, 50.0, 500.0])
-    causes = (Cause("force", np.array([0.0, 0.16, 0.0])), Cause("noise", np.array([0.08, 0.0, 0.01])))
-    tiny = Cause("creep", np.array([1e-6, 0.0, 0.0]))
-    return AxisBudget(axis, hertz, (*causes, tiny), Bound(0.03, 0.0325, 1.0), (Variant("no force", 0.3),))

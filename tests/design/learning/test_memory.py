@@ -2,7 +2,6 @@
 
 import json
 import multiprocessing
-import os
 from dataclasses import fields, replace
 
 import numpy as np
@@ -10,14 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from micromanip.design.learning.memory import (
-    Memory,
-    memory_files,
-    put_aside,
-    read_memory,
-    remove_memory,
-    write_memory,
-)
+from micromanip.design.learning.memory import Memory, memory_files, put_aside, read_memory, remove_memory, write_memory
 from micromanip.errors import CheckFailed, MicromanipError
 
 VALUES = 50
@@ -45,22 +37,6 @@ def test_what_was_written_is_read(file):
     write_memory(file, replace(MEMORY.forgotten(), temperature_C=None))
     found = read_memory(file)
     assert (found.parts, found.temperature_C, found.tool, found.seconds) == (0, None, 3, 0.05)
-
-
-@pytest.mark.parametrize("interrupted", ["fsync", "rename", "write"])
-def test_who_is_cut_off_while_writing_leaves_the_memory_before(file, monkeypatch, interrupted):
-    def cut(*_, **__):
-        raise OSError(5, "the power went")
-
-    monkeypatch.setattr(os, interrupted, cut)
-    try:
-        write_memory(file, replace(MEMORY, generation=5))
-    except OSError:
-        expected = 4
-    else:
-        expected = 5  # it has no need of this call
-    monkeypatch.undo()
-    assert read_memory(file).generation == expected
 
 
 def test_a_file_that_is_cut_short_or_altered_is_refused_in_one_sentence(file):

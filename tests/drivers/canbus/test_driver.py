@@ -59,13 +59,6 @@ def samples(bus):
     return [sample for sample in inbox if bus.inputs[sample.channel].name == "Sensors.strain_x"]
 
 
-def test_a_frozen_counter_gives_no_samples_although_values_move(bus, peer):
-    for value in (1.0, 2.0, 3.0):
-        send(peer, Count=5, strain_x=value)
-    assert [sample.value for sample in samples(bus)] == pytest.approx([1.0])
-    assert bus.statistics()["repeated"] == 2
-
-
 def test_a_status_of_zero_can_be_bad(peer):
     status = {"signal": "Status", "good": [1, 3]}
     bus = CanBus(options(receive={"Sensors": {"rate_hz": 1.0, "status": status}}), FOLDER)
@@ -82,12 +75,6 @@ def test_a_second_controller_is_a_fault(bus, peer):
     peer.send(can.Message(arbitration_id=0x100, data=bytes(8), is_extended_id=False, is_fd=True))
     with pytest.raises(DeviceFault, match="somebody else sends Voltages on virtual-canbus"):
         bus.receive(Inbox(), 0)
-
-
-def test_the_load_is_that_of_all_messages_at_worst(bus):
-    [load] = bus.loads()
-    assert load.detail == "2000 x 89 us + 2000 x 56 us"
-    assert load.share == pytest.approx(0.289, abs=0.001)
 
 
 DBC = """VERSION ""
@@ -152,20 +139,6 @@ def test_a_silence_must_be_longer_than_the_device_is_silent_anyway():
     with pytest.raises(ValidationError, match=r"silence_ms 100 is less than three periods .* \(20 Hz\).* or null"):
         options(silence_ms=100, receive={"Sensors": {"rate_hz": 20.0}, "Tracker": {"rate_hz": 2.0}})
     options(silence_ms=150, receive={"Sensors": {"rate_hz": 20.0}, "Tracker": {"rate_hz": 2.0}})
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        (None, "database: .*broken.dbc can't be read: No such file"),
-        ("BO_ 1 Plain 8 A\n", r"database: .*broken.dbc:1: it is not a DBC file: Invalid syntax at line 1, column 13"),
-    ],
-)
-def test_a_file_that_can_not_be_used(tmp_path, text, words):
-    if text is not None:
-        (tmp_path / "broken.dbc").write_text(text)
-    with pytest.raises(ConfigError, match=words):
-        CanBus(options("broken.dbc"), tmp_path)
 
 
 WIDE = DBC.replace("BO_ 1 Plain: 8", "BO_ 1 Plain: 16").replace("count : 16", "count : 96")

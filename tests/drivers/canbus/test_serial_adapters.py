@@ -243,11 +243,3 @@ def test_the_last_voltages_go_out_before_it_is_closed(tmp_path, monkeypatch):
     bus.perform(0, [0.0], Inbox())
     bus.close()
     assert taken == [b"\x88\x13", b"\x00\x00"]
-
-
-def test_check_says_how_it_is_served(tmp_path):
-    _, threads = driver(tmp_path, "slcan").loads()
-    assert threads.name == "threads for python-can's slcan"
-    assert threads.detail == "250 of 2000 frames/s, stamped as they are read"
-    (direct,) = driver(tmp_path, "socketcan").loads()
-    assert direct.detail.endswith("; polled, stamped by the kernel")

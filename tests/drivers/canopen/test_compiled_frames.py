@@ -149,10 +149,7 @@ LOST = [(1, "s"), (200, "a"), (800, "s"), (1000, "s"), (1000, "s"), (200, "b")]
 
 
 @example(1, LOST)
-@given(
-    st.integers(0, 3),
-    st.lists(st.tuples(st.integers(1, 1500), st.sampled_from("saab")), max_size=40),
-)
+@given(st.integers(0, 3), st.lists(st.tuples(st.integers(1, 1500), st.sampled_from("saab")), max_size=40))
 def test_a_pdo_is_dated_and_counted_the_same_whoever_takes_it(every, events):
     """By turns in compiled code and in Python, and beside it in Python alone."""
     fields, _ = layout(1)

@@ -52,15 +52,6 @@ def test_a_lock_without_a_clock_is_refused(changes, said):
         options(**changes)
 
 
-def test_only_a_driver_that_locks_steers_the_loop():
-    plain, locked = Ethercat(options(), PERIOD_NS), Ethercat(options(lock=LOCK), PERIOD_NS)
-    assert (plain.steers, locked.steers) == (False, True)
-    assert "locked" not in plain.statistics(plain.context())
-    context = locked.context()
-    locked.steering_ns(context)[0] = 7
-    assert locked.record(context)["lock"]["step_ns"][0] == 7, "where the loop reads is where the driver writes"
-
-
 class Registers:
     """A ``Link`` to slaves in this process."""
 

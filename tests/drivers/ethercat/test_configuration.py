@@ -1,10 +1,8 @@
 """What the keys of `ethercat` refuse, and the frame that they make."""
 
 from copy import deepcopy
-from pathlib import Path
 
 import pytest
-import yaml
 from micromanip_drivers.ethercat.driver import Ethercat
 from micromanip_drivers.ethercat.image import Image
 from pydantic import ValidationError
@@ -48,10 +46,7 @@ def changed_field(keys, direction, pdo, field, **changes):
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        (
-            {"terminals": {"gauge": without(GAUGE, "inputs", "tracker", "rate_hz")}},
-            "counter and rate_hz belong",
-        ),
+        ({"terminals": {"gauge": without(GAUGE, "inputs", "tracker", "rate_hz")}}, "counter and rate_hz belong"),
         (
             {"terminals": {"a": AMPLIFIER | {"settings": {"range": {"index": 1, "type": "uint8", "value": 256}}}}},
             "256 does not fit into uint8",
@@ -104,27 +99,6 @@ def lacking(name):
 def test_a_drive_that_lacks_what_it_needs_is_refused(terminal, said):
     with pytest.raises(ValidationError, match=said):
         options(terminals={"stage": terminal})
-
-
-def of_page(name):
-    """The terminal of this name on the page of the driver."""
-    page = (Path(__file__).parents[3] / "docs" / "ethercat.md").read_text(encoding="utf-8")
-    begin = page.index(f"\n{name}:")
-    return yaml.safe_load(page[begin : page.index("```", begin)])
-
-
-def test_the_lines_of_the_page_are_accepted_and_safe_without_frames():
-    terminals = of_page("outputs_of_the_rack")
-    image, driver = Image(options(terminals=terminals)), Ethercat(options(terminals=terminals), PERIOD_NS)
-    assert driver.outputs == ("amplifier_enable", "feed_hold")
-    assert image.bytes == 1
-    assert driver.options.outputs["feed_hold"].safe == 1.0
-
-
-def test_the_drive_of_the_page_is_accepted():
-    driver = Ethercat(options(terminals=of_page("stage_x")), PERIOD_NS)
-    assert driver.outputs == ("voltage_x", "amplifier_enable", "amplifier_reset")
-    assert "amplifier_ok_x" in driver.inputs
 
 
 def test_a_cell_waits_for_longer_than_its_drives_take_to_come_on(tmp_path):

@@ -19,9 +19,7 @@ pytestmark = [pytest.mark.live, pytest.mark.compiled_only, pytest.mark.xdist_gro
 SENSOR = {
     "vendor": 0x4D4D,
     "product": 0x30,
-    "inputs": {
-        "level": {"pdo": 0x1A00, "fields": {"level": {"index": 0x6000, "subindex": 1, "type": "int32"}}},
-    },
+    "inputs": {"level": {"pdo": 0x1A00, "fields": {"level": {"index": 0x6000, "subindex": 1, "type": "int32"}}}},
 }
 TERMINALS = {"amplifier": AMPLIFIER, "gauge": GAUGE, "sensor": SENSOR}
 PLACES = range(len(TERMINALS) + 1)

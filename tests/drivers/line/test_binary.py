@@ -17,7 +17,7 @@ from micromanip.bus.errors import IdentityMismatch, LinkError, TransientError
 from micromanip.bus.inbox import Inbox
 
 from .board import FRAMING, Board, frame
-from .scripted_port import ScriptedPort, raised
+from .scripted_port import ScriptedPort
 from .wires import PtyWire
 
 COUNTER = {"at": 4, "type": "uint16", "byte_order": "little"}
@@ -141,31 +141,6 @@ def test_an_answer_that_comes_after_all_patience_is_still_not_taken_for_another(
     assert one.counters["late_answers"] == 1
 
 
-def test_an_answer_that_is_lost_is_waited_for_once():
-    device, lost = board(), [True]
-    one, _ = framing(
-        lambda data: [(0.0, frame(0x81, b"\x07"))] if data[3] == 1 else [] if lost[0] else device(data),
-        identity=IDENTITY,
-    )
-    begin(one)
-    with pytest.raises(TransientError):
-        perform(one, ASK)
-    lost[0] = False
-    end_s = time.monotonic() + 1.0
-    while not (values := perform(one, ASK)) and time.monotonic() < end_s:
-        time.sleep(0.001)
-    assert values == {"strain": 0.5}
-    assert one.counters["missing_answers"] == 1
-
-
-def test_answers_that_do_not_come_are_a_lost_link():
-    one, _ = framing(lambda data: [], silence_ms=50.0)
-    begin(one)
-    problem = raised(lambda: perform(one, ASK), passing=TransientError)
-    assert isinstance(problem, LinkError)
-    assert "nothing understood for 50 ms" in str(problem)
-
-
 @pytest.fixture
 def stream():
     """The board that speaks by itself, in this process: what it says is put into `said`."""
@@ -177,20 +152,6 @@ def stream():
 
 def strains(count, status=0, x=0):
     return frame(0x10, struct.pack("<HB3i", count, status, x, 0, 0))
-
-
-def taken(one, port, *wires):
-    inbox = Inbox()
-    port.coming += [(time.monotonic_ns(), wire) for wire in wires]
-    one.receive(inbox, time.monotonic_ns())
-    return [sample for sample in inbox if sample.channel == 0]
-
-
-def test_repeated_and_overtaken_frames_are_not_fresh(stream):
-    one, port = stream
-    samples = taken(one, port, strains(1), strains(1), strains(3), strains(2), strains(4))
-    assert [sample.lost for sample in samples] == [0, 1, 0]
-    assert one.counters["not_fresh"] == 2
 
 
 def test_what_nothing_answers_is_taken_when_the_device_is_heard_after_it(stream):
@@ -205,17 +166,6 @@ def test_what_nothing_answers_is_taken_when_the_device_is_heard_after_it(stream)
     port.coming.append((time.monotonic_ns(), strains(1)))
     one.receive(inbox, time.monotonic_ns())
     assert inbox.confirmed == [task]
-
-
-def test_a_counter_that_stands_still_is_silence():
-    one, port = framing(lambda data: [(0.0, frame(0x81, struct.pack("<I", 1234)))], FRAMING["binary"], silence_ms=30.0)
-    begin(one)
-
-    def repeat():
-        port.coming.append((time.monotonic_ns(), strains(7)))
-        one.receive(Inbox(), time.monotonic_ns() + 1_000_000)
-
-    assert isinstance(raised(repeat), LinkError)
 
 
 def test_identity_must_be_told_twice():

@@ -92,12 +92,7 @@ REFUSED = [
     ),
     (BOARD, "binary.send.voltages.fields.voltage_x.safe", 200.0, "safe 200 is outside of the range -20 to 150"),
     (BOARD, "binary.send.voltages.fields.voltage_x.range", [200.0, 300.0], "safe 0 is outside of the range"),
-    (
-        PIEZO,
-        "ascii.write.voltages.cyclic_safe",
-        None,
-        "cyclic_safe: 100 writes per second wear out",
-    ),
+    (PIEZO, "ascii.write.voltages.cyclic_safe", None, "cyclic_safe: 100 writes per second wear out"),
     (PIEZO, "ascii.identity", "(", "ascii.identity.pattern: '(' is not a regular expression"),
     (
         PIEZO,
@@ -147,11 +142,7 @@ def test_budget_of_a_two_wire_line():
             "crc": {"name": "crc8.smbus"},
             "turnaround_us": 5.0,
             "receive": {
-                "strains": {
-                    "rate_hz": 5000,
-                    "bytes": 24,
-                    "fields": {"strain": {"at": 1, "type": "int32", **number}},
-                }
+                "strains": {"rate_hz": 5000, "bytes": 24, "fields": {"strain": {"at": 1, "type": "int32", **number}}}
             },
             "send": {
                 "voltages": {
@@ -168,15 +159,6 @@ def test_budget_of_a_two_wire_line():
     assert one.name == "ttyS0"
     assert one.share == pytest.approx(5000 * 90e-6)
     assert one.detail == "5000 voltages x 90 us"
-
-
-def test_budget_of_text():
-    """Written out: "POS? 1 2 3\\n" and three lines of "1=" and 14 digits; "SVA ..." with ERR?, and its answer."""
-    options = changed(PIEZO, "tcp", None) | {"serial": {"device": "/dev/ttyS0", "baud": 115200}}
-    one = load(options)
-    asked = 11 + 3 * (2 + 14 + 3)
-    written = len("SVA 1 -20.0000 2 -20.0000 3 -20.0000\nERR?\n") + 3 + 14 + 3
-    assert one.share == pytest.approx(100 * (asked + written) * 10 / 115200)
 
 
 def test_rates_and_latencies():

@@ -48,8 +48,7 @@ class TestGcsOverTcp(BusDriverContract):
             (b"SVA 1 60.0000 2 -20.0000 3 0.0001\nERR?\n",),
         ),
         Golden(
-            {"voltage_x": 120.0, "voltage_y": 0.0, "voltage_z": -1.5},
-            (b"SVA 1 120.0000 2 0.0000 3 -1.5000\nERR?\n",),
+            {"voltage_x": 120.0, "voltage_y": 0.0, "voltage_z": -1.5}, (b"SVA 1 120.0000 2 0.0000 3 -1.5000\nERR?\n",)
         ),
     )
 
@@ -81,12 +80,10 @@ class TestBinaryOnPty(BusDriverContract):
     )
     golden_outputs = (
         Golden(
-            {"voltage_x": 60.0, "voltage_y": -20.0, "voltage_z": 0.005},
-            (bytes.fromhex("aa55 0820 e02e 60f0 0100"),),
+            {"voltage_x": 60.0, "voltage_y": -20.0, "voltage_z": 0.005}, (bytes.fromhex("aa55 0820 e02e 60f0 0100"),)
         ),
         Golden(
-            {"voltage_x": 150.0, "voltage_y": 0.0, "voltage_z": -0.005},
-            (bytes.fromhex("aa55 0820 3075 0000 ffff"),),
+            {"voltage_x": 150.0, "voltage_y": 0.0, "voltage_z": -0.005}, (bytes.fromhex("aa55 0820 3075 0000 ffff"),)
         ),
     )
 

@@ -95,26 +95,6 @@ def test_a_late_reply_is_never_taken_for_that_of_another_question(identity):
     assert one.counters["late_lines"] > 5
 
 
-@pytest.mark.parametrize("lost", [1, 2])
-def test_answers_that_were_lost_hold_the_questions_back_for_a_while_only(lost):
-    device, eaten = gcs_device(), []
-    one, _ = framing(
-        lambda data: (eaten.append(data) or []) if len(eaten) < 1 + lost else device(data), identity="Physik"
-    )
-    eaten[:] = [b""] * (1 + lost)
-    begin(one)
-    eaten.clear()
-    values, end_s = [], time.monotonic() + 1.0
-    while not values and time.monotonic() < end_s:
-        try:
-            values = read(one, VOLTAGE)
-        except TransientError:
-            time.sleep(0.0005)
-    assert eaten[0] == b"VOL? 1\n"
-    assert all(b"IDN" in one for one in eaten[1:])
-    assert values[0] < 0
-
-
 def test_a_missing_reply_is_one_error_and_the_next_question_waits():
     lost = [False]
     device = gcs_device()

@@ -32,10 +32,7 @@ def options():
             "rate_hz": 1000,
             "block_bytes": 8,
             "crc": {"name": "crc32.iso_hdlc", **little},
-            "fields": {
-                "number": {"at": 0, "type": "int32", **little},
-                "marked": {"at": 4, "type": "int32", **little},
-            },
+            "fields": {"number": {"at": 0, "type": "int32", **little}, "marked": {"at": 4, "type": "int32", **little}},
         }
     )
 

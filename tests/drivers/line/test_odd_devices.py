@@ -79,9 +79,7 @@ TEXT = {
     "reply_ms": 4.0,
     "drain_ms": 12.0,
     "read": {"pos": {"request": "MS", "reply": ["MS,{strain}"], "rate_hz": 20, "fields": {"strain": {}}}},
-    "write": {
-        "volt": {"request": "SV,{voltage}", "rate_hz": 20, "cyclic_safe": True, "fields": {"voltage": {}}},
-    },
+    "write": {"volt": {"request": "SV,{voltage}", "rate_hz": 20, "cyclic_safe": True, "fields": {"voltage": {}}}},
 }
 
 
@@ -110,11 +108,7 @@ def line(device, **port):
         Line.Options.model_validate(
             {
                 "tcp": {"host": "127.0.0.1", "port": device.port, **port},
-                "ascii": {
-                    "terminator": "LF",
-                    "identity": {"request": "ID", "pattern": "^AMP-3"},
-                    "read": TEXT["read"],
-                },
+                "ascii": {"terminator": "LF", "identity": {"request": "ID", "pattern": "^AMP-3"}, "read": TEXT["read"]},
             }
         ),
         None,

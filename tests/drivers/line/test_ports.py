@@ -101,15 +101,6 @@ def test_what_does_not_fit_is_refused_and_frames_stay_whole():
         assert wire.read(1.0) == frame
 
 
-def test_turnaround_is_kept():
-    with serial_line(rs485={"turnaround_us": 20_000}) as (wire, port):
-        wire.write(b"answer")
-        assert received(port) == b"answer"
-        begin_s = time.monotonic()
-        port.send(b"next")
-        assert time.monotonic() - begin_s > 0.01
-
-
 def test_echo_that_is_another():
     echo = Echo()
     echo.sent(b"abcd")

@@ -1,12 +1,9 @@
 """The framing `stream`: packets cut and joined, samples at their own times, other devices, datagrams of all kinds."""
 
 import contextlib
-import itertools
 import time
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from micromanip_drivers.line.framing import Silence
 from micromanip_drivers.line.line_time import LineTime
 from micromanip_drivers.line.port_options import TcpPort
@@ -61,21 +58,6 @@ def test_samples_of_a_packet_have_their_own_times():
     assert [sample.value for sample in samples] == pytest.approx([1e-4, 2e-4, 3e-4, 4e-4])
     latency_ns = round(one.inputs[0].latency_s * 1e9)
     assert [at_ns - latency_ns - sample.time_ns for sample in samples] == [3 * PERIOD_NS, 2 * PERIOD_NS, PERIOD_NS, 0]
-
-
-@settings(deadline=None)
-@given(st.lists(st.integers(1, 8), min_size=1, max_size=8), st.lists(st.integers(0, 2000), max_size=20))
-def test_any_cutting_gives_the_same_samples(sizes, places):
-    wires, count = [], 1
-    for size in sizes:
-        wires.append(packet(count, *range(count, count + size)))
-        count += size
-    data = b"".join(wires)
-    edges = [0, *sorted(place % (len(data) + 1) for place in places), len(data)]
-    one, port = begun(packet(0, 0))
-    samples = taken(one, port, *[data[a:b] for a, b in itertools.pairwise(edges)])
-    assert [round(sample.value * 1e5) for sample in samples] == list(range(1, count))
-    assert {sample.lost for sample in samples} <= {0}
 
 
 def test_packet_of_another_device_is_no_sample():

@@ -108,20 +108,6 @@ def test_what_a_line_can_not_carry_is_refused(tmp_path):
         prepare(file)
 
 
-def test_a_worker_on_a_cpu_that_hardware_limits_can_not_have(tmp_path):
-    text = (CONFIG / "modbus.yaml").read_text(encoding="utf-8")
-    file = tmp_path / "cell.yaml"
-    for old, new in (
-        ("limits: simulation", "limits: hardware"),
-        ("    driver: modbus\n", "    driver: modbus\n    cpu: 4096\n"),
-    ):
-        assert text.count(old) == 1
-        text = text.replace(old, new)
-    file.write_text(text, encoding="utf-8")
-    with pytest.raises(ConfigError, match=r"drivers\.\w+\.cpu: this machine has the CPUs 0 to"):
-        prepare(file)
-
-
 def test_the_budget_of_a_serial_line_worked_out_by_hand():
     """115200 baud, 8 data bits, no parity: FC23 with 12 registers read and 6 written, 1 ms to think."""
     read = {f"r{i}": {"address": i, "type": "int16"} for i in range(12)}

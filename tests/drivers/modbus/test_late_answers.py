@@ -108,14 +108,6 @@ def test_exceptions(serial, code, error, said):
     assert scripted.turn() == [3.0], "the next one is asked for at once"
 
 
-def test_a_wrong_transaction_number_is_never_believed():
-    scripted = Scripted(serial=False)
-    scripted.unit.said[2] = lambda frame, request: [(0.0, bytes((frame[0], frame[1] + 1)) + frame[2:])]
-    with pytest.raises(TransientError, match="no answer"):
-        scripted.turn()
-    assert not list(scripted.inbox)
-
-
 def test_after_rubbish_a_serial_line_is_found_again():
     scripted = Scripted(serial=True)
     scripted.unit.said[2] = lambda frame, request: [(0.0, b"\x55\xaa\x17\x55\xaa\x17"), (0.003, frame)]
@@ -135,26 +127,6 @@ def test_an_echo_is_named():
 
 
 RTU_REQUEST = bytes.fromhex("01 03 0005 0001 940b")
-
-
-def test_a_counter_that_stands_still_makes_nothing_fresh_and_a_bad_status_is_passed_on():
-    tasks = {
-        "ask": {
-            "function": 3,
-            "rate_hz": 20,
-            "read": READ,
-            "counter": {"address": 6, "type": "uint16"},
-            "status": {"address": 7, "type": "bits", "first_bit": 1, "bit_count": 2, "good": [1, 2]},
-        }
-    }
-    scripted = Scripted(serial=False, tasks=tasks)
-    for number, registers in {2: "0001 0007 0002", 3: "0002 0007 0002", 4: "0003 0008 0006"}.items():
-        scripted.unit.said[number] = instead(bytes.fromhex(f"03 06 {registers}"))
-    assert scripted.turn() == [1.0]
-    assert scripted.turn() == [], "the count is the same"
-    assert scripted.turn() == [3.0]
-    assert [sample.status for sample in scripted.inbox] == [3]
-    assert scripted.driver.statistics()["repeated"] == 1
 
 
 @BOTH

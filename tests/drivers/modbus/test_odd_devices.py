@@ -12,9 +12,7 @@ from .scripted import Scripted, options
 
 pytestmark = pytest.mark.live  # answers around a time-out of some milliseconds
 
-WRITE = {
-    "set": {"function": 6, "rate_hz": 20, "write": {"v": {"address": 16, "type": "uint16", "cyclic_safe": True}}},
-}
+WRITE = {"set": {"function": 6, "rate_hz": 20, "write": {"v": {"address": 16, "type": "uint16", "cyclic_safe": True}}}}
 
 
 def numbered(number):

@@ -3,12 +3,11 @@
 import json
 
 import pytest
-import yaml
 
 from micromanip.bus import device_lock
 from micromanip.cli.main import main
 
-from .played import keys_of, played
+from .played import played
 
 
 @pytest.fixture
@@ -46,24 +45,3 @@ def test_a_register_under_every_order(unit, capsys):
     assert set(answers["cell.voltage_x"]["values"]) == {"address", "type", "on the wire", "bytes big", "bytes little"}
     assert "exchange, status" in " ".join(answers)
     assert unit.do(unit.devices.report)["outputs"]["voltage_x"]["samples"] == 0
-
-
-def test_a_device_that_answers_with_exceptions_only(unit, capsys, tmp_path):
-    """Of another device's registers none is there: something answers, and nothing was read."""
-    tasks = keys_of(unit.config)["units"]["cell"]["tasks"]
-    for task in tasks.values():
-        for key in ("read", "write"):
-            for register in task.get(key, {}).values():
-                register["address"] += 2000
-        for key in ("status", "counter"):
-            if key in task:
-                task[key]["address"] += 2000
-    file = tmp_path / "other.yaml"
-    file.write_text(yaml.safe_dump(unit.config, sort_keys=False), encoding="utf-8")
-    code, said = probed(capsys, file, "modbus", "--seconds", "0.1", "--json")
-    assert code == 69
-    answers = json.loads(said.out)["answers"]
-    assert answers
-    assert not any(answer["is_value"] for answer in answers)
-    assert "no value was read on tcp" in said.err
-    assert "exception 2, illegal address" in said.err

@@ -278,18 +278,3 @@ def test_safe_waits_for_the_watchdog(bench):
     assert call_context(bench.driver.functions().safe, bench.context.ctypes.data) == 0
     assert time.monotonic_ns() - begin_ns >= 15_000_000
     assert bench.exchange(0, 0) == 1
-
-
-def test_the_plain_codec_says_the_same(bench):
-    """What `probe` and the host go by reads and writes what the loop does."""
-    bench.follow()
-    bench.tracked += 1
-    said = bench.datagram(strain=-3.2101, stage=1.5, deviation=-0.007, status=3)
-    bench.say(said)
-    bench.exchange(21.0007, 1)
-    datagrams = bench.driver._datagrams
-    assert list(datagrams.values(said).values()) == values(bench)
-    assert datagrams.status(said) == bench.signals[0]["status"] == 0
-    sent = bench.c["socket"]["sent"][: datagrams.sent_bytes].tobytes()
-    count = int.from_bytes(sent[2:4], "little")
-    assert datagrams.frame([21.0007, 1], count) == sent

@@ -14,7 +14,6 @@ CARD = TUNED | {
     "proc/irq/125/smp_affinity_list": "0-2\n",
 }
 QUIET = "Coalesce parameters for eno1:\nAdaptive RX: off  TX: off\nrx-usecs: 0\nrx-frames: n/a\ntx-usecs: 0\n"
-GATHERS = QUIET.replace("Adaptive RX: off", "Adaptive RX: on").replace("rx-usecs: 0", "rx-usecs: 3")
 
 
 def thread(number, name, rt_priority):
@@ -37,15 +36,8 @@ def test_a_card_that_is_set_up_is_good(machine):
     assert of_card["interrupts"].found == "IRQ 125 on CPU 0, 1, 2, threads at FIFO 50"
 
 
-def test_frames_that_are_gathered_are_named_with_what_mends_it(machine):
-    coalescing = found(machine(CARD), GATHERS)["coalescing"]
-    assert (coalescing.verdict, coalescing.found) == (Verdict.POOR, "rx-usecs 3, adaptive")
-    assert "ethtool -C eno1 adaptive-rx off rx-usecs 0 tx-usecs 0" in coalescing.mend
-
-
 @pytest.mark.parametrize(
-    ("rt_priority", "verdict"),
-    [(50, Verdict.POOR), (80, Verdict.POOR), (85, Verdict.GOOD), (None, Verdict.POOR)],
+    ("rt_priority", "verdict"), [(50, Verdict.POOR), (80, Verdict.POOR), (85, Verdict.GOOD), (None, Verdict.POOR)]
 )
 def test_interrupts_on_the_loops_cpu_need_to_go_before_the_loop(machine, rt_priority, verdict):
     files = CARD | {"proc/irq/125/smp_affinity_list": "3\n"}

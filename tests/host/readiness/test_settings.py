@@ -4,7 +4,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from micromanip.host.readiness.counters import Counters
 from micromanip.host.readiness.finding import Verdict, cpu_list
 from micromanip.host.readiness.kernel import kernel_findings
 from micromanip.host.readiness.processor import processor_findings
@@ -87,22 +86,3 @@ def test_cpu_lists_are_read_in_every_way_that_they_are_written(cpus):
             ranges.append(f"{begin}-{cpu}" if cpu > begin else f"{cpu}")
             begin = None
     assert cpu_list("managed_irq,domain," + ",".join(ranges)) == cpus
-
-
-def test_counters_are_what_came_in_between(machine):
-    stat = "123 (a) (b) c) S 1 1 1 0 -1 4194560 {minor} 0 {major} 0 5 6 0 0 20 0 1 0 100 0 0\n"
-    files = DESKTOP | {
-        "proc/stat": "cpu  1 2 3 4 5 6 7 300 0 0\ncpu3 1 2 3 4 5 6 7 100 0 0\n",
-        "proc/123/status": "Name:\tloop\nnonvoluntary_ctxt_switches:\t5\n",
-        "proc/123/stat": stat.format(minor=10, major=1),
-    }
-    before = Counters.taken(machine(files), 3, 123)
-    files["proc/interrupts"] = files["proc/interrupts"].replace("990021", "990024")
-    files["proc/stat"] = files["proc/stat"].replace("7 100 ", "7 102 ")
-    files["proc/123/stat"] = stat.format(minor=12, major=2)
-    files["proc/123/status"] = files["proc/123/status"].replace("5", "9")
-    added = Counters.taken(machine(files), 3, 123).since(before)
-    assert added.interrupts == {"eno1": 3}
-    assert added.others["page faults of the loop"] == 3
-    assert added.others["times the loop was displaced"] == 4
-    assert added.others["stolen by the hypervisor, ms"] == 20

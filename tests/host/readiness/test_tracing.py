@@ -40,15 +40,6 @@ def test_every_microsecond_is_laid_at_one_door():
     assert sum(causes.values()) == 60 + 70
 
 
-def test_what_the_loop_did_before_the_cycle_was_due_is_its_own_affair():
-    running = TRACE.replace("99.999950", "99.999900")  # nothing else changes
-    spun = running + (
-        "python-500 [001] d..2. 100.000190: local_timer_entry: vector=236\n"
-        "python-500 [001] d..2. 100.000193: local_timer_exit: vector=236\n"
-    )
-    assert late(30, due_us=100_000_200, trace=spun) == {UNSEEN: 30, "interrupt local_timer": 3}
-
-
 @pytest.mark.skipif(why_not() is not None, reason="needs tracefs, and the right to use it")
 def test_the_kernel_s_own_trace_is_read_and_taken_back():
     import os

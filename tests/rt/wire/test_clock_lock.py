@@ -123,18 +123,3 @@ def test_a_deadline_moves_by_a_hundredth_of_a_period_at_most():
         steps.append(int(c["step_ns"][0]))
     assert max(map(abs, steps)) == PERIOD_NS // 100
     assert abs(late_ns(c, pair.deadline_ns)) < 2_000
-
-
-@pytest.mark.compiled_only
-def test_compiled_is_plain_bit_for_bit():
-    fast, slow = lock(), lock()
-    pair = Pair(fast, 50e-6)
-    for _ in range(SETTLED):
-        sent_ns, way_ns = pair.deadline_ns + 5_000, pair.way_ns(12_000)
-        heard = sent_ns, int(pair.device_ns(sent_ns + way_ns)), sent_ns + 2 * way_ns
-        hear_clock(fast, *heard)
-        hear_clock.py_func(slow, *heard)
-        steer(fast, pair.deadline_ns, 1, SILENT)
-        steer.py_func(slow, pair.deadline_ns, 1, SILENT)
-        pair.deadline_ns += PERIOD_NS + int(fast["step_ns"][0])
-    assert fast.tobytes() == slow.tobytes()

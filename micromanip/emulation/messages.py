@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from micromanip.testbus.event_loop import EventLoop, Timer
+from micromanip.testbus.event_loop import EventLoop
 
 MOST_BEHIND_NS = 5_000_000
 """A machine that is late makes up for it: messages come late, but each with its own sample and time. Beyond this they
@@ -61,27 +61,11 @@ class Periodic:
         self._loop, self._figures, self.message = loop, figures, message
         self._advance_to, self._send = advance_to, send
         self.off_until_ns: float = 0
-        self._timer: Timer | None = None
 
     def start(self, now_ns: int) -> None:
         """The first one comes a period from now."""
         self.message.due_ns = now_ns + self.message.period_ns
-        self.go_on()
-
-    def go_on(self) -> None:
-        """Call for the next one when it is due."""
-        self._timer = self._loop.call_at(self.message.due_ns, self._is_due)
-
-    def pause(self) -> None:
-        """Leave it to somebody else until ``go_on``."""
-        if self._timer is not None:
-            self._timer.cancel()
-
-    def is_plain(self, now_ns: int) -> bool:
-        """Whether nothing is wrong with the message, and it is not late."""
-        message = self.message
-        well_from_ns = max(message.silent_until_ns, message.counts_from_ns, self.off_until_ns)
-        return self._timer is not None and well_from_ns <= message.due_ns and now_ns - message.due_ns <= MOST_BEHIND_NS
+        self._loop.call_at(self.message.due_ns, self._is_due)
 
     def _is_due(self) -> None:
         message = self.message
@@ -95,4 +79,4 @@ class Periodic:
         else:
             self._send(message)
         message.due_ns += message.period_ns
-        self.go_on()
+        self._loop.call_at(message.due_ns, self._is_due)

@@ -80,3 +80,41 @@ class Periodic:
             self._send(message)
         message.due_ns += message.period_ns
         self._loop.call_at(message.due_ns, self._is_due)
+
+
+class Sender:
+    """A device that sends messages by itself, each of which may be silenced, or stop to count."""
+
+    def __init__(self, loop: EventLoop) -> None:
+        self.figures = MessageFigures()
+        self.periodic: list[Periodic] = []
+        self._loop = loop
+
+    @property
+    def messages(self) -> list[str]:
+        return [periodic.message.name for periodic in self.periodic]
+
+    def start(self, now_ns: int) -> None:
+        """Begin to talk."""
+        for periodic in self.periodic:
+            periodic.start(now_ns)
+
+    def stop_counter(self, message: str, for_s: float | None) -> None:
+        self._message(message).counts_from_ns = self._loop.end_ns(for_s)
+
+    def silence(self, message: str, for_s: float | None) -> None:
+        self._message(message).silent_until_ns = self._loop.end_ns(for_s)
+
+    def be_off(self, until_ns: float) -> None:
+        """Send nothing until then; counters begin anew."""
+        for periodic in self.periodic:
+            periodic.off_until_ns = until_ns
+            periodic.message.count = 0
+
+    def clear(self) -> None:
+        """Send all messages, and count them."""
+        for periodic in self.periodic:
+            periodic.message.silent_until_ns = periodic.message.counts_from_ns = 0
+
+    def _message(self, name: str) -> Due:
+        return next(periodic.message for periodic in self.periodic if periodic.message.name == name)

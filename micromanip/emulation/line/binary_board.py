@@ -84,8 +84,8 @@ class BinaryBoard(LineDevice):
             self._take(frame, peer)
         self.figures.not_understood += reader.bad - bad
 
-    def reboot(self, until_ns: int) -> None:
-        super().reboot(until_ns)
+    def reboot(self, for_s: float) -> None:
+        super().reboot(for_s)
         self._counts.clear()
         self._readers.clear()
 

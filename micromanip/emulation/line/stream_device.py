@@ -92,7 +92,7 @@ class StreamDevice(LineDevice):
         self._sends = not begin
         self._heard = b""
         self._gathered: list[Mapping[str, float]] = []
-        self._first_ns, self._began_ns = 0, 0
+        self._first_ns, self._clock_from_ns = 0, 0
         self._count = 0
         self.sends(Due(name, period_ns), self._sample)
 
@@ -102,7 +102,7 @@ class StreamDevice(LineDevice):
         return f"stream of {len(self.signals)} signals, {rate_hz:g} samples per second, {self._samples} a packet"
 
     def start(self, now_ns: int) -> None:
-        self._began_ns = now_ns
+        self._clock_from_ns = now_ns
         super().start(now_ns)
 
     def hear(self, data: bytes, peer: Peer) -> None:  # noqa: ARG002
@@ -111,11 +111,11 @@ class StreamDevice(LineDevice):
             self._sends = True
             self.figures.received += 1
 
-    def reboot(self, until_ns: int) -> None:
-        super().reboot(until_ns)
+    def reboot(self, for_s: float) -> None:
+        super().reboot(for_s)
         self._sends = not self._begin
         self._gathered.clear()
-        self._began_ns = until_ns
+        self._clock_from_ns = self._off_until_ns
 
     def _sample(self, message: Due) -> None:
         count = message.counted()
@@ -130,7 +130,7 @@ class StreamDevice(LineDevice):
         if not self._sends:
             self.figures.silent += 1
             return
-        time_s = CLOCK_BEGINS_S + (self._first_ns - self._began_ns) * 1e-9 * (1.0 + CLOCK_GAINS)
+        time_s = CLOCK_BEGINS_S + (self._first_ns - self._clock_from_ns) * 1e-9 * (1.0 + CLOCK_GAINS)
         wrong = self._line.active(Identity) is not None
         self._line.send(self._layout.built(samples, self._count, time_s, wrong))
         self.figures.sent += 1

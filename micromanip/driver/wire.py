@@ -8,6 +8,7 @@ from micromanip.bus.device_counter import DeviceCounter
 from micromanip.bus.frame_plan import FramePlan, GroupPlan, fill_number
 from micromanip.bus.loop_wire import LoopWire
 from micromanip.bus.loop_wire_options import LoopOutput, LoopWireOptions
+from micromanip.bus.number_codec import NumberCodec
 from micromanip.bus.output_gate import adopt_limits, close_gate, gate_statistics, wait_for_rest, wire_of
 from micromanip.bus.watchdog import Milliseconds, Watchdog
 from micromanip.rt.bus_image import DOWN, TAKEN

@@ -11,7 +11,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 ROOMS = {  # the first that fits a file has it: pattern of paths, budget, ceiling
-    "rt": (r"micromanip/rt/", 5400, 6432),
+    "rt": (r"micromanip/rt/", 5400, 6575),
     "bus, driver": (r"micromanip/(bus|driver)/", 3000, 4330),
     "settings, control": (r"micromanip/(settings|control)/", 5000, 5880),
     "host": (r"micromanip/host/", 7500, 8625),
@@ -19,7 +19,7 @@ ROOMS = {  # the first that fits a file has it: pattern of paths, budget, ceilin
     "recordings": (r"micromanip/recordings/", 1900, 2050),
     "gateway": (r"micromanip/gateway/", 4200, 4732),
     "cli": (r"micromanip/cli/", 4300, 5620),
-    "drivers and their devices": (r"drivers/|micromanip/emulation/\w+/", 15500, 19950),
+    "drivers and their devices": (r"drivers/|micromanip/emulation/\w+/", 15500, 19955),
     "emulation, testbus, conformance": (r"micromanip/(emulation|testbus|conformance)/", 3200, 3480),
     "campaigns, benchmarks, tools": (r"(campaigns|benchmarks|tools)/", 4200, 5675),
     "tests": (r"tests/", 40000, 45760),

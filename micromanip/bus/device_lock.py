@@ -26,6 +26,7 @@ from micromanip.errors import DeviceUnavailable, PermissionDenied
 from .device_identity import identities
 
 FOLDER = Path("/run/lock/micromanip")
+_LOCKS = Path("/proc/locks")
 _POLL_S = 0.05
 
 
@@ -134,15 +135,28 @@ class DeviceLocks:
                 if time.monotonic() < end:
                     time.sleep(_POLL_S)
                     continue
-                holder = os.pread(descriptor, 20, 0).decode(errors="replace").strip()
-                who = f"process {holder}" if holder.isdigit() else "another process"
                 raise DeviceUnavailable(
-                    f"device {device} is in use by another controller ({who}, or the loop that it left); stop it first"
+                    f"device {device} is in use by another controller ({_holder(descriptor)}, or the loop that it "
+                    "left); stop it first"
                 ) from problem
             with contextlib.suppress(OSError):  # a full disk: the number is for the message only
                 os.ftruncate(descriptor, 0)
                 os.pwrite(descriptor, f"{os.getpid()}\n".encode(), 0)
             return
+
+
+def _holder(descriptor: int) -> str:
+    """Who has the lock, as the kernel says: anybody may hold one in a folder of everybody's, and write any number."""
+    found = os.fstat(descriptor)
+    place = f"{os.major(found.st_dev):02x}:{os.minor(found.st_dev):02x}:{found.st_ino}"
+    with contextlib.suppress(OSError):
+        for line in _LOCKS.read_text(encoding="ascii").splitlines():
+            _, kind, _, _, number, where, *_ = line.replace("->", "").split()
+            if kind == "FLOCK" and where == place and Path(f"/proc/{number}").is_dir():
+                uid = Path(f"/proc/{number}").stat().st_uid
+                return f"process {number}" + ("" if uid == os.geteuid() else f" of user {uid}")
+    said = os.pread(descriptor, 20, 0).decode(errors="replace").strip()
+    return f"process {said}" if said.isdigit() else "another process"
 
 
 def _not_to_be_trusted(folder: os.stat_result) -> str | None:

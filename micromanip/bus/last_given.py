@@ -5,8 +5,9 @@ asked. The file lies beside the device's lock and is written by whoever holds th
 power cycle; a file of an earlier start of the machine counts as none, and so does that of a pseudo terminal which had
 the same number before. A device that came back under another path takes its file along: `follow`.
 
-It is written through a mapping, so that a write costs no system call. Two slots are written in turn, each between
-two copies of a number that grows: a writer that is killed leaves the slot before.
+Two slots are written in turn, each a number that grows, the values, and a checksum of them and the header: a writer
+that is killed leaves the slot before, and what is not whole counts as nothing. A write is one system call: a file that
+somebody cuts short would end a process that has it mapped.
 """
 
 from __future__ import annotations
@@ -14,27 +15,26 @@ from __future__ import annotations
 import contextlib
 import json
 import math
-import mmap
 import os
 import re
 import stat
-import struct
+import zlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.errors import PermissionDenied
 from micromanip.files import HeldFolder
+from micromanip.rt.slot import sealed, size
 
 from . import device_lock
 from .device_identity import identity
 
 _HEADER_BYTES = 16384
 """The header, a line of JSON, is padded with blanks to so many bytes: names of outputs, and the machine's start."""
-_TURN = struct.Struct("<q")
 _START = Path("/proc/sys/kernel/random/boot_id")
 _PSEUDO_TERMINALS = "/dev/pts/"
 
@@ -42,11 +42,13 @@ _PSEUDO_TERMINALS = "/dev/pts/"
 class LastGiven:
     """The file of one device, open."""
 
-    def __init__(self, memory: mmap.mmap, count: int, path: Path | None = None) -> None:
-        """`memory` is the whole file, at `path` where it lies in one, `count` the number of outputs; use `open`."""
-        self._memory, self._count, self._path = memory, count, path
-        self._values = struct.Struct(f"<{count}d")
-        self.turn = max((turn for turn, _ in self._slots()), default=0)
+    def __init__(self, descriptor: int, count: int, path: Path | None = None) -> None:
+        """`descriptor` is that of the whole file, at `path`, `count` the number of outputs; use `open`."""
+        self._descriptor, self._path = descriptor, path
+        self._seed = zlib.crc32(os.pread(descriptor, _HEADER_BYTES, 0))
+        self._words = np.zeros(size(count), np.int64)
+        self._values = self._words.view(np.float64)
+        self.turn = max((int(slot[0]) for slot in self._slots()), default=0)
         """Number of what was written last."""
 
     @classmethod
@@ -65,11 +67,7 @@ class LastGiven:
         if known is None or list(known) != list(names):
             _make(path, device, names, known or {})
         try:
-            descriptor = _opened(path, os.O_RDWR)
-            try:
-                return cls(mmap.mmap(descriptor, _size(len(names))), len(names), path)
-            finally:
-                os.close(descriptor)
+            return cls(_opened(path, os.O_RDWR), len(names), path)
         except (OSError, ValueError) as problem:
             raise _denied(path, device, problem) from problem
 
@@ -92,39 +90,40 @@ class LastGiven:
     def write(self, values: Sequence[float]) -> None:
         """Remember what the device was given; NaN for an output that it was not given yet."""
         self.turn += 1
-        at = self._place(self.turn % 2)
-        _TURN.pack_into(self._memory, at, self.turn)
-        self._values.pack_into(self._memory, at + _TURN.size, *values)
-        _TURN.pack_into(self._memory, at + _TURN.size + self._values.size, self.turn)
+        self._words[0], self._values[1:-1] = self.turn, values
+        self._words[-1] = sealed(self._words, self._seed)
+        os.pwrite(self._descriptor, self._words.tobytes(), self._place(self.turn))
 
     def read(self) -> list[float | None] | None:
         """What each output was given last, None for one that never was; None where nothing ever was given."""
-        _, values = max(self._slots(), key=lambda slot: slot[0], default=(0, ()))
-        found = [value if math.isfinite(value) else None for value in values]
+        slots = self._slots()
+        if not slots:
+            return None
+        values = max(slots, key=lambda slot: int(slot[0])).view(np.float64)[1:-1]
+        found = [float(value) if math.isfinite(value) else None for value in values]
         return found if any(value is not None for value in found) else None
 
-    def slots(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Both slots for compiled code, as whole numbers and as values; they must be gone before it is closed."""
-        memory = np.frombuffer(self._memory, np.uint8, 2 * (2 * _TURN.size + self._values.size), _HEADER_BYTES)
-        return memory.view(np.int64), memory.view(np.float64)
+    def lend(self, record: Any) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Let compiled code go on, by a STEADY record; the slot that it writes, as whole numbers and as values."""
+        record["memory_turn"], record["memory_seed"], record["memory_file"] = self.turn, self._seed, self._descriptor
+        record["memory_place"] = self._place(0), self._place(1)
+        return self._words, self._values
 
     def close(self) -> None:
         """Let go of it; what was written stays."""
-        self._memory.close()
+        os.close(self._descriptor)
 
-    def _place(self, slot: int) -> int:
-        return _HEADER_BYTES + slot * (2 * _TURN.size + self._values.size)
+    def _place(self, turn: int) -> int:
+        return _HEADER_BYTES + turn % 2 * self._words.nbytes
 
-    def _slots(self) -> list[tuple[int, tuple[float, ...]]]:
-        """Number and values of the slots that were written to their end."""
-        found = []
-        for slot in (0, 1):
-            at = self._place(slot)
-            (begun,) = _TURN.unpack_from(self._memory, at)
-            values = self._values.unpack_from(self._memory, at + _TURN.size)
-            (ended,) = _TURN.unpack_from(self._memory, at + _TURN.size + self._values.size)
-            if begun == ended > 0:
-                found.append((begun, values))
+    def _slots(self) -> list[NDArray[np.int64]]:
+        """Those that are whole."""
+        found, size = [], self._words.nbytes
+        for turn in (0, 1):
+            data = os.pread(self._descriptor, size, self._place(turn))
+            slot = np.frombuffer(data, np.int64) if len(data) == size else np.zeros_like(self._words)
+            if slot[0] > 0 and slot[0] % 2 == turn and slot[-1] == sealed(slot, self._seed):
+                found.append(slot)
         return found
 
 
@@ -134,7 +133,7 @@ def _file(device: str, folder: Path | None) -> Path:
 
 
 def _size(count: int) -> int:
-    return _HEADER_BYTES + 2 * (2 * _TURN.size + 8 * count)
+    return _HEADER_BYTES + 2 * 8 * size(count)
 
 
 def _start(device: str) -> str:
@@ -172,8 +171,7 @@ def _known(path: Path, device: str) -> Mapping[str, float] | None:
             return None
         if os.fstat(descriptor).st_size != _size(count):
             return None
-        with mmap.mmap(descriptor, _size(count), prot=mmap.PROT_READ) as memory:
-            values = LastGiven(memory, count).read() or [None] * count
+        values = LastGiven(descriptor, count).read() or [None] * count
         pairs = zip(names, values, strict=True)
         return {str(name): math.nan if value is None else value for name, value in pairs}
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
@@ -187,10 +185,11 @@ def _make(path: Path, device: str, names: Sequence[str], known: Mapping[str, flo
     header = json.dumps({"device": device, "start": _start(device), "names": list(names)}).encode()
     if len(header) >= _HEADER_BYTES:
         raise PermissionDenied(f"device {device} has too many outputs for {path}")
-    with mmap.mmap(-1, _size(len(names))) as memory:
-        memory.write(header.ljust(_HEADER_BYTES))
-        LastGiven(memory, len(names)).write([known.get(name, math.nan) for name in names])
-        content = memory[:]
+    header = header.ljust(_HEADER_BYTES)
+    first = np.zeros(size(len(names)), np.int64)
+    first[0], first.view(np.float64)[1:-1] = 1, [known.get(name, math.nan) for name in names]
+    first[-1] = sealed(first, zlib.crc32(header))
+    content = header + bytes(first.nbytes) + first.tobytes()
     try:
         with HeldFolder(path.parent) as folder:
             folder.write(path.name, content, 0o660 if folder.status().st_mode & stat.S_ISGID else 0o600)

@@ -27,6 +27,7 @@ def close_gate(gate: Any, outputs: Sequence[tuple[float, bool]], silent_cycles: 
     """
     gate["state"], gate["outputs"], gate["silent_cycles"] = RESTING, len(outputs), silent_cycles
     gate["watchdog_ns"], gate["still_ns"] = np.iinfo(np.int64).max, 0
+    gate["patient_cycles"] = silent_cycles
     if watchdog is not None:
         gate["watchdog_ns"] = round(watchdog.begins_ns)
         gate["still_ns"] = watchdog.still_ns

@@ -20,7 +20,7 @@ from .safe_state import SafeState
 from .schedule import Schedule
 
 _NEVER_NS = 1 << 62
-_NO_TURNS, _NO_VALUES = np.zeros(0, np.int64), np.zeros(0, np.float64)
+_NO_WORDS, _NO_VALUES = np.zeros(0, np.int64), np.zeros(0, np.float64)
 
 
 @dataclass(frozen=True)
@@ -99,11 +99,8 @@ class SteadyService:
         safe.lend(st)
         writer.lend(st["task"])
         schedule.lend(st["task"])
-        turns, values = _NO_TURNS, _NO_VALUES
-        if memory is not None:
-            turns, values = memory.slots()
-            st["memory_turn"] = memory.turn
-        code = self._serve(self._steady, self._image.record, self._inbox, turns, values)
+        slot, values = (_NO_WORDS, _NO_VALUES) if memory is None else memory.lend(st)
+        code = self._serve(self._steady, self._image.record, self._inbox, slot, values)
         if memory is not None:
             memory.turn = int(st["memory_turn"])
         schedule.take_back(st["task"], int(st["skipped"]))

@@ -41,7 +41,7 @@ _FIRST_LINK_S, _TRIED_S = 10.0, 2.0
 """Time for the first link: for a process that has begun or says that it is opening, and after the first try failed."""
 _WORDS_S = 1.0
 """The reason of a state is on its way for so long at most, where this process comes late to it."""
-_STUCK_S = 2.0
+_STUCK_S, _AGAIN_S = 2.0, 1.0
 _END_S = 5.0
 """A worker that is to end is waited for as long as its device takes values, and so much longer."""
 _NEVER_UP_S = 0.5
@@ -163,7 +163,20 @@ class BusWorker:
                 say(f"WARNING: driver {self.name}: its worker process {how}; not started again, it died too often")
                 return
             say(f"WARNING: driver {self.name}: its worker process {how}; started again")
-            await self.start(say)
+            await self._start_again(say)
+
+    async def _start_again(self, say: Callable[[str], None]) -> None:
+        """Start the process as soon as the machine has what that takes: descriptors, memory, a process more."""
+        told = False
+        while not self._ending:
+            try:
+                return await self.start(say)
+            except OSError as problem:
+                if not told:
+                    say(f"WARNING: driver {self.name}: no new process: {problem.strerror}; tried again each second")
+                told = True
+            await asyncio.sleep(_AGAIN_S)
+        return None
 
     def _has_begun(self) -> bool:
         return self.image.ask(ALIVE_NS) * 1e-9 > self._started

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import gc
 import signal
 import sys
 import time
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -38,6 +36,7 @@ from .control.server import ControlSocket
 from .control.socket_file import Access
 from .control.verbs import Verbs
 from .controller import Controller
+from .exhaustion import Exhaustion, begun_threads
 from .learning.service import LearningService
 from .notify import ServiceManager
 from .realtime import NO_NICE, missing_rights
@@ -90,6 +89,7 @@ class Daemon:
         self._prepared, self._options = prepared, options
         self._stop = asyncio.Event()
         self._say, self._show = say, show
+        self._exhaustion = Exhaustion(say, self._stop.set)
         self._controller = Controller(prepared, options.socket, locks, process)
         self._workers = Workers(
             prepared, self._controller.segments, self._controller.offsets, locks, say, self._stop.is_set
@@ -115,11 +115,13 @@ class Daemon:
         self._reloading: asyncio.Task[None] | None = None
         self._service = ServiceManager()
         self._beats = self._looks = 0
+        self._mute = False
 
     async def run(self) -> Report:
         """The whole life of the controller; returns its final report, raises CheckFailed where the loop died."""
         loop = asyncio.get_running_loop()
-        loop.set_default_executor(ThreadPoolExecutor(_WORKERS, "verbs"))
+        loop.set_default_executor(begun_threads(_WORKERS, "verbs"))
+        loop.set_exception_handler(self._exhaustion.unhandled)
         sys.setswitchinterval(_SWITCH_S)
         for number in (signal.SIGINT, signal.SIGTERM):
             loop.add_signal_handler(number, self._stop.set)
@@ -127,7 +129,9 @@ class Daemon:
         await asyncio.sleep(0)  # a Ctrl-C that came before takes effect here, where nothing is begun yet
         control = self._prepared.configuration.control
         access = Access(int(control.socket_mode, 8), control.operate_group, control.observe_group)
-        control_socket = ControlSocket(self._options.socket, self._verbs.table(), access, refused=self._trail.refused)
+        control_socket = ControlSocket(
+            self._options.socket, self._verbs.table(), access, refused=self._trail.refused, failed=self._exhaustion.hear
+        )
         await control_socket.open()
         try:
             leave_cpu(self._prepared.configuration.loop.cpu)
@@ -159,6 +163,8 @@ class Daemon:
         helpers.append(asyncio.create_task(self._verbs.follow_trials()))
         helpers.append(asyncio.create_task(self._trail.follow_repeats()))
         helpers.append(asyncio.create_task(self._recordings.warn()))
+        for helper in helpers:
+            self._exhaustion.watch(helper)
         stopped = asyncio.create_task(self._stop.wait())
         try:
             self._boxes.start()
@@ -178,6 +184,7 @@ class Daemon:
             await self._boxes.stop()
             self._boxes.announce(last=True)
             await self._end_recording()
+            self._exhaustion.judge()
             return self._report()
         finally:
             if not ended.done():  # an error: nobody leaves while the loop still drives the outputs
@@ -208,8 +215,13 @@ class Daemon:
     async def _end(self, ended: asyncio.Task[None]) -> None:
         """Ramp down and let the loop end."""
         self._service.stopping()
-        with contextlib.suppress(CheckFailed):
+        try:
             await self._controller.command(states.STOP)
+        except CheckFailed:
+            pass
+        except Exception as problem:  # whatever it is, the loop is not left to itself: without its sign of life it ends
+            self._exhaustion.hear(problem, "stop")
+            self._mute = True
         done, _ = await asyncio.wait({ended}, timeout=_STOP_S)
         if not done:
             self._controller.kill(FaultReport(LOOP_DIED, what=_DISOBEYED))
@@ -237,7 +249,8 @@ class Daemon:
 
     async def _beat(self) -> None:
         while True:
-            self._controller.beat()
+            if not self._mute:
+                self._controller.beat()
             self._beats += 1
             await asyncio.sleep(_HEARTBEAT_S)
 

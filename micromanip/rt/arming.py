@@ -2,7 +2,8 @@
 
 The check makes a small step on one axis after the other and compares the answer with what the configuration
 expects: of the gauge to a voltage before an inner loop is closed, of the stage to a set-point before an outer one
-is. Each loop is checked once, and anew after whatever could have changed its answer. The sweep wipes the hysteresis
+is. Each loop is checked once, and anew after whatever could have changed its answer. The lift begins on one axis after
+the other, so that it shows each time whether every gauge follows its own voltage. The sweep wipes the hysteresis
 memory of actuator and model alike: a play whose input swings by more than its threshold forgets what was before.
 Refused arming says why, bit by bit.
 """
@@ -40,8 +41,11 @@ from .states import (
     VOLTAGE,
 )
 
-CHECK_PARAMETERS = record(("step", "f8"), ("low", "f8"), ("high", "f8"))
-"""Polarity and scale check: height of the step, and between what the answer to it must lie."""
+CHECK_PARAMETERS = record(
+    ("step", "f8"), ("low", "f8"), ("high", "f8"), ("slack", "f8"), ("slack_cycles", "i8"), ("lag_step", "f8")
+)
+"""Polarity and scale check: height of the step, and between what the answer to it must lie; by how much, and how
+long, a gauge may stray during the lift, and the share of a voltage's change that it shows a cycle later."""
 CHECK_STATE = record(
     ("before", "f8"),
     ("after", "f8"),
@@ -50,9 +54,14 @@ CHECK_STATE = record(
     ("turn", "i8"),
     ("found", "f8"),
     ("passed", "i8"),
+    ("shown_V", "f8"),
+    ("outside", "i8"),
 )
 """What a check gathers; its place among the axes that are checked in this arming (1 is the first, 0: it is not due);
-what it found last, and whether that was as expected and still counts."""
+what it found last, and whether that was as expected and still counts. During the lift: the voltage that the gauge shows
+at least, and for how many cycles it has not fitted."""
+_SHOWS = 3.0
+"""A lift that is so many times as far as its gauge may stray shows whether the gauge follows the voltage."""
 
 
 @compiled
@@ -114,17 +123,42 @@ def stage_loss(axis: Record, a: Record, samples: int, usable: bool) -> int:
 @compiled
 def plan_checks(p: Record, s: Record) -> None:
     """Give each loop that is to be closed, and whose check does not count (any more), its turn in this arming."""
-    s["probes"] = s["bumps"] = 0
+    s["probes"] = s["bumps"] = s["lifts"] = 0
     for i in range(p["axes"]):
-        mode, a = p["axis"][i]["mode"], s["axis"][i]
+        axis, a = p["axis"][i], s["axis"][i]
+        mode, a["lifted"], a["lift_turn"] = axis["mode"], 0, 0
         start_check(a["strain_check"])
         start_check(a["stage_check"])
+        if p["check_cycles"] > 0 and mode != VOLTAGE:
+            a["lift_turn"] = s["lifts"]
+            s["lifts"] += 1
+            if abs(lift_target(axis, a) - a["strain"]["value"]) < _SHOWS * axis["strain_check"]["slack"]:
+                a["strain_check"]["passed"] = 0
         if p["check_cycles"] > 0 and mode != VOLTAGE and a["strain_check"]["passed"] == 0:
             s["probes"] += 1
             a["strain_check"]["turn"] = s["probes"]
         if p["check_cycles"] > 0 and mode == STAGE and a["stage_check"]["passed"] == 0:
             s["bumps"] += 1
             a["stage_check"]["turn"] = s["bumps"]
+
+
+@compiled
+def lift_target(axis: Record, a: Record) -> float:
+    """Where a lift ends: the working point, or where the axis' own reference begins."""
+    follows = axis["mode"] == STAGE or axis["reference"]["kind"] == SIGNAL
+    return axis["centre_um"] if follows else a["ahead_um"]
+
+
+@compiled
+def lifting_cycles(p: Record, s: Record) -> int:
+    """Length of the lift of all axes, each of which begins a turn after the one before."""
+    return p["lift_cycles"] + p["lift_turn_cycles"] * max(0, s["lifts"] - 1)
+
+
+@compiled
+def lift_fraction(p: Record, s: Record, axis: Record, place: float) -> float:
+    """How far (0..1) an axis is at `place` (0..1) of the lift of all; below 0 before its turn."""
+    return (place * lifting_cycles(p, s) - axis["lift_turn"] * p["lift_turn_cycles"]) / p["lift_cycles"]
 
 
 @compiled
@@ -143,7 +177,7 @@ def arming_cycles(p: Record, s: Record) -> int:
     return (
         p["enable_cycles"]
         + p["check_cycles"] * (s["probes"] + s["bumps"])
-        + p["lift_cycles"]
+        + lifting_cycles(p, s)
         + p["sweep_cycles"]
         + p["settle_cycles"]
         + p["authority_cycles"]
@@ -161,9 +195,10 @@ def arming_phase(p: Record, s: Record, passed: float) -> tuple[int, float]:
         if passed < probing:
             return CHECKING_GAUGE, passed / probing
         passed -= probing
-        if passed < p["lift_cycles"]:
-            return LIFTING, minimum_jerk(passed / p["lift_cycles"])
-        passed -= p["lift_cycles"]
+        lifting = lifting_cycles(p, s)
+        if passed < lifting:
+            return LIFTING, passed / lifting
+        passed -= lifting
         if passed < bumping:
             return CHECKING_STAGE, passed / bumping
         passed -= bumping

@@ -13,8 +13,9 @@ from micromanip.rt.laws.decoupling import EASED, answer, ease_share, forget
 from micromanip.rt.laws.minimum_jerk import minimum_jerk
 from micromanip.rt.laws.sensor import is_missing, is_on
 
+from .arming import lift_fraction
 from .axis import axis_cycle, sample
-from .checks import arming_step, judge_checks, keep_checks, watch_arming
+from .checks import arming_step, judge_checks, keep_checks, watch_arming, watch_lift
 from .commands import apply_command
 from .digital_io import is_enabled, read_lines, switch
 from .exchange import ALL_FOLLOW, FIRST_TAKEN
@@ -22,7 +23,7 @@ from .faults import axis_fault, cell_fault
 from .figures import mean_squares, path_error, score
 from .jit import compiled
 from .part import follow_part, follow_tool
-from .phases import CLOSED, PARKED
+from .phases import CLOSED, LIFTING, PARKED
 from .record import Record
 from .states import (
     ARMING,
@@ -122,6 +123,7 @@ def cell_cycle(p: Record, s: Record, signals: Any, outputs: Any, samples: Any, c
     if s["state"] == ARMING:
         judge_checks(p, s, phase)
         watch_arming(p, s, phase)
+        watch_lift(p, s)
         phase, fraction = phase_of(p, s)
         fraction = arming_step(p, s, phase, fraction)
     decay_hold(p, s)
@@ -138,7 +140,8 @@ def cell_cycle(p: Record, s: Record, signals: Any, outputs: Any, samples: Any, c
         a["learned"]["part_begun"] = s["part_begun"] if s["part"] != 0 else -1
         a["learned"]["other_tool"] = 1 if s["tool"] != p["learned_tool"] else 0
         a["reference"]["followed"] = 1 if own == CLOSED and s["state"] != HOLDING else 0
-        finite = axis_cycle(axis, a, s["cycle"], now_ns, t_s, samples, own, fraction)
+        share = minimum_jerk(lift_fraction(p, s, a, fraction)) if own == LIFTING else fraction
+        finite = axis_cycle(axis, a, s["cycle"], now_ns, t_s, samples, own, share)
         axis_fault(p, s, i, NOT_FINITE, not finite, a["setpoint_um"], math.nan)
         outputs[axis["voltage"]] = a["voltage_V"]
         if s["state"] == TRACKING and tracked >= p["score_cycles"]:

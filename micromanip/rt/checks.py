@@ -5,14 +5,16 @@ What a check has found goes on counting until something happens that could chang
 
 from __future__ import annotations
 
+import math
+
 from micromanip.rt.laws.reference import SIGNAL
 from micromanip.rt.laws.sensor import BELIEVED, is_silent
 
-from .arming import answer, check_step, forget_checks, gather, judge, stage_loss, sweep_offset
+from .arming import answer, check_step, forget_checks, gather, judge, lift_fraction, stage_loss, sweep_offset
 from .axis import start_axis
 from .faults import axis_fault, raise_fault
 from .jit import compiled
-from .phases import CHECKING_GAUGE, CHECKING_STAGE, CLOSED, LIFTING, PARKED, SWEEPING
+from .phases import CHECKING_GAUGE, CHECKING_STAGE, CLOSED, LIFTING, SWEEPING
 from .record import Record
 from .states import (
     AMPLIFIER_FAULT,
@@ -25,6 +27,7 @@ from .states import (
     REFERENCE_LOST,
     STAGE,
     STAGE_CHECK,
+    STAGE_DRIFT,
     STAGE_INVALID,
     STAGE_STUCK,
     STRAIN_CHECK,
@@ -33,12 +36,14 @@ from .states import (
     STRAIN_STUCK,
     VOLTAGE,
 )
+from .watch import lasting
 
 _UNUSABLE_CYCLES = 20
 """A capacitive sensor unusable for longer is not waited for, however patient the watch may be while tracking."""
 _CELL_CHANGED = 1 << DRIVER_ERROR | 1 << LINK_LOST
+_APART = 1 << DISAGREEMENT | 1 << STAGE_DRIFT
 _GAUGE_LOST = 1 << STRAIN_INVALID | 1 << STRAIN_SILENT | 1 << STRAIN_STUCK
-_GAUGE_CHANGED = _GAUGE_LOST | 1 << DISAGREEMENT | 1 << AMPLIFIER_FAULT | 1 << STRAIN_CHECK
+_GAUGE_CHANGED = _APART | _GAUGE_LOST | 1 << AMPLIFIER_FAULT | 1 << STRAIN_CHECK
 _STAGE_CHANGED = 1 << STAGE_INVALID | 1 << STAGE_STUCK | 1 << STAGE_CHECK
 """Faults after which a device, a cable or a setting may be another one, or is to be mended."""
 
@@ -54,8 +59,10 @@ def arming_step(p: Record, s: Record, phase: int, fraction: float) -> float:
     turn = int(place)
     for i in range(p["axes"]):
         axis, a = p["axis"][i], s["axis"][i]
-        if phase == LIFTING and (s["phase"] == PARKED or s["phase"] == CHECKING_GAUGE):
+        if phase == LIFTING and a["lifted"] == 0 and lift_fraction(p, s, a, fraction) >= 0.0:
             start_axis(axis, a)
+            a["strain_check"]["shown_V"], a["strain_check"]["outside"] = a["voltage_V"], 0
+            a["lifted"] = 1
         a["offset"] = 0.0
         if phase == SWEEPING and axis["mode"] != VOLTAGE:
             follows = axis["mode"] == STAGE or axis["reference"]["kind"] == SIGNAL
@@ -110,6 +117,33 @@ def watch_arming(p: Record, s: Record, phase: int) -> None:
             end_arming(p, s, i, STAGE_INVALID, float(max(a["stage"]["bad"], silent_cycles)), float(samples))
         if closing and axis["reference"]["kind"] == SIGNAL and silent >= limits["lost_cycles"]:
             end_arming(p, s, i, REFERENCE_LOST, float(silent), float(limits["lost_cycles"]))
+
+
+@compiled
+def watch_lift(p: Record, s: Record) -> None:
+    """End an arming whose gauge does not follow the voltage, from the lift until the outer loop is closed.
+
+    A gauge may have come loose, or to another axis, while all rested. Each axis begins alone, so no other gauge can
+    seem to be its own. Since the lift began the gauge must have gone as far as the voltage that is on, or that it shows
+    at least, takes it by the limits of the check; and it may stray a little.
+    """
+    if s["resumed"] != 0 or p["check_cycles"] == 0 or s["phase"] == CLOSED:
+        return
+    for i in range(p["axes"]):
+        limits, a = p["axis"][i]["strain_check"], s["axis"][i]
+        c, gone_V = a["strain_check"], a["voltage_V"] - a["start_V"]
+        if a["lifted"] == 0 or p["axis"][i]["mode"] == VOLTAGE:
+            continue
+        c["shown_V"] += limits["lag_step"] * (a["voltage_V"] - c["shown_V"])
+        shown_V, gone_um = c["shown_V"] - a["start_V"], a["strain"]["value"] - a["start_um"]
+        by_low, by_high = limits["low"], limits["high"]
+        least_um = min(min(by_low * gone_V, by_high * gone_V), min(by_low * shown_V, by_high * shown_V))
+        most_um = max(max(by_low * gone_V, by_high * gone_V), max(by_low * shown_V, by_high * shown_V))
+        too_low, too_high = gone_um < least_um - limits["slack"], gone_um > most_um + limits["slack"]
+        c["outside"] = lasting(c["outside"], too_low or too_high)
+        if c["outside"] >= limits["slack_cycles"]:
+            found = gone_um / math.copysign(max(abs(gone_V), abs(limits["step"])), gone_V)
+            end_arming(p, s, i, STRAIN_CHECK, found, by_high if too_high == (gone_V > 0.0) else by_low)
 
 
 @compiled

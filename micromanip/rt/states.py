@@ -41,8 +41,9 @@ REACTION_NAMES = ("warn", "hold", "ramp", "off")
     OUTPUTS_TAKEN,
     LIMIT_CYCLE,
     STRAIN_SILENT,
-) = range(24)
-FAULTS = 24
+    STAGE_DRIFT,
+) = range(25)
+FAULTS = 25
 """Faults: each has a reaction of its own, and the first that is more than a warning stays latched."""
 
 (
@@ -55,10 +56,11 @@ FAULTS = 24
     ROLLED_BACK,
     TOOTH_LOST,
     OUTRUN,
-) = range(FAULTS, FAULTS + 9)
+    REFERENCE_STUCK,
+) = range(FAULTS, FAULTS + 10)
 """Warnings: reported and written down as events, but never latched."""
 
-EVENT_CODES = FAULTS + 9
+EVENT_CODES = FAULTS + 10
 
 NOT_READY, LATCHED, ENABLE_MISSING, INTERLOCK_MISSING, LINK_MISSING, OUTPUTS_MISSING = 1, 2, 4, 8, 16, 32
 """Why arming was refused, the cell's bits."""

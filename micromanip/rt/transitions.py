@@ -17,7 +17,7 @@ from micromanip.rt.laws.minimum_jerk import minimum_jerk
 
 from .arming import arming_cycles, arming_phase
 from .jit import compiled
-from .phases import CLOSED, FROZEN, PARKED, PARKING
+from .phases import CLOSED, FROZEN, LIFTING, PARKED, PARKING
 from .record import Record
 from .states import ARMING, FAULT, HOLDING, NO_FAULT, OFF, RAMPING, READY, STAGE, TRACKING
 
@@ -126,7 +126,11 @@ def phase_of(p: Record, s: Record) -> tuple[int, float]:
 
 @compiled
 def phase_of_axis(s: Record, a: Record, phase: int) -> int:
-    """The cell's phase, but for an axis whose sensors are not to be trusted in a hold: its voltage is frozen."""
+    """The cell's phase, but for an axis whose turn in the lift has yet to come, and for one in a hold whose sensors are
+    not to be trusted: its voltage is frozen.
+    """
+    if phase == LIFTING and a["lifted"] == 0:
+        return PARKED
     return FROZEN if s["state"] == HOLDING and a["frozen"] != 0 else phase
 
 

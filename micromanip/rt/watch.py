@@ -36,9 +36,11 @@ from .states import (
     OVER_TEMPERATURE,
     REFERENCE_LOST,
     REFERENCE_STALE,
+    REFERENCE_STUCK,
     SATURATED,
     SATURATING,
     STAGE,
+    STAGE_DRIFT,
     STAGE_INVALID,
     STAGE_STUCK,
     STRAIN_INVALID,
@@ -61,6 +63,9 @@ WATCH_PARAMETERS = record(
     ("innovation_variance", "f8"),
     ("innovation_ratio", "f8"),
     ("innovation_step", "f8"),
+    ("drift_gain", "f8"),
+    ("drift_um", "f8"),
+    ("drift_step", "f8"),
     ("following_um", "f8"),
     ("following_cycles", "i8"),
     ("saturating_cycles", "i8"),
@@ -72,6 +77,7 @@ WATCH_PARAMETERS = record(
     ("band_cycles", "i8"),
     ("stale_cycles", "i8"),
     ("lost_cycles", "i8"),
+    ("reference_identical", "i8"),
     ("derate", "f8"),
     ("hot_cycles", "i8"),
     ("swings", "i8"),
@@ -83,6 +89,9 @@ WATCH_STATE = record(
     ("coast", "i8"),
     ("degraded", "i8"),
     ("innovation", "f8"),
+    ("settling", "i8"),
+    ("apart_um", "f8"),
+    ("drift_um", "f8"),
     ("following", "i8"),
     ("saturated", "i8"),
     ("error_band", SECTION_STATE),
@@ -99,19 +108,10 @@ WATCH_STATE = record(
 )
 
 WATCHED = (
-    *(
-        COASTING,
-        STRAIN_SILENT,
-        STRAIN_INVALID,
-        STRAIN_STUCK,
-        DEGRADED,
-        STAGE_INVALID,
-        STAGE_STUCK,
-        DISAGREEMENT,
-        TOOTH_LOST,
-    ),
-    *(FOLLOWING_ERROR, SATURATING, SATURATED, FALLBACK, OSCILLATION, OUTRUN, LIMIT_CYCLE, REFERENCE_STALE),
-    *(REFERENCE_LOST, AMPLIFIER_FAULT, DERATED, OVER_TEMPERATURE),
+    *(COASTING, STRAIN_SILENT, STRAIN_INVALID, STRAIN_STUCK, DEGRADED, STAGE_INVALID, STAGE_STUCK),
+    *(DISAGREEMENT, STAGE_DRIFT, TOOTH_LOST, FOLLOWING_ERROR, SATURATING, SATURATED, FALLBACK, OSCILLATION),
+    *(OUTRUN, LIMIT_CYCLE, REFERENCE_STALE, REFERENCE_STUCK, REFERENCE_LOST, AMPLIFIER_FAULT, DERATED),
+    OVER_TEMPERATURE,
 )
 """What is noticed in one cycle is told in this order."""
 _WATCHED_BITS = sum(1 << code for code in WATCHED)
@@ -177,6 +177,31 @@ def watch_innovation(p: Record, s: Record, i: int, active: bool) -> int:
     if disagree and limits["reaction"][DISAGREEMENT] == HOLDS:
         a["frozen"] = 1
     return condition(DISAGREEMENT, disagree)
+
+
+@compiled
+def watch_drift(p: Record, s: Record, i: int, active: bool) -> int:
+    """Gauge and capacitive sensor part so slowly that the Kalman filter takes it for a force.
+
+    That is the slow mean of the stage less where the gauge says that it is, beside the mean of the first while behind
+    the outer loop's closing. A hold keeps the voltage, as above.
+    """
+    axis, a = p["axis"][i], s["axis"][i]
+    limits, w = axis["watch"], a["watch"]
+    if active and a["stage"]["fresh"] and w["degraded"] == 0 and w["coast"] == 0:
+        answered_um = a["strain"]["value"] - axis["centre_um"] - a["decoupling"]["added_um"]
+        apart_um = a["stage"]["value"] - limits["drift_gain"] * answered_um
+        if limits["drift_step"] * w["settling"] < 1.0:
+            w["settling"] += 1
+            w["apart_um"] += (apart_um - w["apart_um"]) / w["settling"]
+        else:
+            w["drift_um"] += limits["drift_step"] * (apart_um - w["apart_um"] - w["drift_um"])
+    elif not active:
+        w["settling"], w["apart_um"], w["drift_um"] = 0, 0.0, 0.0
+    over = active and abs(w["drift_um"]) > limits["drift_um"]
+    if over and limits["reaction"][STAGE_DRIFT] == HOLDS:
+        a["frozen"] = 1
+    return condition(STAGE_DRIFT, over)
 
 
 @compiled
@@ -253,11 +278,16 @@ def watch_oscillation(p: Record, s: Record, i: int, active: bool) -> int:
 
 @compiled
 def watch_reference(p: Record, s: Record, i: int, active: bool) -> int:
-    """No usable sample of the reference signal: extrapolated for a while, then the hold that decays to 0."""
+    """No usable sample of the reference signal: extrapolated for a while, then the hold that decays to 0.
+
+    One that comes in time and reads the same again and again is told: a tracker that has frozen, or a path at rest.
+    """
     limits, silent = p["axis"][i]["watch"], s["axis"][i]["reference"]["silent"]
+    same = s["axis"][i]["deviation"]["identical"]
     follows = active and p["axis"][i]["reference"]["kind"] == SIGNAL
-    stale = condition(REFERENCE_STALE, follows and silent >= limits["stale_cycles"])
-    return stale | condition(REFERENCE_LOST, follows and silent >= limits["lost_cycles"])
+    found = condition(REFERENCE_STALE, follows and silent >= limits["stale_cycles"])
+    found |= condition(REFERENCE_STUCK, follows and same >= limits["reference_identical"])
+    return found | condition(REFERENCE_LOST, follows and silent >= limits["lost_cycles"])
 
 
 @compiled
@@ -282,13 +312,15 @@ def is_excited(axis: Record, a: Record) -> bool:
 def watch_axis(p: Record, s: Record, i: int, moving: bool, enabled: bool) -> None:
     """Watch axis `i` by what it did in the cycle before: its loops while `moving`, its amplifier while `enabled`."""
     axis, phase = p["axis"][i], s["phase"]
-    driven = moving and (phase == CLOSED or phase in (LIFTING, CHECKING_STAGE, SWEEPING))
+    lifts = phase == LIFTING and s["axis"][i]["lifted"] != 0
+    driven = moving and (phase == CLOSED or lifts or phase in (CHECKING_STAGE, SWEEPING))
     inner = driven and axis["mode"] != VOLTAGE
     outer = moving and axis["mode"] == STAGE and phase == CLOSED
     tracking = moving and s["state"] == TRACKING
     found = watch_strain(p, s, i, inner or (driven and is_excited(axis, s["axis"][i])))
     found |= watch_stage(p, s, i, outer)
     found |= watch_innovation(p, s, i, outer)
+    found |= watch_drift(p, s, i, outer)
     found |= watch_tooth(p, s, i, outer)
     found |= watch_following(p, s, i, tracking and axis["mode"] != VOLTAGE)
     found |= watch_voltage(p, s, i, inner)
@@ -328,6 +360,8 @@ def measured(p: Record, s: Record, i: int, code: int) -> tuple[float, float]:
         return float(lost), float(identical if code == STAGE_STUCK else samples)
     if code == DISAGREEMENT:
         return w["innovation"], limits["innovation_ratio"]
+    if code == STAGE_DRIFT:
+        return abs(w["drift_um"]), limits["drift_um"]
     if code == TOOTH_LOST:
         outer, per_ns = axis["outer"], axis["cycles_per_ns"]
         return tooth_Hz(outer, a["estimator"], per_ns), outer["tooth_turn"] * per_ns * 1e9 / (2.0 * math.pi)
@@ -343,6 +377,8 @@ def measured(p: Record, s: Record, i: int, code: int) -> tuple[float, float]:
     if code in (REFERENCE_STALE, REFERENCE_LOST):
         cycles = limits["stale_cycles"] if code == REFERENCE_STALE else limits["lost_cycles"]
         return float(a["reference"]["silent"]), float(cycles)
+    if code == REFERENCE_STUCK:
+        return float(a["deviation"]["identical"]), float(limits["reference_identical"])
     if code == DERATED:
         return 100.0 * limits["derate"], 100.0
     if code == OVER_TEMPERATURE:

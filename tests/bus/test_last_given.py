@@ -2,6 +2,7 @@
 
 import os
 import signal
+import struct
 import time
 
 import pytest
@@ -47,7 +48,7 @@ def test_a_slot_that_was_half_written_does_not_count(tmp_path):
     given.write([1.0, 2.0])
     given.write([3.0, 4.0])
     whole = file_in(tmp_path).read_bytes()
-    newest = given._place(given.turn % 2)
+    newest = given._place(given.turn)
     file_in(tmp_path).write_bytes(whole[:newest] + (99).to_bytes(8, "little") + whole[newest + 8 :])
     assert reopened(tmp_path) == [1.0, 2.0]
 
@@ -146,3 +147,33 @@ def test_the_number_of_a_pseudo_terminal_is_given_again_and_what_was_remembered_
     finally:
         for descriptor in others:
             os.close(descriptor)
+
+
+def test_values_that_nobody_wrote_count_as_nothing(tmp_path):
+    """Both slots, changed to a value that any output might have had: nobody knows what the device has."""
+    given = LastGiven.open(DEVICE, NAMES, tmp_path)
+    for _ in range(2):
+        given.write([46.0, 20.0])
+    whole = file_in(tmp_path).read_bytes()
+    file_in(tmp_path).write_bytes(whole.replace(struct.pack("<d", 46.0), struct.pack("<d", 0.0)))
+    assert reopened(tmp_path) is None
+
+
+def test_what_was_written_for_another_device_or_start_counts_as_nothing(tmp_path):
+    LastGiven.open(DEVICE, NAMES, tmp_path).write([46.0, 20.0])
+    other = LastGiven.open("udp 10.0.0.6:5005", NAMES, tmp_path)
+    (file,) = tmp_path.glob("*10.0.0.6*")
+    mine = file_in(tmp_path).read_bytes()
+    slots = 2 * 8 * (2 + len(NAMES))
+    file.write_bytes(file.read_bytes()[:-slots] + mine[-slots:])
+    assert LastGiven.open("udp 10.0.0.6:5005", NAMES, tmp_path).read() is None
+    assert other.read() is None
+
+
+@pytest.mark.parametrize("left", [0, 10, 20_000])
+def test_a_file_that_is_cut_short_ends_nobody_and_counts_as_nothing(tmp_path, left):
+    given = LastGiven.open(DEVICE, NAMES, tmp_path)
+    given.write([46.0, 20.0])
+    os.truncate(file_in(tmp_path), left)
+    given.write([47.0, 20.0])
+    assert reopened(tmp_path) is None

@@ -135,9 +135,9 @@ def test_a_worker_that_is_killed_is_followed_from_what_was_given_last(tmp_path: 
     for volts in (3.0, 4.0, 5.0):
         record["wanted"][: len(OUTPUTS)] = (volts, 11.0, 1.0, 0.0, 0.0)
         decide(record)
-        record["memory_turn"] = memory.turn
+        slot = memory.lend(record)
         for task in (0, 1):
-            note_given(record, image[0], *memory.slots(), task, record["value"], NOW_NS, NOW_NS)
+            note_given(record, image[0], *slot, task, record["value"], NOW_NS, NOW_NS)
         memory.turn = int(record["memory_turn"])
         expected = [volts, 11.0, 1.0, 0.0, 7.0]
         assert LastGiven.open("a device", names, tmp_path).read() == expected

@@ -21,6 +21,7 @@ DRIVER = """\
     host: 127.0.0.1
     port: PORT
     silence_ms: 50
+    restart_ms: 50
     watchdog: {ms: 100, rest_ms: 250, after_power_on: rest}
     crc: {name: crc32.iso_hdlc}
     receive:

@@ -7,6 +7,7 @@ import socket
 import stat
 import subprocess
 import sys
+import tempfile
 import threading
 from pathlib import Path
 
@@ -202,3 +203,23 @@ def test_second_daemon_and_an_orphaned_loop(run, tmp_path):
     assert [file.name for file in Path(folder).iterdir()] == ["bench.lock"]
     first.gone()  # its black box writes down the loop's death first
     first.socket.unlink()
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can play another user")
+def test_a_strangers_lock_is_told_with_who_has_it():
+    """In a folder of everybody's anybody can hold one, and need not say who: root can end it by its number."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        folder.chmod(0o1777)
+        DeviceLocks(["board"], folder).release()
+        (file,) = folder.iterdir()
+        os.chown(file, 4711, -1)
+        hold = f"import fcntl,os,time; os.setuid(4711); f=open({str(file)!r}, 'r+'); f.write('1'); f.flush(); "
+        hold += "fcntl.flock(f, fcntl.LOCK_EX); print(flush=True); time.sleep(60)"
+        with subprocess.Popen([sys.executable, "-c", hold], stdout=subprocess.PIPE) as stranger:
+            try:
+                stranger.stdout.readline()
+                with pytest.raises(DeviceUnavailable, match=rf"\(process {stranger.pid} of user 4711, or"):
+                    DeviceLocks(["board"], folder)
+            finally:
+                stranger.kill()

@@ -25,9 +25,11 @@ from micromanip.rt.states import (
     READY,
     REFERENCE_LOST,
     REFERENCE_STALE,
+    REFERENCE_STUCK,
     RESET,
     SATURATED,
     SATURATING,
+    STAGE_DRIFT,
     STAGE_INVALID,
     STAGE_STUCK,
     STRAIN_INVALID,
@@ -353,3 +355,24 @@ def test_a_wire_that_breaks_is_a_line_that_is_off():
     rows = cell.run(0.1)
     assert states(rows) == [TRACKING, FAULT]
     assert cell.events[0][:2] == (3, ENABLE_LOST)  # 300 us
+
+
+@pytest.mark.parametrize("speed_um_per_s", [20.0, -20.0])
+def test_a_capacitive_sensor_that_drifts_slowly(speed_um_per_s):
+    """Too slow for the filter, which takes it for a force; the voltage is kept, for nobody knows which one is wrong."""
+    cell = Protected(f"channel: stage_x, kind: drift, value: {speed_um_per_s}")
+    rows = cell.run(9.0)
+    assert_latched(cell, STAGE_DRIFT, X)
+    assert states(rows) == HOLD_RAMP
+    held = rows[rows["state"] == HOLDING]
+    assert np.ptp(held["axis"]["voltage_V"][:, X]) == 0.0
+    assert dict(course(rows))[HOLDING] < 80_000  # the force of the process may go against it by 60 um
+
+
+def test_a_tracker_that_repeats_itself_in_time_is_told():
+    cell = Protected("channel: deviation_y, kind: freeze")
+    rows = cell.run(0.5)
+    assert states(rows) == [TRACKING]
+    ((cycle, code, axis, value, limit),) = cell.events
+    assert (code, axis, value, limit) == (REFERENCE_STUCK, 1, 200.0, 200.0)
+    assert 1900 < cycle < 2100

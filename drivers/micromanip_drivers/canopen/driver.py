@@ -84,7 +84,7 @@ class CanOpen(BusDriver):
 
     @property
     def silence(self) -> Watchdog | None:
-        keys = [plan.options.watchdog for plan in self._nodes if plan.rpdos]
+        keys = [plan.options.silence for plan in self._nodes if plan.rpdos]
         return keys[0] if len(set(keys)) == 1 else None
 
     @property

@@ -46,6 +46,8 @@ from micromanip.driver.quantities import Latency, Real, SampleRate, Scale
 
 from ..canbus.link_options import LinkOptions
 
+_LONGEST_MS = 6_500
+"""Without outputs for so long nothing is watched (``Watchdog``)."""
 NodeId = Annotated[int, Field(strict=True, ge=1, le=127)]
 Number = Annotated[int, Field(ge=1, le=512)]
 Milliseconds = Annotated[int, Field(strict=True, ge=1, le=65535)]
@@ -74,8 +76,7 @@ class _Pdo(Section):
     rate_hz: SampleRate = Field(description="Rate, for the budgets of bus and loop.")
     transmission: Transmission | None = Field(
         default=None,
-        description="sync: at each SYNC; a number n: at each n-th SYNC; event: by the sender's clock. Written to the "
-        "node at the start; null: as in the EDS.",
+        description="sync: at each SYNC; a number n: at each n-th; event: by the sender's clock; null: as in the EDS.",
     )
     map: tuple[str, ...] | None = Field(
         default=None,
@@ -136,6 +137,16 @@ class NodeOptions(Section):
         description="Watched by the node: outputs (event timer of the RPDO, 0x1400sub5) or the controller's heartbeat "
         "(consumer heartbeat time, 0x1016sub1).",
     )
+
+    @property
+    def silence(self) -> Watchdog | None:
+        """What it does without outputs. Of watchdog_ms nobody says what the node has when it is switched on.
+
+        One that waits for the heartbeat tells by an emergency message that it has missed it.
+        """
+        if self.watchdog_ms is None or self.watchdog_ms > _LONGEST_MS or self.watchdog_by == "heartbeat":
+            return self.watchdog
+        return Watchdog(ms=self.watchdog_ms, after_power_on="unknown")
 
     @model_validator(mode="after")
     def _does_something(self) -> NodeOptions:

@@ -35,7 +35,7 @@ class Register(Section):
     address: Annotated[int, Field(strict=True, ge=0, le=0x20000)] = Field(
         description="Number in the manual of the first register, see address_base."
     )
-    type: Type = Field(description="Type of the number; bits: some bits of a register; coil: a single bit.")
+    type: Type = Field(description="Type of the number; bits are those of a register.")
     first_bit: Annotated[int, Field(strict=True, ge=0, le=15)] | None = Field(
         default=None, description="Type bits: lowest bit, from 0."
     )

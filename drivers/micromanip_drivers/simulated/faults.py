@@ -12,7 +12,7 @@ from typing import Any
 from .compiled import compiled
 from .records import FAULT_KINDS
 
-_VALUE, _OFFSET, _SCALE, _FREEZE, _NAN, _STATUS, _DROP, _THIN, _SPIKE, _ERROR = range(len(FAULT_KINDS))
+_VALUE, _OFFSET, _SCALE, _FREEZE, _NAN, _STATUS, _DROP, _THIN, _SPIKE, _DRIFT, _ERROR = range(len(FAULT_KINDS))
 FLAGGED = 2
 """Status of a sample that a fault of the kind `status` calls bad."""
 
@@ -76,6 +76,8 @@ def _spoil(fault: Any, signal: Any) -> None:
         signal["value"] = fault["value"]
     elif kind == _OFFSET:
         signal["value"] += fault["value"]
+    elif kind == _DRIFT:
+        signal["value"] += fault["value"] * 1e-9 * (signal["time_ns"] - fault["held"]["time_ns"])
     elif kind == _SCALE:
         signal["value"] *= fault["value"]
     elif kind == _FREEZE:

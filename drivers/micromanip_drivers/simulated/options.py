@@ -191,10 +191,12 @@ class Fault(_Options):
     """A fault at a set time."""
 
     channel: str = Field(description="Affected input channel, e.g. strain_x; exchange for the kind error.")
-    kind: Literal["value", "offset", "scale", "freeze", "nan", "status", "drop", "thin", "spike", "error"] = Field(
-        description="value replaces the reading, offset adds to it, scale multiplies it, freeze repeats the last one, "
-        "nan is not a number, status flags it as bad, drop withholds every sample, thin passes every n-th "
-        "one, spike adds to one sample, error fails the whole exchange."
+    kind: Literal["value", "offset", "scale", "freeze", "nan", "status", "drop", "thin", "spike", "drift", "error"] = (
+        Field(
+            description="value replaces the reading, offset adds to it, scale multiplies it, freeze repeats the last "
+            "one, nan is not a number, status flags it as bad, drop withholds every sample, thin passes every n-th "
+            "one, spike adds to one sample, drift adds so much a second, error fails the whole exchange."
+        )
     )
     value: Real = Field(
         default=0.0,

@@ -42,7 +42,7 @@ MAX_OUTPUTS = MAX_AXES + len(SWITCHES)
 MAX_FAULTS = 16
 IN_FLIGHT = 32
 """Frames that a simulated bus carries at a time, each way."""
-FAULT_KINDS = ("value", "offset", "scale", "freeze", "nan", "status", "drop", "thin", "spike", "error")
+FAULT_KINDS = ("value", "offset", "scale", "freeze", "nan", "status", "drop", "thin", "spike", "drift", "error")
 EXCHANGE = "exchange"
 """Where a fault of the kind `error` acts: on the exchange as a whole."""
 

@@ -17,6 +17,8 @@ from .options import UdpOptions
 from .plan import Datagrams
 from .records import BAD, CONTEXT
 
+_LEAST_CYCLES = 3
+"""The answer to a datagram may come in the next cycle, or the one after."""
 _OVERHEAD_BYTES = 66
 """Ethernet with its gap, IP and UDP."""
 
@@ -74,6 +76,7 @@ class Udp(LoopWire):
 
     def fill(self, c: Any) -> None:
         c["receive"], c["send"] = self._tables[0][0], self._tables[1][0]
+        c["gate"]["patient_cycles"] = max(_LEAST_CYCLES, round(1e6 * self.options.restart_ms / self.period_ns))
         c["counts"], c["counted"]["counts"] = self._counts, 1 << 8 * self.options.receive.counter.size
         if clock := self.options.receive.clock:
             c["clock"]["unit_ns"], c["clock"]["bits"] = clock.unit_us * 1e3, min(8 * clock.size, MOST_BITS)

@@ -48,7 +48,7 @@ from pydantic import Field, model_validator
 
 from micromanip.driver import Section
 from micromanip.driver.quantities import Latency, SampleRate
-from micromanip.driver.wire import LoopOutput, LoopWireOptions
+from micromanip.driver.wire import LoopOutput, LoopWireOptions, Milliseconds
 from micromanip_drivers.line.frame_options import Counter, Crc, InputField, Known, OutputField, Status, WholeNumber
 from micromanip_drivers.line.port_options import UdpPort
 from micromanip_drivers.line.section import Count, HexBytes, Name
@@ -124,6 +124,11 @@ class UdpOptions(UdpPort, LoopWireOptions):
 
     crc: Crc | None = Field(description="Checksum at the end; an explicit null for a device that relies on UDP's own.")
     identity: Identity | None = Field(default=None, description="The device that must answer; null: any.")
+    restart_ms: Milliseconds = Field(
+        default=0.5,
+        description="The device can't be off and on again in less; without an answer for so long it is sent nothing "
+        "until one comes.",
+    )
     receive: Received = Field(description="The answer.")
     send: Sent = Field(description="The datagram sent.")
 

@@ -45,10 +45,12 @@ class ControlSocket:
         access: Access = _ACCESS,
         bounds: Bounds = _BOUNDS,
         refused: Refused = _nobody,
+        failed: Callable[[BaseException, str], object] = lambda *_: None,
     ) -> None:
+        """`failed` hears of an error that no verb should have, and of its verb."""
         self.path = path
         self._verbs = verbs
-        self._access, self._bounds, self._refused = access, bounds, refused
+        self._access, self._bounds, self._refused, self._failed = access, bounds, refused, failed
         self._authority = Authority(-1)
         self._server: asyncio.AbstractServer | None = None
         self._slots = Slots(bounds)
@@ -188,6 +190,7 @@ class ControlSocket:
         except OSError as problem:
             return failure(system_error(problem))
         except Exception as bug:
+            self._failed(bug, name)
             traceback.print_exc()
             return failure(MicromanipError(f"bug: {type(bug).__name__}: {bug}; the controller's log has the rest"))
 

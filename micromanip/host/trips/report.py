@@ -37,6 +37,7 @@ _SENSORS = {
     states_of.STAGE_STUCK: "stage",
     states_of.STAGE_CHECK: "stage",
     states_of.DISAGREEMENT: "stage",
+    states_of.STAGE_DRIFT: "stage",
 }
 """Faults of a sensor: the picture shows what it said."""
 _FRESH, _WORDS = {"strain": 1, "stage": 2}, {"strain": "gauge", "stage": "stage sensor"}

@@ -13,10 +13,13 @@ from micromanip.rt.bus_image import OUTPUT_TURN, SENT_NS, SENT_TURN, TRIES, WRIT
 from micromanip.rt.intrinsics import fence, load_acquire, store_release
 from micromanip.rt.jit import compiled
 from micromanip.rt.record import Record
+from micromanip.rt.slot import sealed
+from micromanip.rt.wire.byte_stream import write_at
 
 from .records import UNUSED, VOLTAGE
 
 _EQUAL_V = 1e-9
+_sealed = compiled(sealed)
 
 
 @compiled
@@ -123,7 +126,7 @@ def note_sent(st: Record, task: int, now_ns: int) -> None:
 
 @compiled
 def note_given(
-    st: Record, image: Record, turns: Any, values: Any, task: int, given: Any, fed_ns: int, now_ns: int
+    st: Record, image: Record, slot: Any, values: Any, task: int, given: Any, fed_ns: int, now_ns: int
 ) -> None:
     """The device has taken the outputs of `task` as `given`, one for each output, sent at `fed_ns`: image and file
     remember that.
@@ -143,12 +146,12 @@ def note_given(
         image["sent"][i] = st["noted"][i]
     words[SENT_NS] = now_ns
     end_turn(words, SENT_TURN)
-    if turns.size > 0:
-        remember(st, turns, values)
+    if slot.size > 0:
+        remember(st, slot, values)
 
 
 @compiled
-def take_confirmed(st: Record, image: Record, inbox: Record, turns: Any, values: Any, now: int) -> None:
+def take_confirmed(st: Record, image: Record, inbox: Record, slot: Any, values: Any, now: int) -> None:
     """What the device has taken, as it was sent before."""
     for k in range(st["tasks"]):
         if inbox["confirmed"][k] == 0:
@@ -157,20 +160,18 @@ def take_confirmed(st: Record, image: Record, inbox: Record, turns: Any, values:
         t = st["task"][k]
         if t["unconfirmed"] != 0:
             t["unconfirmed"] = 0
-            note_given(st, image, turns, values, k, t["sent"], t["sent_ns"], now)
+            note_given(st, image, slot, values, k, t["sent"], t["sent_ns"], now)
 
 
 @compiled
-def remember(st: Record, turns: Any, values: Any) -> None:
-    """Write the slot whose turn it is: its number, the values, its number, as ``bus/last_given.py`` reads them.
+def remember(st: Record, slot: Any, values: Any) -> None:
+    """Write the slot whose turn it is, as ``bus/last_given.py`` does and reads it.
 
-    `turns` and `values` are the same memory.
+    `slot` and `values` are the same memory, one slot of the file.
     """
     st["memory_turn"] += 1
-    turn, count = st["memory_turn"], st["outputs"]
-    at = (turn % 2) * (2 + count)
-    store_release(turns, at, turn)
-    fence()
-    for i in range(count):
-        values[at + 1 + i] = st["noted"][i]
-    store_release(turns, at + 1 + count, turn)
+    slot[0] = st["memory_turn"]
+    for i in range(st["outputs"]):
+        values[1 + i] = st["noted"][i]
+    slot[len(slot) - 1] = _sealed(slot, st["memory_seed"])
+    write_at(st["memory_file"], slot, st["memory_place"][st["memory_turn"] % 2])

@@ -70,7 +70,7 @@ def publish(image: Record, inbox: Record) -> int:
 
 
 @compiled
-def perform(st: Record, image: Record, turns: Any, values: Any, task: int, now: int) -> int:
+def perform(st: Record, image: Record, slot: Any, values: Any, task: int, now: int) -> int:
     """Do `task` with what was decided; 0, or what ``send`` says, or SILENT."""
     if was_silent(st, task, now):
         return SILENT
@@ -84,12 +84,12 @@ def perform(st: Record, image: Record, turns: Any, values: Any, task: int, now: 
     if code == UNCONFIRMED:
         note_sent(st, task, now)
     else:
-        note_given(st, image, turns, values, task, st["value"], now, now_ns(st["timespec"]))
+        note_given(st, image, slot, values, task, st["value"], now, now_ns(st["timespec"]))
     return 0
 
 
 @compiled
-def listen(st: Record, image: Record, inbox: Any, turns: Any, values: Any, now: int, due_ns: int) -> int:
+def listen(st: Record, image: Record, inbox: Any, slot: Any, values: Any, now: int, due_ns: int) -> int:
     """Wait until `due_ns`, or for what comes before, and hand it over; 0, or why Python is needed."""
     ready = wait(st["poll"], st["descriptor"], min(due_ns, now + st["look_ns"]) - now, st["timespec"])
     if ready < 0:
@@ -98,15 +98,15 @@ def listen(st: Record, image: Record, inbox: Any, turns: Any, values: Any, now: 
         return 0
     st["listened_ns"] = now
     code = call_exchange(st["receive"], st["context"], 0, inbox.ctypes.data, now, 0)
-    take_confirmed(st, image, inbox[0], turns, values, now_ns(st["timespec"]))
+    take_confirmed(st, image, inbox[0], slot, values, now_ns(st["timespec"]))
     if publish(image, inbox[0]) > 0:
         st["calls"] += 1
     return 0 if code == 0 else LEFT_OVER
 
 
 @compiled.entry(types.int64(array_of(STEADY), array_of(IMAGE), array_of(INBOX), types.int64[::1], types.float64[::1]))
-def serve(steady: Any, images: Any, inbox: Any, turns: Any, values: Any) -> int:
-    """Serve until Python is needed; why it is. `turns` and `values` are the slots of the file of what was given last
+def serve(steady: Any, images: Any, inbox: Any, slot: Any, values: Any) -> int:
+    """Serve until Python is needed; why it is. `slot` and `values` are a slot of the file of what was given last
     (``bus/last_given.py``), both (0,) where there is none.
     """
     st, image = steady[0], images[0]
@@ -127,8 +127,8 @@ def serve(steady: Any, images: Any, inbox: Any, turns: Any, values: Any) -> int:
             st["decided_ns"] = now
             store_release(words, AT_REST, 1 if rests(st) else 0)
         if is_due:
-            code = perform(st, image, turns, values, task, now)
+            code = perform(st, image, slot, values, task, now)
         else:
-            code = listen(st, image, inbox, turns, values, now, due_ns)
+            code = listen(st, image, inbox, slot, values, now, due_ns)
         if code != 0:
             return code

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+from typing import Any
 
 import numba
 from numba import types
@@ -18,6 +19,10 @@ if numba.config.DISABLE_JIT:
     def _write(descriptor: int, place: int, count: int) -> int:
         return int(_libc.write(int(descriptor), ctypes.c_void_p(int(place)), ctypes.c_size_t(int(count))))
 
+    def _pwrite(descriptor: int, place: int, count: int, at: int) -> int:
+        where = ctypes.c_void_p(int(place)), ctypes.c_size_t(int(count)), ctypes.c_int64(int(at))
+        return int(_libc.pwrite(int(descriptor), *where))
+
     def _ioctl(descriptor: int, request: int, place: int) -> int:
         return int(_libc.ioctl(int(descriptor), ctypes.c_ulong(int(request)), ctypes.c_void_p(int(place))))
 
@@ -29,6 +34,7 @@ else:
 
     _read = types.ExternalFunction("read", types.int64(types.int32, types.intp, types.uint64))
     _write = types.ExternalFunction("write", types.int64(types.int32, types.intp, types.uint64))
+    _pwrite = types.ExternalFunction("pwrite", types.int64(types.int32, types.intp, types.uint64, types.int64))
     _ioctl = types.ExternalFunction("ioctl", types.int32(types.int32, types.uint64, types.intp))
 
 
@@ -46,6 +52,12 @@ def write_bytes(descriptor: int, place: int, count: int) -> int:
     """Hand over so many bytes from an address: how many the system took, or minus an error number."""
     taken = _write(descriptor, place, count)
     return taken if taken >= 0 else -_errno()
+
+
+@compiled
+def write_at(descriptor: int, words: Any, at: int) -> int:
+    """Write `words` of 8 bytes into a file, from `at` on: 0, or minus an error number."""
+    return 0 if _pwrite(descriptor, words.ctypes.data, 8 * len(words), at) >= 0 else -_errno()
 
 
 @compiled

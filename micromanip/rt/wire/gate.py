@@ -33,6 +33,7 @@ GATE = record(
     ("state", "i8"),
     ("held", "i8"),
     ("silent_cycles", "i8"),
+    ("patient_cycles", "i8"),
     ("watchdog_ns", "i8"),
     ("still_ns", "i8"),
     ("unanswered_in_a_row", "i8"),
@@ -60,7 +61,8 @@ yet what was asked for, ``recent`` what it was sent in each of the last frames, 
 and ``highest``. ``sent_count`` frames were sent, of which the device has said that it has acted on the one before
 ``acknowledged``. Counted are cycles without a fresh answer, values that were not finite or out of range, which stayed,
 those that had to wait for the device, which may still have had an older one, and how often the link was lost. While the
-driver has set ``held`` the outputs do not begin to follow."""
+driver has set ``held`` the outputs do not begin to follow. After ``patient_cycles`` without an answer nothing more is
+given: the device may have begun anew, at rest, and would be taken to its last value at once."""
 
 
 @compiled
@@ -130,6 +132,16 @@ def put_back(g: Any, outputs: Any) -> None:
     for i in range(g["outputs"]):
         if g["waits"][i] != 0:
             outputs[i] = g["given"][i]
+
+
+@compiled
+def wait_for_device(g: Any) -> bool:
+    """Whether the outputs have to wait, where they are, for an answer."""
+    if g["unanswered_in_a_row"] <= g["patient_cycles"]:
+        return False
+    for i in range(g["outputs"]):
+        g["waits"][i] = 1 - g["switch"][i]
+    return True
 
 
 @compiled

@@ -11,7 +11,7 @@ from micromanip.rt.clock import now_ns, sleep_until
 from micromanip.rt.jit import compiled
 
 from .datagrams import close, receive
-from .gate import QUIET, has_rest, put_back
+from .gate import QUIET, has_rest, put_back, wait_for_device
 from .giving import give
 from .records import BATCH
 
@@ -44,7 +44,8 @@ def send_due(c: Any, code: int, outputs: Any, deadline_ns: int) -> None:
     Those of `outputs` that have to wait are then what was given instead.
     """
     if code == 0:
-        send_outputs(c, outputs, deadline_ns)
+        if not wait_for_device(c["gate"]):
+            send_outputs(c, outputs, deadline_ns)
         put_back(c["gate"], outputs)
     elif c["gate"]["state"] != QUIET:
         send_outputs(c, c["gate"]["rest"], deadline_ns)

@@ -42,6 +42,10 @@ _LONGEST_MEAN_S = 1.0
 _SCORE_AFTER_S = 1.0
 _NEXT_CYCLE = 1
 """The references of a cycle are answered in the next one."""
+_ALONE = 0.3
+"""Share of its lift in which an axis is ahead of the next one: a sixth of the way."""
+_STRAY_S = 0.003
+"""Longer than half a period of an inner loop that oscillates, which is another fault."""
 _RESET_S = 0.2
 """Long enough for an output that is written ten times a second."""
 
@@ -81,6 +85,9 @@ def compile_cell(configuration: Configuration, wiring: Wiring, version: int = 1)
         _fill_wiring(p["axis"][i], name, configuration, wiring)
         _fill_axis(p["axis"][i], axis, configuration.outputs[f"voltage_{name}"], period_s)
         _fill_checks(p["axis"][i], axis, configuration.outputs[f"voltage_{name}"], start)
+        shown, check = _gauge_lag(configuration, wiring, name), p["axis"][i]["strain_check"]
+        check["lag_step"], check["slack_cycles"] = 1.0 / shown, cycles(_STRAY_S) + 2 * shown
+        p["lift_turn_cycles"] = max(p["lift_turn_cycles"], round(_ALONE * p["lift_cycles"]) + 2 * shown)
         p["axis"][i]["authority_step"] = 1.0 / p["authority_cycles"]
         _fill_decoupling(p["axis"][i]["decoupling"], configuration, name)
         fill_reference(p["axis"][i]["reference"], configuration.reference, i, name, loop.rate_hz)
@@ -103,6 +110,14 @@ def _fill_timing(a: Any, name: str, configuration: Configuration, wiring: Wiring
     tooth_Hz = axis.outer.oscillation_Hz if axis.mode == "stage" and axis.outer is not None else None
     fill_axis_limits(a, axis.faults, configuration.reference, loop.rate_hz, strain.rate_hz, between, tooth_Hz)
     _fill_answer(a, configuration, name, output_timing(configuration, wiring, f"voltage_{name}"))
+
+
+def _gauge_lag(configuration: Configuration, wiring: Wiring, name: str) -> int:
+    """Cycles until the gauge shows a voltage: the output's way, the actuator's lag, the gauge's interval and way."""
+    gauge, actuator = sensor_timing(configuration, wiring, "strain", name), configuration.axes[name].undone
+    lag_s = gauge.latency_s + 1e-6 * (actuator.delay_us + actuator.gauge_us if actuator is not None else 0.0)
+    way = output_cycles(configuration, output_timing(configuration, wiring, f"voltage_{name}"))
+    return way + cycles_between(configuration, gauge) + round(lag_s * configuration.loop.rate_hz)
 
 
 def _fill_feedback(a: Any, axis: Axis, period_s: float, interval: int) -> None:
@@ -190,6 +205,7 @@ def _fill_checks(a: Any, axis: Axis, output: Output, start: Start) -> None:
     for name, step in (("strain_check", start.check_V), ("stage_check", start.check_um)):
         bounds = sorted((expected[name] / start.check_factor, expected[name] * start.check_factor))
         a[name]["step"], a[name]["low"], a[name]["high"] = step, *bounds
+        a[name]["slack"] = step * abs(expected[name])
     # towards the middle of the range: where it is parked may be an end of it
     a["strain_check"]["step"] *= 1.0 if output.park_V <= 0.5 * (low_V + high_V) else -1.0
     a["sweep_um"] = sweep_um(axis) if start.sweep_um is None else start.sweep_um
@@ -205,6 +221,9 @@ def _fill_innovation(a: Any, axis: Axis, outer: Outer, gains: OuterGains, cycles
     rise, time = cycles(said.process_ms * 1e-3), min(cycles(said.time_ms * 1e-3), cycles(_LONGEST_MEAN_S))
     brought = _PROCESS_MARGIN * process_innovation(outer, gains, step_um, rise, time)
     a["watch"]["innovation_variance"] = variance
+    a["watch"]["drift_gain"] = dc_gain(axis.outer)
+    if not math.isfinite(gain):
+        a["watch"]["drift_gain"], a["watch"]["drift_um"] = 0.0, math.inf
     a["watch"]["innovation_ratio"] += brought / variance
     a["outer"]["repeated_um"] = _NOISE_SIGMA * math.sqrt(variance)
     a["outer"]["innovation_um"] = math.sqrt(_PLAUSIBLE_SIGMA**2 * variance + brought)

@@ -13,6 +13,8 @@ from micromanip.settings.schema.faults import SWING_S, SWINGS, AxisFaults, Fault
 from micromanip.settings.schema.reference import Reference, Tracker
 
 NEVER = int(np.iinfo(np.int64).max // 4)
+_DRIFT_MS = 300.0
+"""Time over which the tooth and the path's own motion are no drift."""
 _SHOWN = 0.45
 """Share of the rate up to which samples show a frequency."""
 _TOOTH_Q = 4.0
@@ -71,6 +73,9 @@ def fill_axis_limits(
     w["innovation_ratio"] = _limit(faults.disagreement.ratio)
     w["innovation_step"] = min(1.0, stage_cycles / cycles(faults.disagreement.time_ms))
     w["innovation_variance"] = 1.0
+    w["drift_um"] = _limit(faults.disagreement.drift_um)
+    w["drift_step"] = min(1.0, stage_cycles / cycles(_DRIFT_MS))
+    w["reference_identical"] = _reach(faults.reference.identical)
     w["following_um"] = _limit(faults.following_error.limit_um)
     w["following_cycles"] = cycles(faults.following_error.time_ms)
     w["saturating_cycles"], w["saturated_cycles"] = cycles(faults.saturation.warn_ms), cycles(faults.saturation.time_ms)
@@ -92,6 +97,7 @@ def fill_axis_limits(
         (states.STAGE_INVALID, faults.stage.reaction),
         (states.STAGE_STUCK, faults.stage.reaction),
         (states.DISAGREEMENT, faults.disagreement.reaction),
+        (states.STAGE_DRIFT, faults.disagreement.reaction),
         (states.FOLLOWING_ERROR, faults.following_error.reaction),
         (states.SATURATED, faults.saturation.reaction),
         (states.OSCILLATION, faults.oscillation.reaction),

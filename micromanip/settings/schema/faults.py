@@ -33,7 +33,7 @@ REACTIONS = ("warn", "hold", "ramp", "off")
 """The mildest first."""
 Reaction = Literal["warn", "hold", "ramp", "off"]
 _SET = "simulation"
-_REACTION = "Reaction: warn only warns, hold freezes the correction, ramp goes to park, off cuts the amplifier."
+_REACTION = "Reaction to the fault."
 
 
 def _default(hardware: float, description: str, *, simulation: float | None) -> Any:
@@ -74,6 +74,10 @@ class Disagreement(Settings):
         simulation=None,
     )
     time_ms: Milliseconds = Field(default=10.0, description="Averaging time.")
+    drift_um: Distance | None = Field(
+        default=100.0,
+        description="Slow deviation of the stage from where the gauge says it is, the process' force included.",
+    )
     process_um: DistanceOrZero = Field(
         default=60.0,
         description="Allowance for the process: the stage's deflection under its steady force without control (force "
@@ -122,6 +126,7 @@ class ReferenceLost(Settings):
 
     stale_periods: Positive | None = _default(2.0, "Periods of the signal until the warning.", simulation=20.0)
     time_ms: Milliseconds | None = _default(20.0, "Time until the reaction.", simulation=500.0)
+    identical: Count | None = Field(default=200, description="Identical readings in a row until the warning.")
     decay_ms: NeverWeaker[Milliseconds] = Field(
         default=200.0, description="Time in which the hold returns to the working point."
     )

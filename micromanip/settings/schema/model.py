@@ -97,7 +97,10 @@ class Start(Settings):
     check_factor: Annotated[float, Field(strict=True, gt=1, le=1_000)] = Field(
         default=3.0, description="Largest factor between the measured and the expected response."
     )
-    lift_s: RampSeconds = Field(default=0.5, description="Time from the park voltage to the working point.")
+    lift_s: RampSeconds = Field(
+        default=0.5,
+        description="Time from the park voltage to the working point; an axis begins 0.3 of it after the one before.",
+    )
     sweep_s: SecondsOrZero = Field(
         default=1.0, description="Duration of the decaying sweep that erases the hysteresis memory; 0: no sweep."
     )

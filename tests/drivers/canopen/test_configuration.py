@@ -13,6 +13,7 @@ from micromanip_drivers.canopen.dictionary import Dictionary
 from micromanip_drivers.canopen.driver import CanOpen
 from pydantic import ValidationError
 
+from micromanip.driver import Watchdog
 from micromanip.errors import ConfigError
 
 from ..changed_options import DELETE
@@ -211,3 +212,12 @@ def test_watchdog(folder):
 def test_keys_that_are_refused(changes, match):
     with pytest.raises(ValidationError, match=match):
         CanOpen.Options.model_validate(options(**changes))
+
+
+def test_a_node_that_waits_for_outputs_goes_to_rest_without_them_as_on_any_bus():
+    """So what it was given before a worker that stood still is not what it has after."""
+    assert driver().silence == Watchdog(ms=200, after_power_on="unknown")
+    assert driver(nodes__amplifier__watchdog_by="heartbeat").silence is None
+    own = Watchdog(ms=50, after_power_on="rest")
+    assert driver(nodes__amplifier__watchdog_ms=DELETE, nodes__amplifier__watchdog=own.model_dump()).silence == own
+    assert driver(nodes__amplifier__watchdog_ms=60_000).silence is None

@@ -14,7 +14,7 @@ from micromanip.bus.cyclic import call_context
 from micromanip.bus.errors import IdentityMismatch, LinkError
 from micromanip.rt.bus_image import DOWN, TAKEN
 
-from .bench import PERIOD_NS, SILENT_CYCLES, STILL_CYCLES, Bench, sealed
+from .bench import PATIENT_CYCLES, PERIOD_NS, SILENT_CYCLES, STILL_CYCLES, Bench, sealed
 
 pytestmark = [pytest.mark.compiled_only, pytest.mark.xdist_group("udp")]  # compiled by one worker, not by each
 
@@ -139,8 +139,8 @@ def lost(bench, voltage):
 
 
 def test_a_lost_link_leaves_the_device_to_its_watchdog_and_nothing_steps(bench):
-    assert lost(bench, 50.0) == [(pytest.approx(50.0), 0)] * SILENT_CYCLES
-    bench.now_ns += (STILL_CYCLES - 5) * PERIOD_NS
+    assert lost(bench, 50.0) == [(pytest.approx(50.0), 0)] * PATIENT_CYCLES
+    bench.now_ns += (STILL_CYCLES - SILENT_CYCLES + PATIENT_CYCLES - 5) * PERIOD_NS
     assert bench.exchange(50.0, 0) == DOWN
     assert bench.commands() == []
     bench.now_ns += 10 * PERIOD_NS
@@ -192,9 +192,8 @@ def test_garbage_changes_no_sample_and_no_output(bench, request):
     bench.follow()
     chance = random.Random(3)
     before, received = bench.signals.copy(), bench.statistics["received"]
-    bench.c["gate"]["silent_cycles"] = bench.c["gate"]["watchdog_ns"] = np.iinfo(
-        np.int64
-    ).max  # as slow as the machine may be
+    for limit in ("silent_cycles", "patient_cycles", "watchdog_ns"):  # as slow as the machine may be
+        bench.c["gate"][limit] = np.iinfo(np.int64).max
     bench.say()
     bench.exchange(7.0, 0)
     before = bench.signals.copy()

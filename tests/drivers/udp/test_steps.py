@@ -12,7 +12,7 @@ from micromanip.bus.safe_state import VOLTAGE, SafeOutput
 from micromanip.errors import ConfigError
 from micromanip.rt.bus_image import DOWN
 
-from .bench import PERIOD_NS, SILENT_CYCLES, Bench, options
+from .bench import PATIENT_CYCLES, PERIOD_NS, SILENT_CYCLES, Bench, options
 
 pytestmark = [pytest.mark.compiled_only, pytest.mark.xdist_group("udp")]  # compiled by one worker, not by each
 
@@ -58,13 +58,39 @@ def test_a_short_break_while_the_loop_moves_on_makes_no_step(wire):
     for k in range(10):
         assert wire.pass_cycle(2.0 * k) == 0
     assert wire.voltages[-1] == pytest.approx(18.0)
-    for k in range(SILENT_CYCLES - 2):
+    for k in range(PATIENT_CYCLES - 1):
         assert wire.pass_cycle(20.0 + 2.0 * k, arrives=False) == 0
     for _ in range(60):
         assert wire.pass_cycle(60.0) == 0
     assert wire.largest_step_V <= STEP_V + RESOLVED_V
     assert wire.voltages[-1] == pytest.approx(60.0)
     assert wire.bench.statistics["held_back"] > 10
+
+
+@pytest.mark.parametrize("off_cycles", [10, 14, SILENT_CYCLES - 1])
+def test_a_device_that_was_away_shortly_is_given_nothing_that_it_may_have_lost(wire, off_cycles):
+    """It was switched off and on: it has its safe values again, and says so at its first answer, which is too late."""
+    for k in range(24):
+        wire.pass_cycle(2.0 * k)
+    assert wire.voltages[-1] == pytest.approx(46.0)
+    for _ in range(off_cycles):
+        wire.pass_cycle(46.0, arrives=False)
+    wire.voltages[:], wire.bench.count = [0.0], 0
+    codes = [wire.pass_cycle(46.0) for _ in range(SILENT_CYCLES)]
+    assert codes[-1] == DOWN
+    assert wire.voltages == [0.0]
+
+
+def test_answers_that_come_late_let_it_go_on_from_where_it_was(wire):
+    for k in range(10):
+        wire.pass_cycle(2.0 * k)
+    before = len(wire.voltages)
+    codes = [wire.pass_cycle(18.0 + 2.0 * k, answer_cycles=SILENT_CYCLES - 4) for k in range(SILENT_CYCLES - 4)]
+    assert len(wire.voltages) == before + PATIENT_CYCLES + 1  # the answer to the last of the ten is there
+    codes += [wire.pass_cycle(60.0) for _ in range(40)]
+    assert set(codes) == {0}
+    assert wire.largest_step_V <= STEP_V + RESOLVED_V
+    assert wire.voltages[-1] == pytest.approx(60.0)
 
 
 def test_answers_that_say_nothing_new_are_silence(wire):

@@ -14,27 +14,8 @@ from micromanip.rt.records import MAX_SIGNALS
 from micromanip.rt.wire.codec import checksum
 from micromanip.rt.wire.records import FLOATING, FRAME, MAX_BYTES, MAX_GOOD, MAX_GROUPS, SIGNED, UNSIGNED
 
+from .number_codec import NumberKeys
 from .number_options import number_range
-
-
-class NumberKeys(Protocol):
-    """A number in a frame."""
-
-    @property
-    def at(self) -> int:
-        """Its first byte."""
-
-    @property
-    def size(self) -> int:
-        """How many bytes it has."""
-
-    @property
-    def type(self) -> str:
-        """uint8 to uint64, int8 to int64, float32, float64; bool to bit15 of one that has `bit` and `bits`, too."""
-
-    @property
-    def byte_order(self) -> str | None:
-        """Little or big; None for a single byte."""
 
 
 class ChecksumKeys(Protocol):

@@ -7,5 +7,3 @@ if find_spec("pytest") is None:
 
 from micromanip.conformance.contract import BusDriverContract
 from micromanip.conformance.peer import Golden, Peer
-
-__all__ = ["BusDriverContract", "Golden", "Peer"]

@@ -2,5 +2,3 @@
 
 from micromanip.rt.steady.entries import SteadyEntries, steady_entries
 from micromanip.rt.steady.records import INBOX, NOTHING_SENT, SENT_IN_DOUBT, UNCONFIRMED
-
-__all__ = ["INBOX", "NOTHING_SENT", "SENT_IN_DOUBT", "UNCONFIRMED", "SteadyEntries", "steady_entries"]

@@ -8,8 +8,6 @@ from micromanip.bus.cyclic import call_context
 from micromanip.settings.check import prepare
 from micromanip.virtual.cell import VirtualCell
 
-__all__ = ["VirtualCell", "call_context", "virtual_cell"]
-
 
 def virtual_cell(file: Path) -> VirtualCell:
     """The cell of a configuration, in virtual time: the loop's own code calls the drivers, without waiting.

@@ -8,6 +8,7 @@ from micromanip.bus.device_counter import DeviceCounter
 from micromanip.bus.frame_plan import FramePlan, GroupPlan, fill_number
 from micromanip.bus.loop_wire import LoopWire
 from micromanip.bus.loop_wire_options import LoopOutput, LoopWireOptions
+from micromanip.bus.number_codec import NumberCodec
 from micromanip.bus.output_gate import adopt_limits, close_gate, gate_statistics, wait_for_rest, wire_of
 from micromanip.bus.watchdog import Milliseconds, Watchdog
 from micromanip.rt.bus_image import DOWN, TAKEN
@@ -32,53 +33,3 @@ from micromanip.rt.wire.records import (
     UNSIGNED,
 )
 from micromanip.rt.wire.samples import SAMPLES
-
-__all__ = [
-    "ANSWERS",
-    "BATCH",
-    "CLOCK_LOCK",
-    "CODE",
-    "COUNTED",
-    "DEVICE_CLOCK",
-    "DOWN",
-    "FLOATING",
-    "FOLLOWING",
-    "FRAME",
-    "GATE",
-    "MAX_BYTES",
-    "MAX_OUTPUTS",
-    "MOST_BITS",
-    "NUMBER",
-    "QUIET",
-    "RECENT",
-    "RESTING",
-    "SAMPLES",
-    "SIGNED",
-    "SOCKET",
-    "TAKEN",
-    "UNSIGNED",
-    "WIRE",
-    "DeviceCounter",
-    "FramePlan",
-    "GroupPlan",
-    "LoopOutput",
-    "LoopWire",
-    "LoopWireOptions",
-    "Milliseconds",
-    "Watchdog",
-    "adopt_limits",
-    "begin_frame",
-    "close_gate",
-    "fill_number",
-    "gate_statistics",
-    "hand_over",
-    "lend",
-    "move",
-    "open_datagrams",
-    "put_value",
-    "record",
-    "seal",
-    "set_lock",
-    "wait_for_rest",
-    "wire_of",
-]

@@ -13,7 +13,6 @@ from micromanip.bus.registry import driver_class
 from micromanip.bus.rights import go_before_ordinary_work, leave_cpu, lock_memory
 from micromanip.emulation.can.canbus import emulate_canbus
 from micromanip.emulation.can.canopen import emulate_canopen
-from micromanip.emulation.can.steady_buses import SteadyBuses
 from micromanip.emulation.ethercat.device import emulate_ethercat
 from micromanip.emulation.line.device_of_a_line import emulate_line
 from micromanip.emulation.modbus.units_on_a_port import emulate_modbus
@@ -77,11 +76,8 @@ class Devices:
             self.cell.wired_on = (_ENABLE,)
         self._began_ns, self._began_cpu_s = self.loop.now_ns(), time.process_time()
         surroundings = Surroundings(configuration, source, self.loop, self.cell, watchdog_ms)
-        self._steady: SteadyBuses | None = None
         try:
             self.emulated: dict[str, EmulatedDevice] = emulate_all(surroundings)
-            if loop is None:
-                self._steady = SteadyBuses.of(self.loop, self.cell, self.emulated.values())
         except BaseException:
             self.loop.close()
             raise
@@ -95,14 +91,12 @@ class Devices:
 
     def close(self) -> None:
         """Let go of the buses, and of the loop."""
-        self._take_back()
         for device in self.emulated.values():
             device.close()
         self.loop.close()
 
     def command(self, line: str) -> dict[str, Any]:
         """Do what a line of JSON says; the answer, with ``error`` where it could not be done."""
-        self._take_back()
         try:
             document = parsed(line)
             if "report" in document:
@@ -117,13 +111,7 @@ class Devices:
 
     def report(self) -> dict[str, Any]:
         """Figures since the start."""
-        self._take_back()
         return self._report(self.cell.report)
-
-    def _take_back(self) -> None:
-        """What compiled code serves is Python's until the loop waits the next time."""
-        if self._steady is not None:
-            self._steady.leave()
 
     def _report(self, of_cell: Callable[[], dict[str, Any]]) -> dict[str, Any]:
         return {

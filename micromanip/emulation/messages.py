@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from micromanip.testbus.event_loop import EventLoop, Timer
+from micromanip.testbus.event_loop import EventLoop
 
 MOST_BEHIND_NS = 5_000_000
 """A machine that is late makes up for it: messages come late, but each with its own sample and time. Beyond this they
@@ -61,27 +61,11 @@ class Periodic:
         self._loop, self._figures, self.message = loop, figures, message
         self._advance_to, self._send = advance_to, send
         self.off_until_ns: float = 0
-        self._timer: Timer | None = None
 
     def start(self, now_ns: int) -> None:
         """The first one comes a period from now."""
         self.message.due_ns = now_ns + self.message.period_ns
-        self.go_on()
-
-    def go_on(self) -> None:
-        """Call for the next one when it is due."""
-        self._timer = self._loop.call_at(self.message.due_ns, self._is_due)
-
-    def pause(self) -> None:
-        """Leave it to somebody else until ``go_on``."""
-        if self._timer is not None:
-            self._timer.cancel()
-
-    def is_plain(self, now_ns: int) -> bool:
-        """Whether nothing is wrong with the message, and it is not late."""
-        message = self.message
-        well_from_ns = max(message.silent_until_ns, message.counts_from_ns, self.off_until_ns)
-        return self._timer is not None and well_from_ns <= message.due_ns and now_ns - message.due_ns <= MOST_BEHIND_NS
+        self._loop.call_at(self.message.due_ns, self._is_due)
 
     def _is_due(self) -> None:
         message = self.message
@@ -95,4 +79,42 @@ class Periodic:
         else:
             self._send(message)
         message.due_ns += message.period_ns
-        self.go_on()
+        self._loop.call_at(message.due_ns, self._is_due)
+
+
+class Sender:
+    """A device that sends messages by itself, each of which may be silenced, or stop to count."""
+
+    def __init__(self, loop: EventLoop) -> None:
+        self.figures = MessageFigures()
+        self.periodic: list[Periodic] = []
+        self._loop = loop
+
+    @property
+    def messages(self) -> list[str]:
+        return [periodic.message.name for periodic in self.periodic]
+
+    def start(self, now_ns: int) -> None:
+        """Begin to talk."""
+        for periodic in self.periodic:
+            periodic.start(now_ns)
+
+    def stop_counter(self, message: str, for_s: float | None) -> None:
+        self._message(message).counts_from_ns = self._loop.end_ns(for_s)
+
+    def silence(self, message: str, for_s: float | None) -> None:
+        self._message(message).silent_until_ns = self._loop.end_ns(for_s)
+
+    def be_off(self, until_ns: float) -> None:
+        """Send nothing until then; counters begin anew."""
+        for periodic in self.periodic:
+            periodic.off_until_ns = until_ns
+            periodic.message.count = 0
+
+    def clear(self) -> None:
+        """Send all messages, and count them."""
+        for periodic in self.periodic:
+            periodic.message.silent_until_ns = periodic.message.counts_from_ns = 0
+
+    def _message(self, name: str) -> Due:
+        return next(periodic.message for periodic in self.periodic if periodic.message.name == name)

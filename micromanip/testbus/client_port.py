@@ -6,7 +6,7 @@ import json
 import math
 import socket
 import struct
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 
 from . import error_frames
 from .error_frames import Controller
@@ -72,24 +72,6 @@ class ClientPort(Port):
             self._loop.add_reader(self._sock.fileno(), self._on_readable)
         else:
             self._loop.remove_reader(self._sock.fileno())
-
-    @property
-    def is_plain(self) -> bool:
-        return super().is_plain and not self._overflown
-
-    def lend(self) -> int:
-        """Let somebody else read and write for it until ``take_back``: the socket's descriptor."""
-        self._listening = False
-        self._loop.remove_reader(self._sock.fileno())
-        return self._sock.fileno()
-
-    def take_back(self, packets: Iterable[bytes], dropped: int) -> None:
-        """Go on; `packets` were read and not dealt with, so many frames it did not take."""
-        self.dropped += dropped
-        self._overflown = dropped > 0
-        for packet in packets:
-            self._take(packet)
-        self.queue_changed()
 
     def close(self) -> None:
         """End the connection; what is queued still goes out."""

@@ -143,11 +143,6 @@ class Faults:
         self._active.append((fault, timer))
         self._note_striking()
 
-    @property
-    def any(self) -> bool:
-        """Whether there is one at all, or the delay of one still holds."""
-        return bool(self._active) or self._latest_ns > self._loop.now_ns()
-
     def clear(self) -> None:
         """End all of them."""
         for fault, timer in list(self._active):

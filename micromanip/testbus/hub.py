@@ -90,20 +90,6 @@ class CanHub:
         """A frame for the queue of a participant of one's own making, as of now."""
         return self._wire.transmission(frame, pack(frame), self.now_ns())
 
-    @property
-    def wire(self) -> Wire:
-        """What the frames go over."""
-        return self._wire
-
-    @property
-    def is_plain(self) -> bool:
-        """Whether it is a healthy bus, with nothing injected."""
-        return not self.faults.any and self._wire.is_plain
-
-    def nodes(self) -> dict[int, NodePort]:
-        """The ports of this process' nodes, by their ``id``."""
-        return self._nodes
-
     def state(self, node: Node) -> State:
         """Error state of an attached node's controller."""
         return self._nodes[id(node)].state

@@ -76,12 +76,6 @@ class Port:
         """No further frame is taken."""
         return self._refusing or len(self.queue) >= self.queue_frames
 
-    @property
-    def is_plain(self) -> bool:
-        """Whether its controller is as on a healthy bus."""
-        errors = self.transmit_errors + self.receive_errors + self._least_transmit_errors
-        return errors == 0 and not self._refusing and not self.leaving
-
     def deliver(self, transmission: Transmission, time_ns: int) -> None:
         """Hand over a frame of another participant."""
         raise NotImplementedError

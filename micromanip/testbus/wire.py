@@ -7,10 +7,8 @@ worst-case bits and the intermission, and its stamp is the end of that. Every fr
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
-from typing import NamedTuple
 
 from micromanip.bus import can_bits
 
@@ -31,16 +29,6 @@ class Statistics:
     """Those that an error frame ended."""
     busy_ns: int = 0
     """How long the bus was, and will be up to the end of the present frame, not idle."""
-
-
-class Standing(NamedTuple):
-    """Where a bus stands."""
-
-    on_air: tuple[Port, Transmission] | None
-    end_ns: int
-    """When that frame ends."""
-    free_ns: int
-    """Since when the bus was idle before it."""
 
 
 class Wire:
@@ -80,37 +68,11 @@ class Wire:
         duration_ns = self._duration_ns(length, frame.extended, frame.fd, frame.bitrate_switch)
         return Transmission(frame, packed, frame.priority, duration_ns, arrival_ns)
 
-    def duration_ns(self, length: int, extended: bool, fd: bool, bitrate_switch: bool) -> int:
-        """How long a frame keeps the bus. Raises ValueError for a length that it can't have."""
-        return self._duration_ns(length, extended, fd, bitrate_switch)
-
     def enqueue(self, port: Port, transmission: Transmission) -> None:
         """Put a frame into a participant's transmit queue."""
         port.queue.append(transmission)
         port.queue_changed()
         self._wake()
-
-    @property
-    def is_plain(self) -> bool:
-        """Whether nothing is held back, and all controllers are as on a healthy bus."""
-        return self._scheduled == 0 and all(port.is_plain for port in self.ports)
-
-    def ports_are(self, nodes: Sequence[Port], clients: Sequence[Port]) -> bool:
-        """Whether these take part, and no others."""
-        return {id(port) for port in self.ports} == {id(port) for port in (*nodes, *clients)}
-
-    def lend(self) -> Standing:
-        """Let somebody else go on from here, who takes over what the ports' queues hold."""
-        if self._timer is not None:
-            self._timer.cancel()
-        standing = Standing(self._on_air, self._end_ns, self._free_ns)
-        self._on_air = None
-        return standing
-
-    def take_back(self, standing: Standing) -> None:
-        """Go on from there, with what the ports' queues hold now."""
-        self._on_air, self._end_ns, self._free_ns = standing
-        self._advance()
 
     def now_ns(self) -> int:
         """The time of the bus: while a frame is handed over that of the frame, which may have waited for the loop."""

@@ -1,7 +1,6 @@
 """A serial port that a simulated device is behind, opened as a program opens any port."""
 
 import os
-import termios
 import time
 
 import pytest
@@ -26,13 +25,9 @@ class Bench:
     def _hear(self, data):
         self.heard.append((self.loop.time_ns, data))
 
-    def open(self, baud=None):
+    def open(self):
         fileno = os.open(self.port.device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
         self._opened.append(fileno)
-        if baud is not None:
-            settings = termios.tcgetattr(fileno)
-            settings[4] = settings[5] = getattr(termios, f"B{baud}")
-            termios.tcsetattr(fileno, termios.TCSANOW, settings)
         self.run(0.02)
         return fileno
 

@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.driver import Channel, ConfigError, Inbox
-from micromanip.driver.wire import FramePlan, GroupPlan
+from micromanip.driver.wire import FramePlan, GroupPlan, NumberCodec
 
 from .binary_options import Binary, BinaryIdentity, Received, Sent
 from .frame_options import Counter, Status
 from .frame_parts import Part, StatusWord, laid_out, part
 from .line_time import LineTime
-from .number import InputNumber, NumberCodec, OutputNumber, mismatches
+from .number import InputNumber, OutputNumber, mismatches
 from .packet_counter import PacketCounter
 
 NOT_FINITE = -1
@@ -47,8 +47,7 @@ class Frames:
         """The frame with its checksum in place."""
         crc = self.options.crc
         if crc is not None:
-            end = len(frame) - crc.size
-            frame[end:] = crc.function(bytes(frame[crc.first : end])).to_bytes(crc.size, crc.byte_order)
+            frame[-crc.size :] = crc.of(bytes(frame[: -crc.size]))
         return bytes(frame)
 
     def plan(self, length: int, group: GroupPlan, counter: Counter | None, status: Status | None = None) -> FramePlan:

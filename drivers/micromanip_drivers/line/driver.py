@@ -35,8 +35,6 @@ from .stream import StreamFraming
 from .tcp_port import TcpConnection
 from .udp_port import UdpDatagrams
 
-__all__ = ["Line"]
-
 _OPEN_NS = 900_000_000
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from micromanip.driver import now_ns
+from micromanip.driver import Compiler, now_ns
 from micromanip.driver.byte_stream import ask, read_bytes, write_bytes
 from micromanip.driver.datagrams import (
     GOOD,
@@ -26,10 +26,10 @@ from micromanip.driver.datagrams import (
 )
 from micromanip.driver.steady import NOTHING_SENT, SENT_IN_DOUBT, UNCONFIRMED, steady_entries
 
-from .compiled import compiled
 from .frame_reader import STALE_NS
 from .records import CONTEXT, MAX_CHUNKS, READ_BYTES
 
+compiled = Compiler(__file__)
 _MORE, _ODD = -1, -2
 """Of what is there from some byte on: it may become a frame; it is for Python to judge."""
 _WOULD_BLOCK = 11

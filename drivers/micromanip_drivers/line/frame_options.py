@@ -130,6 +130,14 @@ class Crc(Section):
         function: Callable[[bytes], int] = getattr(getattr(fastcrc, width), name)
         return function
 
+    def of(self, frame: bytes) -> bytes:
+        """The checksum of a frame that has none yet."""
+        return self.function(frame[self.first :]).to_bytes(self.size, self.byte_order)
+
+    def fits(self, frame: bytes) -> bool:
+        """Whether a whole frame is good."""
+        return len(frame) > self.size and self.of(frame[: -self.size]) == frame[-self.size :]
+
 
 class Length(WholeNumber):
     """A number in the frame: its length."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from micromanip.driver import ConfigError
+from micromanip.driver.wire import NumberCodec
 
 from .frame_options import Number, Status, overlap
-from .number import NumberCodec
 
 Part = tuple[str, int, int]
 """Key in the configuration, first byte, byte behind the last."""

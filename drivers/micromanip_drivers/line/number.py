@@ -1,55 +1,14 @@
-"""Numbers in frames: bytes to a number and back, by type and byte order."""
+"""Numbers in frames as values, and back."""
 
 from __future__ import annotations
 
 import math
-import struct
 from collections.abc import Mapping, Sequence
 
-from micromanip.driver import OutputRefused, number_range
+from micromanip.driver import OutputRefused
+from micromanip.driver.wire import NumberCodec
 
-from .frame_options import InputField, Number, OutputField
-
-_CODES = {1: "b", 2: "h", 4: "i", 8: "q"}
-_FLOATS = {"float32": "f", "float64": "d"}
-
-
-class NumberCodec:
-    """A number at its place; `at` is where its frame begins in the bytes that it is given."""
-
-    def __init__(self, options: Number) -> None:
-        self._at, self._size = options.at, options.size
-        self._order = options.byte_order or "little"
-        self._signed = options.type.startswith("int")
-        self.floating = options.type.startswith("float")
-        self._layout: struct.Struct | None = None
-        order = "<" if self._order == "little" else ">"
-        self.low, self.high = number_range(options.type)
-        if self.floating:
-            self._layout = struct.Struct(order + _FLOATS[options.type])
-        elif self._size in _CODES:
-            code = _CODES[self._size]
-            self._layout = struct.Struct(order + (code if self._signed else code.upper()))
-
-    def read(self, data: bytes | bytearray, at: int = 0) -> float:
-        """The number; an int for a type that is one."""
-        place = at + self._at
-        if self._layout is not None:
-            number: float = self._layout.unpack_from(data, place)[0]
-            return number
-        return int.from_bytes(data[place : place + self._size], self._order, signed=self._signed)
-
-    def write(self, data: bytearray, number: float) -> None:
-        """Put a number that the type holds into `data`."""
-        if self._layout is not None:
-            self._layout.pack_into(data, self._at, number if self.floating else int(number))
-            return
-        data[self._at : self._at + self._size] = int(number).to_bytes(self._size, self._order, signed=self._signed)
-
-    @property
-    def counts(self) -> int:
-        """How many values an unsigned integer has before it wraps."""
-        return 1 << (8 * self._size)
+from .frame_options import InputField, OutputField
 
 
 class InputNumber:

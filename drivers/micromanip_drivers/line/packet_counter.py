@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from micromanip.driver.wire import DeviceCounter
+from micromanip.driver.wire import DeviceCounter, NumberCodec
 
 from .frame_options import Number
-from .number import NumberCodec
 
 
 class PacketCounter(DeviceCounter):

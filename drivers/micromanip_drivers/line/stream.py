@@ -22,7 +22,7 @@ from micromanip.driver import (
     Task,
     TransientError,
 )
-from micromanip.driver.wire import FramePlan, GroupPlan
+from micromanip.driver.wire import FramePlan, GroupPlan, NumberCodec
 
 from .device_clock import DeviceClock
 from .frame_options import overlap
@@ -30,7 +30,7 @@ from .frame_parts import StatusWord, part
 from .frame_reader import FrameReader, FrameSearch
 from .framing import Framing, Silence
 from .line_time import LineTime, Traffic
-from .number import InputNumber, NumberCodec, mismatches
+from .number import InputNumber, mismatches
 from .packet_counter import PacketCounter
 from .port import Port
 from .steady_line import SteadyLine

@@ -6,9 +6,9 @@ import math
 from collections.abc import Mapping, Sequence
 
 from micromanip.driver import ConfigError
-from micromanip.driver.wire import FramePlan, GroupPlan
+from micromanip.driver.wire import FramePlan, GroupPlan, NumberCodec
 from micromanip_drivers.line.frame_parts import StatusWord, laid_out, part
-from micromanip_drivers.line.number import InputNumber, NumberCodec, OutputNumber, mismatches
+from micromanip_drivers.line.number import InputNumber, OutputNumber, mismatches
 
 from .options import Identity, Received, Sent, UdpOptions
 
@@ -134,8 +134,7 @@ class Datagrams:
     def _sealed(self, data: bytearray) -> bytes:
         crc = self._options.crc
         if crc is not None:
-            end = len(data) - crc.size
-            data[end:] = crc.function(bytes(data[crc.first : end])).to_bytes(crc.size, crc.byte_order)
+            data[-crc.size :] = crc.of(bytes(data[: -crc.size]))
         return bytes(data)
 
 

@@ -13,9 +13,8 @@ import cantools
 from micromanip.emulation.amplifier import Amplifier
 from micromanip.emulation.cell import EmulatedCell
 from micromanip.emulation.emulated import EmulatedDevice, Surroundings, Wires
-from micromanip.emulation.messages import Due, MessageFigures, Periodic
+from micromanip.emulation.messages import Due, Periodic, Sender
 from micromanip.files import marked_encoding
-from micromanip.testbus.bus import Bus
 from micromanip.testbus.event_loop import EventLoop
 from micromanip.testbus.frame import Frame
 
@@ -31,10 +30,10 @@ class DbcMessage:
         self.identifier: int = message.frame_id
         self.extended: bool = message.is_extended_frame
         self.signals: list[str] = [signal.name for signal in message.signals if signal.name != counter]
-        self.layout, self.counter = message, counter
+        self._layout, self._counter = message, counter
         self._fd = bool(message.is_fd)
         self._bitrate_switch = self._fd and _switches_bitrate(message)
-        self.ends = {signal.name: _ends(signal) for signal in message.signals}
+        self._ends = {signal.name: _ends(signal) for signal in message.signals}
         self._counts = max((1 << signal.length for signal in message.signals if signal.name == counter), default=0)
 
     def frame(self, values: Mapping[str, float], count: int) -> Frame:
@@ -44,25 +43,22 @@ class DbcMessage:
         """
         held: dict[str, float] = {}
         for name, value in values.items():
-            low, high, floating = self.ends[name]
+            low, high, floating = self._ends[name]
             if math.isnan(value):
                 held[name] = value if floating else high
             else:
                 held[name] = min(max(value, low), high)
-        if self.counter is not None:
-            held[self.counter] = count % self._counts
-        return self.carrying(self.layout.encode(held, strict=False))
-
-    def carrying(self, data: bytes) -> Frame:
-        """The frame with these data."""
+        if self._counter is not None:
+            held[self._counter] = count % self._counts
+        data = self._layout.encode(held, strict=False)
         return Frame(self.identifier, data, self.extended, self._fd, self._bitrate_switch)
 
     def values(self, frame: Frame) -> dict[str, float] | None:
         """Values by signal, without the counter; None for a frame that is too short."""
-        if len(frame.data) < self.layout.length:
+        if len(frame.data) < self._layout.length:
             return None
-        values: dict[str, float] = self.layout.decode(frame.data, decode_choices=False)
-        values.pop(self.counter or "", None)
+        values: dict[str, float] = self._layout.decode(frame.data, decode_choices=False)
+        values.pop(self._counter or "", None)
         return values
 
 
@@ -100,13 +96,13 @@ class Sent(Due):
         """It does not listen."""
 
 
-class CanDevice:
-    """Takes part in a bus from `start` on."""
+class EmulatedCanBus(Sender):
+    """One node that takes all messages of the driver, and one for each that it sends; on a bus from `start` on."""
 
     def __init__(
         self,
         loop: EventLoop,
-        bus: Bus,
+        bus: CanBus,
         cell: EmulatedCell,
         sent: list[Sent],
         received: list[DbcMessage],
@@ -114,112 +110,70 @@ class CanDevice:
         amplifier: Amplifier | None,
     ) -> None:
         """`outputs` are the plant's outputs by "Message.Signal"; signals that are not among them do nothing."""
-        self.sent, self.received = sent, received
-        self.figures = MessageFigures()
-        self.amplifier = amplifier
-        self._loop, self._bus, self._cell = loop, bus, cell
+        super().__init__(loop)
+        self.bus = bus
+        self.signals = [signal for message in sent for signal in message.signals.values()]
+        self._cell, self._outputs, self._amplifier = cell, outputs, amplifier
         self._received = {(message.identifier, message.extended): message for message in received}
-        self.outputs = {
-            message.name: {
-                name: outputs[f"{message.name}.{name}"]
-                for name in message.signals
-                if f"{message.name}.{name}" in outputs
-            }
-            for message in received
-        }
-        self.off_until_ns = 0
+        self._off_until_ns = 0
         self.periodic = [Periodic(loop, self.figures, message, cell.advance_to, self._send) for message in sent]
-        bus.attach(self)
+        bus.line.attach(self)
         for message in sent:
-            bus.attach(message)
+            bus.line.attach(message)
+
+    @property
+    def ready(self) -> str:
+        return self.bus.ready(len(self.periodic), len(self._received))
 
     def start(self, now_ns: int) -> None:
-        """Begin to send."""
-        for periodic in self.periodic:
-            periodic.start(now_ns)
+        self.bus.start(now_ns)
+        super().start(now_ns)
 
     def on_frame(self, frame: Frame, time_ns: int) -> None:
         """Take a command into force at the end of its frame."""
         message = self._received.get((frame.identifier, frame.extended))
-        if message is None or frame.remote or frame.error or time_ns < self.off_until_ns:
+        if message is None or frame.remote or frame.error or time_ns < self._off_until_ns:
             return
         values = message.values(frame)
         if values is None:
             self.figures.not_understood += 1
             return
         self.figures.received += 1
-        if self.amplifier is not None:
-            commands = {output: values[name] for name, output in self.outputs[message.name].items()}
-            self.amplifier.take(commands, self._loop.now_ns())
+        if self._amplifier is not None:
+            named = ((self._outputs.get(f"{message.name}.{name}"), value) for name, value in values.items())
+            commands = {output: value for output, value in named if output is not None}
+            self._amplifier.take(commands, self._loop.now_ns())
             self._cell.advance_to(time_ns)
 
     def reboot(self, for_s: float) -> None:
         """Be off for a while, with the amplifier; its counters begin anew."""
         now_ns = self._loop.now_ns()
-        self.off_until_ns = now_ns + round(for_s * 1e9)
-        if self.amplifier is not None:
-            self.amplifier.trip(now_ns)
-        for periodic in self.periodic:
-            periodic.off_until_ns = self.off_until_ns
-            periodic.message.count = 0
-
-    def _send(self, due: Due) -> None:
-        assert isinstance(due, Sent)
-        read = self._cell.read
-        values = {name: read(signal) for name, signal in due.signals.items()}
-        if self._bus.send(due, due.message.frame(values, due.counted()), due.due_ns):
-            self.figures.sent += 1
-        else:
-            self.figures.not_sent += 1
-
-
-class EmulatedCanBus:
-    """One node that sends and takes all messages of the driver."""
-
-    def __init__(self, bus: CanBus, device: CanDevice, loop: EventLoop) -> None:
-        self.bus, self.device, self._loop = bus, device, loop
-
-    @property
-    def ready(self) -> str:
-        return self.bus.ready(len(self.device.sent), len(self.device.received))
-
-    @property
-    def signals(self) -> list[str]:
-        return [signal for sent in self.device.sent for signal in sent.signals.values()]
-
-    @property
-    def messages(self) -> list[str]:
-        return [sent.message.name for sent in self.device.sent]
-
-    def start(self, now_ns: int) -> None:
-        self.bus.start(now_ns)
-        self.device.start(now_ns)
-
-    def stop_counter(self, message: str, for_s: float | None) -> None:
-        self._sent(message).counts_from_ns = self._loop.end_ns(for_s)
-
-    def silence(self, message: str, for_s: float | None) -> None:
-        self._sent(message).silent_until_ns = self._loop.end_ns(for_s)
-
-    def reboot(self, for_s: float) -> None:
-        self.device.reboot(for_s)
+        self._off_until_ns = now_ns + round(for_s * 1e9)
+        if self._amplifier is not None:
+            self._amplifier.trip(now_ns)
+        self.be_off(self._off_until_ns)
 
     def inject(self, fault: Mapping[str, Any]) -> None:
         self.bus.inject(fault)
 
     def clear(self) -> None:
         self.bus.clear()
-        for sent in self.device.sent:
-            sent.silent_until_ns = sent.counts_from_ns = 0
+        super().clear()
 
     def report(self) -> dict[str, Any]:
-        return {**vars(self.device.figures), **self.bus.report()}
+        return {**vars(self.figures), **self.bus.report()}
 
     def close(self) -> None:
         self.bus.close()
 
-    def _sent(self, message: str) -> Sent:
-        return next(sent for sent in self.device.sent if sent.message.name == message)
+    def _send(self, due: Due) -> None:
+        assert isinstance(due, Sent)
+        read = self._cell.read
+        values = {name: read(signal) for name, signal in due.signals.items()}
+        if self.bus.line.send(due, due.message.frame(values, due.counted()), due.due_ns):
+            self.figures.sent += 1
+        else:
+            self.figures.not_sent += 1
 
 
 def emulate_canbus(name: str, surroundings: Surroundings) -> EmulatedDevice:
@@ -235,9 +189,7 @@ def emulate_canbus(name: str, surroundings: Surroundings) -> EmulatedDevice:
         signals = _filling(name_in_dbc, message.signals, wires, cell)
         sent.append(Sent(name_in_dbc, round(1e9 / entry.rate_hz), message=message, signals=signals))
     received = [DbcMessage(known[name_in_dbc], counter=entry.counter) for name_in_dbc, entry in keys.send.items()]
-    bus = CanBus(keys, loop)
-    device = CanDevice(loop, bus.line, cell, sent, received, wires.outputs, surroundings.amplifier(wires))
-    return EmulatedCanBus(bus, device, loop)
+    return EmulatedCanBus(loop, CanBus(keys, loop), cell, sent, received, wires.outputs, surroundings.amplifier(wires))
 
 
 def _saved_text(file: Path) -> str:

@@ -13,10 +13,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 from micromanip.emulation.watchdog import Watchdog
-from micromanip.testbus.bus import Bus
 from micromanip.testbus.event_loop import EventLoop, Timer
 from micromanip.testbus.frame import Frame
+from micromanip.testbus.hub import CanHub
 
+from .can_bus import PythonCanBus
 from .canopen_exchange import Exchange, TooShort
 from .canopen_objects import Abort, Objects
 
@@ -38,7 +39,7 @@ class CanOpenNode:
 
     def __init__(
         self,
-        bus: Bus,
+        bus: CanHub | PythonCanBus,
         loop: EventLoop,
         eds: Path,
         node_id: int,

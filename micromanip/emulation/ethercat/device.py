@@ -33,7 +33,6 @@ from .controller import system_ns
 from .faults import KINDS, parsed
 from .line import NEAR, NOWHERE, Line
 from .port import EthernetPort
-from .process_data import terminal_of
 from .serving import (
     HAS_EVENTS,
     IDLE,
@@ -44,6 +43,7 @@ from .serving import (
     serve,
     serve_on,
 )
+from .terminal import terminal_of
 from .terminal_faults import TerminalFaults
 from .wiring import wire
 

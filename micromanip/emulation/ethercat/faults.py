@@ -83,28 +83,10 @@ class DriveFault(OfDrive):
     code: Annotated[int, Field(strict=True, ge=1, le=0xFFFF)] = 0x3210
 
 
-class TorqueOff(OfDrive):
-    """Safe torque off."""
+class DriveState(OfDrive):
+    """Safe torque off; it can't be enabled, does not follow its target, is in another mode."""
 
-    kind: Literal["torque_off"]
-
-
-class Refuses(OfDrive):
-    """It can't be enabled."""
-
-    kind: Literal["refuses"]
-
-
-class Stuck(OfDrive):
-    """It does not follow its target."""
-
-    kind: Literal["stuck"]
-
-
-class WrongMode(OfDrive):
-    """It is in another mode."""
-
-    kind: Literal["mode"]
+    kind: Literal["torque_off", "refuses", "stuck", "mode"]
 
 
 class Cut(LineFault):
@@ -120,18 +102,7 @@ KINDS = (
 )
 _ANY: TypeAdapter[TerminalFault | Cut] = TypeAdapter(
     Annotated[
-        Power
-        | LeftOp
-        | Absent
-        | MailboxSilent
-        | Order
-        | Clock
-        | Cut
-        | DriveFault
-        | TorqueOff
-        | Refuses
-        | Stuck
-        | WrongMode,
+        Power | LeftOp | Absent | MailboxSilent | Order | Clock | Cut | DriveFault | DriveState,
         Field(discriminator="kind"),
     ]
 )

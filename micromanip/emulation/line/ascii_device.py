@@ -77,8 +77,8 @@ class AsciiDevice(LineDevice):
     def tick(self) -> None:
         self._interpreter.step()
 
-    def reboot(self, until_ns: int) -> None:
-        super().reboot(until_ns)
+    def reboot(self, for_s: float) -> None:
+        super().reboot(for_s)
         self._interpreter.reboot()
         self._begun.clear()
 

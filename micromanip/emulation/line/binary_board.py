@@ -13,7 +13,7 @@ from .binary_frame import FrameFormat, FrameLayout, FrameReader
 from .device import Behind, LineDevice
 from .device_line import DeviceLine
 from .faults import Identity
-from .number import checksum, line_numbers, optional_number
+from .number import line_numbers, optional_number
 from .port import Peer
 
 _SAYS_WHO_EVERY_NS = 100_000_000
@@ -84,8 +84,8 @@ class BinaryBoard(LineDevice):
             self._take(frame, peer)
         self.figures.not_understood += reader.bad - bad
 
-    def reboot(self, until_ns: int) -> None:
-        super().reboot(until_ns)
+    def reboot(self, for_s: float) -> None:
+        super().reboot(for_s)
         self._counts.clear()
         self._readers.clear()
 
@@ -139,7 +139,7 @@ def board_messages(keys: Any) -> BoardMessages:
         length=optional_number(keys.length),
         length_plus=keys.length.plus if keys.length else 0,
         kind=optional_number(keys.kind),
-        checksum=checksum(keys.crc),
+        checksum=keys.crc,
     )
     sent = {name: _layout(name, message, frame_format) for name, message in keys.receive.items()}
     replies = {message.reply for message in keys.send.values()}

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
-from .number import Checksum, LineNumber
+from .number import LineNumber
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,8 @@ class FrameFormat:
     length: LineNumber | None
     length_plus: int
     kind: LineNumber | None
-    checksum: Checksum | None
+    checksum: Any
+    """The driver's keys of it; None without one."""
 
     def built(self, layout: FrameLayout, values: Mapping[str, float], count: int = 0) -> bytes:
         """A whole frame; bytes that nothing covers are 0."""
@@ -38,13 +40,13 @@ class FrameFormat:
         frame = bytearray(end)
         frame[: len(self.sync)] = self.sync
         if self.length is not None:
-            self.length.put_code(frame, layout.size - self.length_plus)
+            self.length.write(frame, layout.size - self.length_plus)
         if self.kind is not None and layout.kind is not None:
-            self.kind.put_code(frame, layout.kind)
+            self.kind.write(frame, layout.kind)
         if layout.counter is not None:
-            layout.counter.put_code(frame, count % layout.counter.counts)
+            layout.counter.write(frame, count % layout.counter.counts)
         if layout.status is not None:
-            layout.status.put_code(frame, layout.good_status)
+            layout.status.write(frame, layout.good_status)
         for name, number in layout.fields.items():
             number.put(frame, values[name])
         return bytes(frame) + (self.checksum.of(bytes(frame)) if self.checksum else b"")

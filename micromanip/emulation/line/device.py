@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from typing import Any
 
 from micromanip.emulation.amplifier import Amplifier
 from micromanip.emulation.cell import EmulatedCell
 from micromanip.emulation.emulated import Wires
-from micromanip.emulation.messages import Due, MessageFigures, Periodic
+from micromanip.emulation.messages import Due, Periodic, Sender
+from micromanip.errors import UsageError
 from micromanip.testbus.event_loop import EventLoop
 
 from .device_line import DeviceLine
 from .fault import LineFault
+from .faults import GcsError, Identity, parsed
 from .port import Peer
 
 _TICK_NS = 1_000_000
@@ -60,18 +63,18 @@ class Behind:
             self.amplifier.trip(now_ns)
 
 
-class LineDevice:
+class LineDevice(Sender):
     """One device on one line."""
 
     faults: tuple[type[LineFault], ...] = ()
     """Those that it plays itself."""
 
     def __init__(self, loop: EventLoop, line: DeviceLine, behind: Behind) -> None:
-        self.figures = MessageFigures()
-        self.periodic: list[Periodic] = []
+        super().__init__(loop)
         self.signals: list[str] = []
-        self._loop, self._line, self._behind = loop, line, behind
-        self._off_until_ns: float = 0
+        self._line, self._behind = line, behind
+        self._off_until_ns = 0
+        self._began_ns = loop.now_ns()
         line.attach(self._arrived)
 
     @property
@@ -79,14 +82,17 @@ class LineDevice:
         """What it is, and does: "binary board, 1 message out, 1 in"."""
         raise NotImplementedError
 
+    @property
+    def ready(self) -> str:
+        return f"{self._line.port.name}: {self.description}"
+
     def sends(self, message: Due, send: Callable[[Due], None]) -> None:
         """Call `send` whenever `message` is due, the cell being where it is then."""
         self.periodic.append(Periodic(self._loop, self.figures, message, self._behind.advance_to, send))
 
     def start(self, now_ns: int) -> None:
-        """Begin to talk."""
-        for periodic in self.periodic:
-            periodic.start(now_ns)
+        self._began_ns = now_ns
+        super().start(now_ns)
         if all(periodic.message.period_ns > _TICK_NS for periodic in self.periodic):
             self._tick()
 
@@ -96,13 +102,35 @@ class LineDevice:
     def hear(self, data: bytes, peer: Peer) -> None:
         """Bytes came from `peer`; none at all mean that it has gone."""
 
-    def reboot(self, until_ns: int) -> None:
-        """Be off until then, with the amplifier; counters begin anew."""
-        self._off_until_ns = until_ns
-        self._behind.trip(self._loop.now_ns())
-        for periodic in self.periodic:
-            periodic.off_until_ns = until_ns
-            periodic.message.count = 0
+    def reboot(self, for_s: float) -> None:
+        """Be off for so long, with the amplifier; counters begin anew."""
+        now_ns = self._loop.now_ns()
+        self._off_until_ns = now_ns + round(for_s * 1e9)
+        self._behind.trip(now_ns)
+        self.be_off(self._off_until_ns)
+
+    def inject(self, fault: Mapping[str, Any]) -> None:
+        injected = parsed(dict(fault))
+        if isinstance(injected, Identity | GcsError) and not isinstance(injected, self.faults):
+            raise UsageError(f"fault {injected.kind}: {self.ready} has nothing of the kind")
+        self._line.inject(injected)
+
+    def clear(self) -> None:
+        self._line.clear()
+        super().clear()
+
+    def report(self) -> dict[str, Any]:
+        figures, port = self.figures, self._line.port.figures
+        elapsed_ns = max(1, self._loop.now_ns() - self._began_ns)
+        return {
+            "frames": figures.sent + figures.received,
+            **vars(figures),
+            **vars(port),
+            "bus_load_percent": round(100 * port.busy_ns / elapsed_ns, 2),
+        }
+
+    def close(self) -> None:
+        self._line.close()
 
     def _arrived(self, data: bytes, peer: Peer) -> None:
         if not data or self._loop.now_ns() >= self._off_until_ns:

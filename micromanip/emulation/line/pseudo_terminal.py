@@ -1,20 +1,16 @@
 """A serial port whose far end is an emulated device: a pseudo terminal, with a link to it at the configured path.
 
-What a pseudo terminal has not by itself comes from here: bytes take their time on the line, those that are sent while
-nobody has the port open are lost, and a port that was opened at another rate hears noise.
+What a pseudo terminal has not by itself comes from here: bytes take their time on the line, and those that are sent
+while nobody has the port open are lost. At which rate a program opens it makes no difference.
 """
 
 from __future__ import annotations
 
 import contextlib
 import errno
-import fcntl
-import math
 import os
 import select
 import socket
-import struct
-import termios
 import tty
 from collections.abc import Callable
 from pathlib import Path
@@ -27,10 +23,6 @@ from .port import LineFigures, LinePort
 _READ_BYTES = 65536
 _LOOK_EVERY_NS = 5_000_000
 """How often a port that nobody has open is looked at."""
-_TERMIOS2 = struct.Struct("=4IB19s2I")
-_TCGETS2, _TCSETS2 = 0x802C542A, 0x402C542B
-_CBAUD, _BOTHER = 0o010017, 0o010000
-_DATA_BITS = 8
 
 
 class PseudoTerminal(LinePort):
@@ -98,7 +90,6 @@ class PseudoTerminal(LinePort):
         master, slave = os.openpty()
         try:
             tty.setraw(slave)
-            set_baud(slave, self._baud)  # a program that sets no rate finds the port set right
             self._name = os.ttyname(slave)
             os.set_blocking(master, False)
             _link(self.device, self._name)
@@ -143,21 +134,21 @@ class PseudoTerminal(LinePort):
             self.figures.bytes_received += len(data)
             if self.echo:
                 self._write(data)
-            self._on_received(as_heard(data, baud_of(self._master), self._baud))
+            self._on_received(data)
 
     def _arrive(self, data: bytes) -> None:
         if self._master is None:
             return
         self.figures.bytes_sent += len(data)
-        self._write(as_heard(data, self._baud, baud_of(self._master)))
+        self._write(data)
 
-    def _write(self, heard: bytes) -> None:
+    def _write(self, data: bytes) -> None:
         assert self._master is not None
         written = 0
         if not _hung_up(self._master):
             with contextlib.suppress(BlockingIOError):
-                written = os.write(self._master, heard)
-        self.figures.bytes_lost += len(heard) - written
+                written = os.write(self._master, data)
+        self.figures.bytes_lost += len(data) - written
 
     def _over_the_line(self, direction: str, count: int) -> int:
         """When the last of `count` bytes has passed."""
@@ -211,58 +202,3 @@ def _hung_up(master: int) -> bool:
     poll = select.poll()
     poll.register(master, 0)
     return bool(poll.poll(0))
-
-
-def baud_of(fileno: int) -> int:
-    """The rate that the port was set to by who opened it: both ends of a pseudo terminal show it."""
-    try:
-        return int(_TERMIOS2.unpack(fcntl.ioctl(fileno, _TCGETS2, bytes(_TERMIOS2.size)))[-1])
-    except OSError as error:
-        raise DeviceUnavailable(f"the rate of a pseudo terminal can't be read: {error.strerror}") from error
-
-
-def set_baud(fileno: int, baud: int) -> None:
-    """Set both directions, and one stop bit."""
-    settings = list(_TERMIOS2.unpack(fcntl.ioctl(fileno, _TCGETS2, bytes(_TERMIOS2.size))))
-    settings[2] = (settings[2] & ~(_CBAUD | _CBAUD << 16) & ~termios.CSTOPB) | _BOTHER
-    settings[-2:] = [baud, baud]
-    fcntl.ioctl(fileno, _TCSETS2, _TERMIOS2.pack(*settings))
-
-
-def as_heard(data: bytes, sent_baud: int, heard_baud: int) -> bytes:
-    """`data`, sent at `sent_baud` without gaps, as a receiver at `heard_baud` reads it: 8 data bits, no parity.
-
-    The receiver waits for the edge of a start bit and samples in the middle of its own bits. A byte whose stop bit is
-    missing is handed over all the same, as most drivers do with framing errors.
-    """
-    if sent_baud == heard_baud:
-        return data
-    levels = _levels(data)
-    step = sent_baud / heard_baud  # a bit of the receiver, in bits of the sender
-    heard, at = bytearray(), 0.0
-    while (start := _falling_edge(levels, at)) is not None:
-        bits = [_level(levels, start + (1.5 + i) * step) for i in range(_DATA_BITS)]
-        heard.append(sum(bit << i for i, bit in enumerate(bits)))
-        at = start + (_DATA_BITS + 1.5) * step
-    return bytes(heard)
-
-
-def _levels(data: bytes) -> list[int]:
-    """The line, bit by bit: start bit, data from the lowest bit on, stop bit."""
-    levels = [1]
-    for byte in data:
-        levels += [0, *((byte >> i) & 1 for i in range(_DATA_BITS)), 1]
-    return levels
-
-
-def _level(levels: list[int], at: float) -> int:
-    """At a time; idle before and after."""
-    return levels[int(at)] if at < len(levels) else 1
-
-
-def _falling_edge(levels: list[int], at: float) -> int | None:
-    """When the line next goes from idle to a start bit, from `at` on."""
-    for i in range(max(1, math.ceil(at)), len(levels)):
-        if levels[i] == 0 and levels[i - 1] == 1:
-            return i
-    return None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from micromanip.emulation.messages import Due
@@ -12,7 +12,7 @@ from micromanip.testbus.event_loop import EventLoop
 from .device import Behind, LineDevice
 from .device_line import DeviceLine
 from .faults import Identity
-from .number import Checksum, LineNumber, checksum, line_number, line_numbers, optional_number
+from .number import LineNumber, line_numbers, optional_number
 from .port import Peer
 
 CLOCK_BEGINS_S = 86_400.0
@@ -40,23 +40,24 @@ class PacketLayout:
     good_status: int
     identity: dict[str, tuple[LineNumber, float]]
     fields: dict[str, LineNumber]
-    checksum: Checksum | None
+    checksum: Any
+    """The driver's keys of it; None without one."""
 
     def built(self, samples: list[Mapping[str, float]], count: int, time_s: float, wrong: bool) -> bytes:
         """A packet of `samples`; `count` and `time_s` are those of the first, `wrong` is for somebody else's."""
         header = bytearray(self.header_bytes)
         header[: len(self.magic)] = self.magic
         if self.blocks is not None:
-            self.blocks.put_code(header, len(samples))
+            self.blocks.write(header, len(samples))
         if self.counter is not None:
             number = count if self.counts_samples else count // max(1, len(samples))
-            self.counter.put_code(header, number % self.counter.counts)
+            self.counter.write(header, number % self.counter.counts)
         if self.time is not None:
             self.time.put(header, time_s)
         if self.status is not None:
-            self.status.put_code(header, self.good_status)
+            self.status.write(header, self.good_status)
         for number_of, value in self.identity.values():
-            number_of.put_code(header, int(value) + wrong)
+            number_of.write(header, int(value) + wrong)
         packet = bytes(header) + b"".join(self._block(sample) for sample in samples)
         return packet + (self.checksum.of(packet) if self.checksum else b"")
 
@@ -92,7 +93,7 @@ class StreamDevice(LineDevice):
         self._sends = not begin
         self._heard = b""
         self._gathered: list[Mapping[str, float]] = []
-        self._first_ns, self._began_ns = 0, 0
+        self._first_ns, self._clock_from_ns = 0, 0
         self._count = 0
         self.sends(Due(name, period_ns), self._sample)
 
@@ -102,7 +103,7 @@ class StreamDevice(LineDevice):
         return f"stream of {len(self.signals)} signals, {rate_hz:g} samples per second, {self._samples} a packet"
 
     def start(self, now_ns: int) -> None:
-        self._began_ns = now_ns
+        self._clock_from_ns = now_ns
         super().start(now_ns)
 
     def hear(self, data: bytes, peer: Peer) -> None:  # noqa: ARG002
@@ -111,11 +112,11 @@ class StreamDevice(LineDevice):
             self._sends = True
             self.figures.received += 1
 
-    def reboot(self, until_ns: int) -> None:
-        super().reboot(until_ns)
+    def reboot(self, for_s: float) -> None:
+        super().reboot(for_s)
         self._sends = not self._begin
         self._gathered.clear()
-        self._began_ns = until_ns
+        self._clock_from_ns = self._off_until_ns
 
     def _sample(self, message: Due) -> None:
         count = message.counted()
@@ -130,7 +131,7 @@ class StreamDevice(LineDevice):
         if not self._sends:
             self.figures.silent += 1
             return
-        time_s = CLOCK_BEGINS_S + (self._first_ns - self._began_ns) * 1e-9 * (1.0 + CLOCK_GAINS)
+        time_s = CLOCK_BEGINS_S + (self._first_ns - self._clock_from_ns) * 1e-9 * (1.0 + CLOCK_GAINS)
         wrong = self._line.active(Identity) is not None
         self._line.send(self._layout.built(samples, self._count, time_s, wrong))
         self.figures.sent += 1
@@ -142,15 +143,15 @@ def packet_layout(keys: Any) -> PacketLayout:
         magic=bytes.fromhex(keys.magic),
         header_bytes=keys.header_bytes,
         block_bytes=keys.block_bytes,
-        blocks=None if isinstance(keys.blocks, int) else line_number(keys.blocks),
+        blocks=None if isinstance(keys.blocks, int) else LineNumber(keys.blocks),
         counter=optional_number(keys.counter),
         counts_samples=keys.counter is not None and keys.counter.counts == "samples",
-        time=None if keys.time is None else replace(line_number(keys.time), scale=keys.time.unit_s),
+        time=None if keys.time is None else LineNumber(keys.time, scale=keys.time.unit_s),
         status=optional_number(keys.status),
         good_status=keys.status.good[0] if keys.status else 0,
-        identity={name: (line_number(number), float(number.value)) for name, number in keys.identity.items()},
+        identity={name: (LineNumber(number), float(number.value)) for name, number in keys.identity.items()},
         fields=line_numbers(keys.fields),
-        checksum=checksum(keys.crc),
+        checksum=keys.crc,
     )
 
 

@@ -21,7 +21,7 @@ from micromanip.emulation.emulated import EmulatedDevice, Surroundings, Wires
 from micromanip.emulation.line.device_line import DeviceLine
 from micromanip.emulation.line.fault import LineFault
 from micromanip.emulation.line.faults import GcsError, Identity, parsed
-from micromanip.emulation.line.number import checksum, line_number
+from micromanip.emulation.line.number import LineNumber
 from micromanip.emulation.line.port import Hear, Peer
 from micromanip.emulation.line.udp_port import UdpPort
 from micromanip.emulation.messages import MessageFigures
@@ -213,7 +213,7 @@ class UdpDevice:
         self.figures.sent += 1
 
     def _answer_who(self, data: bytes, peer: Peer) -> None:
-        keys, seal = self._keys.identity, checksum(self._keys.crc)
+        keys, seal = self._keys.identity, self._keys.crc
         if keys is None or not data.startswith(bytes.fromhex(keys.request)) or (seal and not seal.fits(data)):
             self.figures.not_understood += 1
             return
@@ -222,7 +222,7 @@ class UdpDevice:
         frame[: len(head)] = head
         other = 1 if self._line.active(Identity) else 0
         for known in keys.numbers.values():
-            line_number(known).put_code(frame, known.value ^ other)
+            LineNumber(known).write(frame, known.value ^ other)
         self._line.answer(peer, bytes(frame) + (seal.of(bytes(frame)) if seal else b""))
 
     def _look_after(self) -> None:

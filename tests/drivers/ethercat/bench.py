@@ -12,8 +12,7 @@ from micromanip_drivers.ethercat.records import CONTEXT
 from micromanip.bus.ethercat.registers import NOP
 from micromanip.bus.safe_state import SWITCH, VOLTAGE, SafeOutput
 from micromanip.emulation.ethercat.line import Line
-from micromanip.emulation.ethercat.process_data import terminal_of
-from micromanip.emulation.ethercat.terminal import INPUTS, OUTPUTS
+from micromanip.emulation.ethercat.terminal import INPUTS, OUTPUTS, terminal_of
 from tests.drivers.called import Called
 from tests.emulation.ethercat.wire import raw, until
 

@@ -6,11 +6,12 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 from micromanip_drivers.line.frame_options import InputField, Number, OutputField, WholeNumber
-from micromanip_drivers.line.number import InputNumber, NumberCodec, OutputNumber
+from micromanip_drivers.line.number import InputNumber, OutputNumber
 from micromanip_drivers.line.packet_counter import PacketCounter
 
 from micromanip.bus.errors import OutputRefused
 from micromanip.bus.number_options import SIZES
+from micromanip.driver.wire import NumberCodec
 
 GOLDEN = [
     ("int8", "little", "80", -128),

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ..budget.budget import AxisBudget, percent
-from .evidence import Curve, Plot, Section, Table
+from ..plot import Curve, Plot
+from .evidence import Section, Table
 
 TITLE = "What the path error is made of"
 

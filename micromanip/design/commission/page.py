@@ -7,9 +7,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from html import escape
 
 from ..criterion import Criterion
+from ..plot import Plot
 from . import verdict
 from .drawing import figure_json, style
-from .evidence import Evidence, Plot, Section
+from .evidence import Evidence, Section
 from .verdict import Verdict
 
 _SIGNS = {Verdict.PASS: "✓", Verdict.LESS: "✓", Verdict.FAIL: "✗", Verdict.NONE: "–"}

@@ -14,7 +14,7 @@ from .canvas import drawn, save
 from .loop_plots import loop_plots
 from .loops import Margins, Sample, System
 from .paper_plots import figure_7
-from .plot import Array, Curve, Plot
+from .report.model import Array, Curve, Plot
 
 _FAR = 20.0
 """An Ms above it is drawn there, and that of an unstable plant."""

@@ -9,8 +9,8 @@ from typing import Any
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from .plot import Plot
-from .thinning import thinned
+from .report.model import Plot
+from .report.thinning import thinned
 
 _SIZE, _DPI = (7.0, 4.5), 130
 

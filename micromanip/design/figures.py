@@ -16,7 +16,7 @@ from .excitation import shrinking_triangle
 from .experiment import Experiment
 from .identification import variant
 from .paper_plots import figure_2, figure_8, figure_9
-from .plot import Plot
+from .report.model import Plot
 
 
 def hysteresis_loops(configuration: Configuration, experiment: Experiment, axis: int) -> Plot:

@@ -12,15 +12,19 @@ from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
 from .canvas import drawn, save
 from .describing import inverse_operator
 from .fitting import Fitted
-from .plot import Array, Curve, Plot
 from .record import Record
+from .report.model import Array, Curve, Plot
 
 _SHOWN_S = 5.0
 
 
+def _times_s(record: Record) -> Array:
+    return np.asarray(np.arange(len(record.u)) * record.step_s, dtype=float)
+
+
 def _beside(burn_in: int, record: Record, predicted: Array) -> tuple[Plot, Plot]:
     """Model and measurement over time (the last seconds) and as a loop."""
-    t_s = np.arange(len(record.u)) * record.step_s
+    t_s = _times_s(record)
     late = slice(max(burn_in, len(record.u) - round(max(_SHOWN_S, 0.1 * t_s[-1]) / record.step_s)), None)
     used, pairs = slice(burn_in, None), (("measured", record.y), ("model", predicted))
     over_time, loop = (
@@ -37,7 +41,7 @@ def _residuals(burn_in: int, record: Record, predicted: Array) -> tuple[Plot, Pl
     left, error = f"model - measured {record.output_name}", predicted - record.y
     over_time, over_input = (
         Plot("", label, left, (Curve("", x[burn_in:], error[burn_in:]),))
-        for label, x in (("time, s", np.arange(len(record.u)) * record.step_s), (record.input_name, record.u))
+        for label, x in (("time, s", _times_s(record)), (record.input_name, record.u))
     )
     return over_time, over_input
 

@@ -9,7 +9,7 @@ import numpy as np
 from .evaluation import Run
 from .hysteresis import HysteresisFit
 from .judged import Inverse
-from .plot import Array, Curve, Plot
+from .report.model import Array, Curve, Plot
 
 _BINS, _SHOWN_BINS = 60, 585
 

@@ -1,8 +1,7 @@
-"""Two recorded runs as one page of HTML: what differs for sure, what was set otherwise, and the pictures of both."""
+"""Two recorded runs as one page of HTML: what differs for sure, what was set otherwise, and the plots of both."""
 
 from __future__ import annotations
 
-import html
 from collections.abc import Sequence
 from typing import Any
 
@@ -10,21 +9,14 @@ from micromanip.settings.schema.model import Configuration
 from micromanip.settings.text import units
 from micromanip.settings.text.shape import Shape
 
-from . import run_drawings as drawn
-from .page import page, section, table
 from .recorded_run import RecordedRun
+from .report.model import Section, Table
+from .report.page import page_of
 from .run_comparison import ERROR, TOO_SHORT, Judged
 from .run_confidence import SAME
 from .run_figures import RunFigures
-from .run_report import (
-    ABOUT_ERRORS,
-    ABOUT_HEADROOM,
-    ABOUT_LOOPS,
-    ABOUT_SPECTRUM,
-    ABOUT_TIMING,
-    facts,
-    remarks,
-)
+from .run_plots import LETTERS, sections
+from .run_report import facts, remarks
 
 _MOST_TEXT = 160
 _METHOD = (
@@ -43,30 +35,19 @@ def comparison_page(
     changes: Sequence[dict[str, Any]],
 ) -> str:
     """The page of two runs. `found` is what `judged` says of them, `changes` the keys in which they differ."""
+    names = [f"{letter} {run.telemetry.file.name}" for letter, run in zip(LETTERS, runs, strict=True)]
+    told = [f"{name}: {facts(run, found)}" for name, run, found in zip(names, runs, figures, strict=True)]
     parts = [
-        _heads(runs, figures),
+        Section("Runs", "\n\n".join(told)),
         _differences(found),
         _parameters(runs, changes),
-        section("Path error", ABOUT_ERRORS, drawn.errors(runs)),
-        section("Spectrum of the path error", ABOUT_SPECTRUM, drawn.densities(runs)),
-        section("Voltage left", ABOUT_HEADROOM, drawn.headroom(runs)),
-        section("Hysteresis loop", ABOUT_LOOPS, drawn.loops(runs)),
-        section("Timing", ABOUT_TIMING, drawn.timing(runs)),
-        *(remarks(f"Marks of {letter}", run) for letter, run in zip(drawn.LETTERS, runs, strict=True)),
+        *sections(runs),
+        *(each for letter, run in zip(LETTERS, runs, strict=True) for each in remarks(f"Marks of {letter}", run)),
     ]
-    names = (run.telemetry.file.name for run in runs)
-    return page(" and ".join(f"{letter} {name}" for letter, name in zip(drawn.LETTERS, names, strict=True)), parts)
+    return page_of(" and ".join(names), parts)
 
 
-def _heads(runs: Sequence[RecordedRun], figures: Sequence[RunFigures]) -> str:
-    lines = [
-        f"<p><b>{letter}</b> {html.escape(f'{run.telemetry.file.name}: {facts(run, found)}')}</p>"
-        for letter, run, found in zip(drawn.LETTERS, runs, figures, strict=True)
-    ]
-    return "".join(lines)
-
-
-def _differences(found: Sequence[Judged]) -> str:
+def _differences(found: Sequence[Judged]) -> Section:
     sure = [each for each in found if each.verdict not in (SAME, TOO_SHORT)]
     short = sum(each.verdict == TOO_SHORT for each in found)
     told = f"{len(sure)} of {len(found)} quantities differ by more than their confidence"
@@ -85,23 +66,23 @@ def _differences(found: Sequence[Judged]) -> str:
     ]
     head = ("quantity", "unit", "A", "B", "B - A", "95 %", "B is")
     method = _METHOD.format(count=len(found) - short, chance=0.05 * (len(found) - short))
-    all_of_them = f"<details><summary>All {len(rows)} quantities</summary>{table(head, rows)}</details>"
     first = [row for row, each in zip(rows, found, strict=True) if each in sure or each.quantity == ERROR]
-    return f"<h2>What differs</h2><p>{told}</p>{table(head, first)}{all_of_them}<p><small>{method}</small></p>"
+    tables = (Table("", head, first), Table(f"All {len(rows)} quantities", head, rows, folded=True))
+    return Section("What differs", f"{told}\n\n{method}", tables=tables)
 
 
-def _parameters(runs: Sequence[RecordedRun], changes: Sequence[dict[str, Any]]) -> str:
+def _parameters(runs: Sequence[RecordedRun], changes: Sequence[dict[str, Any]]) -> Section:
     rows = [
         (change["key"], _short(change["old"]), _short(change["new"]), *_meaning(change["key"])) for change in changes
     ]
-    shown = table(("key", "A", "B", "unit", "meaning"), rows, words=True) if rows else "<p>None.</p>"
     several = [
         f"{letter} ran with {len(run.telemetry.parameters)} sets of parameters: some were changed while it ran, "
         "which the configuration that it was started with does not say."
-        for letter, run in zip(drawn.LETTERS, runs, strict=True)
+        for letter, run in zip(LETTERS, runs, strict=True)
         if len(run.telemetry.parameters) > 1
     ]
-    return f"<h2>Parameters that differ</h2>{shown}{''.join(f'<p>{line}</p>' for line in several)}"
+    tables = (Table("", ("key", "A", "B", "unit", "meaning"), rows),) if rows else ()
+    return Section("Parameters that differ", "\n\n".join(several if rows else ["None.", *several]), tables=tables)
 
 
 def _short(value: Any) -> str:

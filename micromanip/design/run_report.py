@@ -1,39 +1,27 @@
-"""A recorded run as one page of HTML: what it did, as figures and pictures, in light and in dark."""
+"""A recorded run as one page of HTML: what it did, as figures and plots."""
 
 from __future__ import annotations
 
-import html
-
-from . import run_drawings as drawn
-from .page import page, section, table
 from .recorded_run import RecordedRun
+from .report.model import Section, Table
+from .report.page import page_of
 from .run_figures import RunFigures
+from .run_plots import sections
 
-ABOUT_ERRORS = (
-    "While tracking, least and greatest value. The bar: blue arming, green tracking, yellow holding, red fault."
-)
-ABOUT_HEADROOM = "To the nearer end of the range that the limiter keeps."
-ABOUT_LOOPS = "Gauge over voltage, as it was driven."
-ABOUT_SPECTRUM = "While tracking; Welch, Hann window, 1 s."
-ABOUT_TIMING = "Share of cycles that took longer."
 _MOST_TOLD = 5
 
 
 def run_report(run: RecordedRun, figures: RunFigures) -> str:
     """The page. CheckFailed where the recording is damaged."""
     telemetry = run.telemetry
+    configured = f"Started with the configuration of sha256 {telemetry.sha256[:16]}."
     parts = [
         _summary(run, figures),
-        section("Path error", ABOUT_ERRORS, drawn.errors([run])),
-        section("Spectrum of the path error", ABOUT_SPECTRUM, drawn.densities([run])),
-        section("Voltage left", ABOUT_HEADROOM, drawn.headroom([run])),
-        section("Hysteresis loop", ABOUT_LOOPS, drawn.loops([run])),
-        section("Timing", ABOUT_TIMING, drawn.timing([run])),
-        remarks("Marks", run),
-        f"<details><summary>Configuration, sha256 {html.escape(telemetry.sha256[:16])}</summary>"
-        f"<pre>{html.escape(telemetry.configuration)}</pre></details>",
+        *sections([run]),
+        *remarks("Marks", run),
+        Section("Configuration", configured, listing=telemetry.configuration),
     ]
-    return page(f"Run {telemetry.file.name}", parts)
+    return page_of(f"Run {telemetry.file.name}", parts)
 
 
 def facts(run: RecordedRun, figures: RunFigures) -> str:
@@ -64,7 +52,7 @@ def damage(run: RecordedRun) -> str:
     return f" The file is damaged {', '.join(told)}{more}: that is missing in all figures ({why}).{beside}"
 
 
-def _summary(run: RecordedRun, figures: RunFigures) -> str:
+def _summary(run: RecordedRun, figures: RunFigures) -> Section:
     axes = [
         [name, f"{axis.rms_um:.4f}", f"{axis.max_um:.3f}", f"{axis.peak_Hz:.1f}", f"{axis.peak_um:.4f}",
          "-" if axis.headroom_V is None else f"{axis.headroom_V:.1f}"]
@@ -75,11 +63,12 @@ def _summary(run: RecordedRun, figures: RunFigures) -> str:
         [name, *(f"{value / 1e3:.2f}" for value in values)]
         for name, values in (("lateness", figures.lateness_ns), ("compute", figures.compute_ns))
     ]
-    told = html.escape(facts(run, figures))
-    return f"<p>{told}</p>{table(head, axes)}{table(('us', 'p50', 'p99.9', 'max'), timing)}"
+    tables = (Table("Axes", head, axes), Table("Timing", ("us", "p50", "p99.9", "max"), timing))
+    return Section("Summary", facts(run, figures), tables=tables)
 
 
-def remarks(title: str, run: RecordedRun) -> str:
-    """The marks of a run as a table; empty where there are none."""
+def remarks(title: str, run: RecordedRun) -> list[Section]:
+    """The marks of a run as a table; none where there are none."""
     rows = [(str(mark["cycle"]), mark["time"], mark["by"], mark["text"]) for mark in run.telemetry.marks]
-    return f"<h2>{html.escape(title)}</h2>{table(('cycle', 'time', 'by', 'mark'), rows, words=True)}" if rows else ""
+    table = Table("", ("cycle", "time", "by", "mark"), rows)
+    return [Section(title, "", tables=(table,))] if rows else []

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from micromanip.design.thinning import thinned
+from micromanip.design.report.thinning import thinned
 
 seeds = st.integers(0, 2**32 - 1)
 

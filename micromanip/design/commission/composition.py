@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..budget.budget import AxisBudget, percent
-from ..plot import Curve, Plot
-from .evidence import Section, Table
+from ..report.model import Curve, Plot, Section, Table
 
 TITLE = "What the path error is made of"
 

@@ -21,8 +21,8 @@ from ..coupling.measured import Coupling, measure_coupling
 from ..coupling.together import Together, judge_together, relative_gain
 from ..criterion import Criterion
 from ..experiment import Experiment, with_axis
-from ..plot import Curve, Plot
-from .evidence import Evidence, Section, Table
+from ..report.model import Curve, Plot, Section, Table
+from .evidence import Evidence
 from .production import MOVED_HZ, Production
 
 Array = NDArray[np.float64]

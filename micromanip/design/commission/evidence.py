@@ -1,31 +1,11 @@
-"""What commissioning an axis leaves behind for people: verdicts, figures and plots, as plain data."""
+"""What commissioning an axis leaves behind for people: verdicts and sections, as plain data."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from ..criterion import Criterion
-from ..plot import Plot
-
-
-@dataclass(frozen=True)
-class Table:
-    """Rows of text below their heads; the first of each row names it."""
-
-    caption: str
-    heads: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-
-
-@dataclass(frozen=True)
-class Section:
-    """A step of the commissioning: what was done in words, figures by name, tables, its plots."""
-
-    title: str
-    text: str
-    figures: dict[str, str] = field(default_factory=dict)
-    plots: tuple[Plot, ...] = ()
-    tables: tuple[Table, ...] = ()
+from ..report.model import Section
 
 
 @dataclass(frozen=True)

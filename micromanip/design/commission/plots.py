@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..plot import Curve, Plot
+from ..report.model import Curve, Plot
 from ..tuning import StageModel
 from .validation import Validation
 

@@ -22,10 +22,9 @@ from ..budget.budget import AxisBudget
 from ..criteria import told
 from ..criterion import Criterion
 from ..experiment import Experiment, with_axes, with_reference
-from ..plot import Curve, Plot
+from ..report.model import Curve, Plot, Section
 from .at_rest import AtRest
 from .composition import TITLE, composition
-from .evidence import Section
 from .predictor import known_deviations
 
 Array = NDArray[np.float64]

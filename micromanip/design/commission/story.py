@@ -8,11 +8,11 @@ from ..analysis import AxisAnalysis
 from ..evaluation import Run
 from ..loop_plots import loop_plots
 from ..paper_plots import figure_2, figure_5, figure_7, figure_8, figure_9
-from ..plot import Plot
+from ..report.model import Plot, Section
 from ..tuning import StageModel
 from .acceptance import acceptance
 from .axis import Commissioned
-from .evidence import Evidence, Section
+from .evidence import Evidence
 from .ladder import ClosedOuter
 from .plots import measured_response, responses, tried_orders
 from .tracking import asked

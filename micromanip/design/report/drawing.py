@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..plot import Array, Curve, Plot
-from ..thinning import thinned
+from .model import Array, Curve, Plot
+from .thinning import thinned
 
 COLOURS = 7
 """Of the style sheet, c0 to c6, told apart also by people who see no red or no green (Okabe and Ito, 2008)."""

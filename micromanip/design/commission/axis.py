@@ -33,9 +33,8 @@ from .knobs import Knobs
 from .ladder import ClosedOuter, prove_outer
 from .limit_cycle import Rest, strain_at_rest
 from .partial import Steps
-from .polarity import Polarity, check_polarity
+from .polarity import Polarity, check_polarity, check_rest
 from .quality import HELD_OUT_PERCENT, Quality, judge_coverage, steepest_branch
-from .rest import check_rest
 from .travel import check_answer, check_travel, require_centred
 from .validation import coupling
 from .watched import Watched

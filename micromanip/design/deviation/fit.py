@@ -35,7 +35,7 @@ from micromanip.rt.laws.reference import MAX_MODES
 from micromanip.settings.schema.reference import AxisTracker, Oscillation, Steady
 
 from .innovations import Whiteness, Whitening, judge_innovations, noise_of, steady_of, with_noise
-from .moves import MOVES_PERCENT
+from .recorded import MOVES_PERCENT
 
 Array = NDArray[np.float64]
 

@@ -10,9 +10,8 @@ from .choice import choose, modes_of
 from .delay import first_answers
 from .modal import Array, Modes
 from .model import LinearFit, as_columns, delayed
-from .noise import kalman_gain
 from .refinement import refine
-from .subspace import Experiment, compress, dynamics, observability
+from .subspace import Experiment, compress, dynamics, kalman_gain, observability
 
 _REFINEMENTS = 8
 _CHANNEL_ROWS, _SAMPLES_A_ROW = 120, 10

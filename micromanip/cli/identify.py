@@ -73,7 +73,7 @@ def command(
         samples_for,
         write_csv,
     )
-    from micromanip.design.movement import moves_against
+    from micromanip.design.record import moves_against
     from micromanip.settings.check import prepare
 
     prepared = prepare(config)

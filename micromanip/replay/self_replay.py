@@ -1,4 +1,4 @@
-"""The recorded run once more, row by row, until one differs or something is missing."""
+"""The recorded run once more, row by row, until one differs or something is missing; how rows are compared."""
 
 from __future__ import annotations
 

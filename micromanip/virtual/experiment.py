@@ -1,4 +1,4 @@
-"""Experiments in virtual time: a configuration, armed, for so many seconds, without machining."""
+"""Experiments in virtual time: a configuration, armed, for so many seconds; each sample at its own time."""
 
 from __future__ import annotations
 

@@ -28,9 +28,8 @@ from ..sensitivity import Sensitivity
 from ..synthesis import PidDesign, Undone, undo
 from ..tuning import burn_in, hysteresis_models, identify_stage, record_hysteresis
 from .at_rest import tooth_at_work
-from .closing import Say, close_strain
+from .closing import ClosedOuter, Say, close_strain, prove_outer
 from .knobs import Knobs
-from .ladder import ClosedOuter, prove_outer
 from .limit_cycle import Rest, strain_at_rest
 from .partial import Steps
 from .polarity import Polarity, check_polarity, check_rest

@@ -1,4 +1,4 @@
-"""The first move of all: does the axis move, which way, how far, and does the right gauge see it?
+"""Sensors at rest, and the first move of all: does the axis move, which way, how far, and does the right gauge see it?
 
 Open loop and small: a wrong sign or a crossed cable would make every later feedback run away.
 """

@@ -12,8 +12,8 @@ from ..report.model import Plot, Section
 from ..tuning import StageModel
 from .acceptance import acceptance
 from .axis import Commissioned
+from .closing import ClosedOuter
 from .evidence import Evidence
-from .ladder import ClosedOuter
 from .plots import measured_response, responses, tried_orders
 from .tracking import asked
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import decimate
 
-from micromanip.design.movement import require_movement, stands_still
+from micromanip.design.record import require_movement, stands_still
 from micromanip.errors import CheckFailed
 from micromanip.recordings import Recording, Wanted, take
 from micromanip.recordings.loader import LISTS

@@ -1,4 +1,4 @@
-"""The preview of a path on a cell: stretches beyond what each axis has, and what an offset of the robot would leave."""
+"""The preview of a path on a cell: stretches beyond what each axis has, and the robot's offset that leaves least."""
 
 from __future__ import annotations
 

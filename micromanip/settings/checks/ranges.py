@@ -1,4 +1,4 @@
-"""What a set-point can reach: a reference that asks for more is refused, the range of a tracker is told of.
+"""What actuators, set-points and samples can reach: a reference that asks for more is refused, limits are told of.
 
 The range of a tracker says which deviations are believed. One that is believed and out of reach is followed to the end
 of the set-point's range and back from there; were it refused, the path would be lost instead (X-301).

@@ -1,4 +1,4 @@
-"""What pydantic finds, in plain words: at which key, what is wrong, and what would be right."""
+"""What pydantic finds, in plain words: at which key, what is wrong, and what would be right, with hints."""
 
 from __future__ import annotations
 

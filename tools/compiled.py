@@ -17,7 +17,7 @@ import sys
 import numpy as np
 from micromanip_drivers.simulated.driver import SimulatedCell
 
-from micromanip.cli.compiling import show_compiling
+from micromanip.cli.progress import show_compiling
 from micromanip.replay.fitting import displacements
 from micromanip.replay.kernel import replay_rows
 from micromanip.rt.cell import cell_cycle

@@ -56,7 +56,7 @@ def command(
         else:
             budgets, about = _of_recording(file, only, coherence_s, bar.say)
         if folder is not None:
-            from micromanip.design.budget.picture import draw_budget
+            from micromanip.design.pictures import draw_budget
 
             bar.say("drawing")
             for budget in budgets:

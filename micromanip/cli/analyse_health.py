@@ -150,9 +150,9 @@ def _live(client: Client, axis: str, amplitude_um: float, seed: int) -> tuple[Co
 
 def _draw(checks: list[Check], judged: Judged, configuration: Configuration, folder: Path) -> list[Path]:
     from micromanip.design.canvas import save
-    from micromanip.design.drift.picture import picture
+    from micromanip.design.pictures import health_picture
 
-    drawn = picture(checks, judged, configuration.axes[judged.axis].accept)
+    drawn = health_picture(checks, judged, configuration.axes[judged.axis].accept)
     return [save(drawn, folder, f"drift_{judged.axis}", about=f"tuning {checks[-1].tuning}")]
 
 

@@ -69,7 +69,7 @@ def command(
     with Pictures(folder) as pictures:
         found = preview_of(prepared, path, reserve_um, tolerance_um, corner_hz)
         if folder is not None:
-            from micromanip.design.preview.picture import draw_preview
+            from micromanip.design.pictures import draw_preview
 
             for axis, left in zip(found.axes, found.left, strict=True):
                 settings = prepared.configuration.axes[axis.axis]

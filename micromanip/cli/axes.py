@@ -51,18 +51,15 @@ def _axes(ctx: click.Context) -> list[str]:
 
 def _named(ctx: click.Context) -> Iterator[Path]:
     """Files that the words before name; those of arguments are still unsorted where the last word is an option."""
-    memory = [param.name for param in ctx.command.params if "--memory" in param.opts]
-    for name in (*_FILES, *memory):
-        if name is not None and isinstance(path := ctx.params.get(name), Path):
+    for name in _FILES:
+        if isinstance(path := ctx.params.get(name), Path):
             yield path.expanduser()
     if any(isinstance(param, click.Argument) and param.name in _FILES for param in ctx.command.params):
         yield from (Path(word).expanduser() for word in ctx.args if not word.startswith("-"))
 
 
 def _of_path(path: Path) -> list[str]:
-    """The axes of a configuration, or of a folder of learned memories; none where it can't be read."""
-    if path.is_dir():
-        return sorted({file.name.split(".")[0] for file in path.glob("*.npz")})
+    """The axes of a configuration; none where it can't be read."""
     from micromanip.settings.text.source import Source
 
     try:

@@ -24,7 +24,7 @@ def command(config: Path, as_json: bool) -> None:
     from micromanip.settings.check import prepare
     from micromanip.settings.checks.feedback import strain_loops
     from micromanip.settings.wiring.buses import budget as bus_budget
-    from micromanip.virtual.cycle_time import measured_cycle_ns
+    from micromanip.virtual.cell import measured_cycle_ns
 
     prepared = prepare(config)
     configuration, wiring = prepared.configuration, prepared.wiring

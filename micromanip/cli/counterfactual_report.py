@@ -7,8 +7,8 @@ import sys
 from pathlib import Path
 from typing import Any, NoReturn
 
-from .compiling import show_compiling
 from .options import emit_answer
+from .progress import show_compiling
 from .recording_options import open_recording
 
 

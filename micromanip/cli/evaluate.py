@@ -12,10 +12,9 @@ import click
 from micromanip.errors import UsageError
 
 from .axes import complete_axis, require_axis_of
-from .compiling import show_compiling
 from .echo import echo
 from .options import Quantity, StrictCommand, config_argument, emit_json, json_option
-from .progress import steps
+from .progress import show_compiling, steps
 from .results import Pictures, out_option, provenance
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from micromanip.design.deviation.moves import MOVES_PERCENT
+from micromanip.design.deviation.recorded import MOVES_PERCENT
 from micromanip.errors import CheckFailed, ConfigError
 
 from .axes import axis_option, chosen_axes

@@ -9,7 +9,7 @@ import click
 
 from micromanip.errors import CheckFailed, UsageError, sentence
 
-from .axes import complete_axis, require_axis_of
+from .axes import one_axis_option, require_axis_of
 from .echo import echo
 from .options import Quantity, StrictCommand, config_argument, emit_json, json_option, socket_option
 from .results import keep, out_option, results_folder
@@ -25,12 +25,7 @@ if TYPE_CHECKING:
     "identify", cls=StrictCommand, epilog="Example: micromanip identify config/factory.yaml --axis x --out out/identify"
 )
 @config_argument
-@click.option(
-    "--axis",
-    required=True,
-    shell_complete=complete_axis,
-    help="The axis to move; the others rest at their park voltage.",
-)
+@one_axis_option
 @out_option("the CSV", required=True)
 @click.option(
     "--kind",
@@ -59,21 +54,14 @@ def command(
     config: Path, axis: str, folder: Path, kind: Any, seconds: float | None, seed: int, live: bool, yes: bool,
     socket_path: Path, as_json: bool,
 ) -> None:  # fmt: skip
-    """Move one axis open loop through its stroke and record voltage, strain gauge and stage at 1 kHz.
+    """Move one axis open loop through its stroke and record voltage, strain gauge and stage at 1 kHz; the others rest.
 
     The excitation stays inside the voltage, slew and current limits of the axis' output, starts and ends softly, and
     any fault ends it with a ramp to the park voltage; then nothing is written. Exit code 1 also where the gauge falls
     while the voltage rises, whose recording stays.
     """
-    from micromanip.design.identification import (
-        DEFAULT_SECONDS,
-        design,
-        held,
-        recording,
-        samples_for,
-        write_csv,
-    )
-    from micromanip.design.movement import moves_against
+    from micromanip.design.identification import DEFAULT_SECONDS, design, held, recording, samples_for, write_csv
+    from micromanip.design.record import moves_against
     from micromanip.settings.check import prepare
 
     prepared = prepare(config)

@@ -4,11 +4,22 @@ from __future__ import annotations
 
 import contextlib
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING
+
+from .echo import echo
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
+
+
+def show_compiling(show: Callable[[str], None] = lambda line: echo(line, err=True)) -> None:
+    """Let `show` have what is compiled in this process from now on, and how long it will take."""
+    from micromanip.rt.jit import Compiler
+
+    Compiler.tell = staticmethod(lambda name: show(f"compiling {name} for this processor, once after an update"))
+    Compiler.tell_left = staticmethod(lambda name, seconds: show(f"compiling {name}: {seconds:.0f} s left"))
+
 
 _NARROW = 70
 """Below it what is done, its share and the time left stand alone, and the first goes on in the next line."""

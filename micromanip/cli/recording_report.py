@@ -66,9 +66,9 @@ def compare(first: Path, second: Path, to: Path | None, as_json: bool) -> None:
     """
     from micromanip.design.recorded_run import BANDS_Hz, RecordedRun
     from micromanip.design.run_comparison import judged
-    from micromanip.design.run_comparison_page import comparison_page
     from micromanip.design.run_confidence import difference
     from micromanip.design.run_figures import configuration_changes, run_figures
+    from micromanip.design.run_report import comparison_page
     from micromanip.recordings import open_telemetry
 
     from .progress import steps

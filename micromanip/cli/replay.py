@@ -10,9 +10,9 @@ import click
 
 from micromanip.errors import UsageError
 
-from .compiling import show_compiling
 from .echo import echo
 from .options import Quantity, StrictCommand, emit_answer, json_option
+from .progress import show_compiling
 from .recording_options import Cut, open_recording
 
 _OF_VARY = ("trials", "best", "objective", "seed", "jobs", "address", "out")

@@ -14,22 +14,17 @@ import micromanip
 from micromanip.errors import CheckFailed, DeviceUnavailable
 
 from .echo import echo
-from .options import Quantity, StrictCommand, emit_answer, json_option
+from .options import StrictCommand, emit_answer, json_option
 from .progress import steps
+
+_PAIRS, _LATENESS_S = 15, 2.0
+"""Interleaved pairs; length of each measurement of lateness."""
 
 
 @click.command("bench", cls=StrictCommand, epilog="Example: micromanip system bench --only cycle --only offline")
 @click.option("--only", multiple=True, metavar="NAME", help="One of the names below; may be repeated.")
-@click.option("--pairs", type=Quantity("Count"), default=15, show_default=True, help="Interleaved pairs.")
-@click.option(
-    "--lateness-s",
-    type=Quantity("Seconds", least=1.0),
-    default=2.0,
-    show_default=True,
-    help="Length of each measurement of lateness, whole seconds.",
-)
 @json_option
-def command(only: tuple[str, ...], pairs: int, lateness_s: float, as_json: bool) -> None:
+def command(only: tuple[str, ...], as_json: bool) -> None:
     """Measure the speed of this machine, each figure beside a reference measured in the same run.
 
     cycle: three axes beside the same cycle in plain C, in a warm cache and (cycle_cold) behind a neighbour that empties
@@ -48,7 +43,7 @@ def command(only: tuple[str, ...], pairs: int, lateness_s: float, as_json: bool)
     runner = importlib.import_module("benchmarks.runner")
     with steps() as bar:
         tell = bar.say if bar.console.is_terminal else partial(echo, err=True)
-        settings = runner.Plan(root / "config" / "paper.yaml", pairs, lateness_s, tell)
+        settings = runner.Plan(root / "config" / "paper.yaml", _PAIRS, _LATENESS_S, tell)
         document = runner.run(settings, only).document()
     emit_answer(document, _table, as_json)
     if document["failed"]:

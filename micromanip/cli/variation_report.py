@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from micromanip.errors import CheckFailed
 
-from .compiling import show_compiling
 from .options import emit_answer
+from .progress import show_compiling
 from .recording_options import open_recording
 from .results import keep, require_new, require_room
 

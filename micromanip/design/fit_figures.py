@@ -2,82 +2,72 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
 
-from .canvas import panels, save
+from .canvas import drawn, save
 from .describing import inverse_operator
 from .fitting import Fitted
 from .record import Record
-
-Array = NDArray[np.float64]
+from .report.model import Array, Curve, Plot
 
 _SHOWN_S = 5.0
 
 
-def _beside(result: Fitted, record: Record, predicted: Array, title: str) -> Figure:
+def _times_s(record: Record) -> Array:
+    return np.asarray(np.arange(len(record.u)) * record.step_s, dtype=float)
+
+
+def _beside(burn_in: int, record: Record, predicted: Array) -> tuple[Plot, Plot]:
     """Model and measurement over time (the last seconds) and as a loop."""
-    used = slice(result.burn_in, None)
-    figure, (top, bottom) = panels(2, title, 1.6)
-    seconds = np.arange(len(record.u)) * record.step_s
-    shown = slice(max(result.burn_in, len(record.u) - round(max(_SHOWN_S, 0.1 * seconds[-1]) / record.step_s)), None)
-    top.plot(seconds[shown], record.y[shown], label="measured", lw=1.4)
-    top.plot(seconds[shown], predicted[shown], "--", label="model", lw=1.0)
-    bottom.plot(record.u[used], record.y[used], label="measured", lw=1.2, alpha=0.6, rasterized=True)
-    bottom.plot(record.u[used], predicted[used], label="model", lw=0.7, rasterized=True)
-    top.set(xlabel="time, s", ylabel=f"{record.output_name}")
-    bottom.set(xlabel=f"{record.input_name}", ylabel=f"{record.output_name}")
-    for panel in (top, bottom):
-        panel.legend()
-        panel.grid(alpha=0.3)
-    return figure
+    t_s = _times_s(record)
+    late = slice(max(burn_in, len(record.u) - round(max(_SHOWN_S, 0.1 * t_s[-1]) / record.step_s)), None)
+    used, pairs = slice(burn_in, None), (("measured", record.y), ("model", predicted))
+    over_time, loop = (
+        tuple(Curve(name, x[part], y[part]) for name, y in pairs) for x, part in ((t_s, late), (record.u, used))
+    )
+    return (
+        Plot("", "time, s", record.output_name, over_time),
+        Plot("", record.input_name, record.output_name, loop),
+    )
 
 
-def _residuals(result: Fitted, record: Record, error: Array, title: str) -> Figure:
+def _residuals(burn_in: int, record: Record, predicted: Array) -> tuple[Plot, Plot]:
     """Residual over time, and over the input: what is left of the loop."""
-    used = slice(result.burn_in, None)
-    figure, (top, bottom) = panels(2, title, 1.4)
-    seconds = np.arange(len(record.u)) * record.step_s
-    top.plot(seconds[used], error[used], lw=0.6, rasterized=True)
-    bottom.plot(record.u[used], error[used], lw=0.4, rasterized=True)
-    left = f"model - measured {record.output_name}"
-    top.set(xlabel="time, s", ylabel=left)
-    bottom.set(xlabel=f"{record.input_name}", ylabel=left)
-    for panel in (top, bottom):
-        panel.grid(alpha=0.3)
-    return figure
+    left, error = f"model - measured {record.output_name}", predicted - record.y
+    over_time, over_input = (
+        Plot("", label, left, (Curve("", x[burn_in:], error[burn_in:]),))
+        for label, x in (("time, s", _times_s(record)), (record.input_name, record.u))
+    )
+    return over_time, over_input
 
 
-def _density(model: PrandtlIshlinskii) -> Figure:
+def _density(model: PrandtlIshlinskii) -> tuple[Plot, Plot]:
     """Thresholds and weights, of the model and of its inverse (8)-(9)."""
     inverse = inverse_operator(model)
-    figure, (top, bottom) = panels(2, "Thresholds and weights of the play operators", 1.3)
-    top.stem(model.thresholds_um, model.weights)
-    top.set(xlabel="threshold r, um", ylabel="weight")
-    bottom.stem(inverse.thresholds, inverse.weights)
-    bottom.set(xlabel="threshold of the inverse, um", ylabel="weight of the inverse")
-    for panel in (top, bottom):
-        panel.grid(alpha=0.3)
-    return figure
+    forward = Curve("", np.array(model.thresholds_um), np.array(model.weights), marks=True)
+    back = Curve("", np.array(inverse.thresholds), np.array(inverse.weights), marks=True)
+    return (
+        Plot("", "threshold r, um", "weight", (forward,)),
+        Plot("", "threshold of the inverse, um", "weight of the inverse", (back,)),
+    )
 
 
-def draw_fit(result: Fitted, record: Record, held_out: Record | None, folder: Path, dpi: int = 130) -> list[Path]:
+def draw_fit(result: Fitted, record: Record, held_out: Record | None, folder: Path) -> Iterator[Path]:
     """Draw all of them into `folder`; the files."""
-    predicted = result.predict(record.u)
-    what = f"{result.kind}, rms {result.rms_percent:.2f} % of the stroke"
-    files = [save(_beside(result, record, predicted, what), folder, "figure5_model", dpi)]
-    files.append(save(_residuals(result, record, predicted - record.y, what), folder, "residuals", dpi))
+    predicted, kind = result.predict(record.u), f"{result.kind}, rms {result.rms_percent:.2f} % of the stroke"
+    yield save(drawn(_beside(result.burn_in, record, predicted), kind), folder, "figure5_model")
+    yield save(drawn(_residuals(result.burn_in, record, predicted), kind), folder, "residuals")
     if held_out is not None and result.validation is not None:
         other = result.held_out if result.held_out is not None else result.predict(held_out.u)
         other = other - (other - held_out.y)[result.burn_in :].mean()
         what = f"not fitted to: rms {result.validation['rms_percent']:.2f} % of the stroke"
-        files.append(save(_beside(result, held_out, other, what), folder, "held_out", dpi))
-        files.append(save(_residuals(result, held_out, other - held_out.y, what), folder, "held_out_residuals", dpi))
+        yield save(drawn(_beside(result.burn_in, held_out, other), what), folder, "held_out")
+        yield save(drawn(_residuals(result.burn_in, held_out, other), what), folder, "held_out_residuals")
     if isinstance(result.settings, PrandtlIshlinskii):
-        files.append(save(_density(result.settings), folder, "density", dpi))
-    return files
+        what = "Thresholds and weights of the play operators"
+        yield save(drawn(_density(result.settings), what), folder, "density")

@@ -1,7 +1,8 @@
-"""A recording for identification: one input and one output, judged before anything is fitted to them."""
+"""A recording for identification: one input and one output, judged before a fit; columns that stand still, refused."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -13,7 +14,28 @@ from micromanip.errors import CheckFailed
 from micromanip.recordings import Recording, Wanted, take
 from micromanip.recordings.spikes import bridged, runs
 
-from .movement import moves_against, require_movement
+_CLEARLY = 0.5
+"""Correlation."""
+
+
+def stands_still(values: NDArray[np.float64]) -> bool:
+    """Whether `values` (n,) are one value, to rounding."""
+    return bool(np.ptp(values) <= 1e-12 * max(1.0, float(np.abs(values).max())))
+
+
+def moves_against(values: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
+    """Whether `values` (n,) fall while `other` (n,), which moves, rises."""
+    return not stands_still(values) and float(np.corrcoef(values, other)[0, 1]) < -_CLEARLY
+
+
+def require_movement(file: Path, columns: Mapping[str, NDArray[np.float64]]) -> None:
+    """Refuse columns that stand still."""
+    for name, values in columns.items():
+        if stands_still(values):
+            raise CheckFailed(
+                f"{file}: {name} is constant: record while the actuator moves over the stroke that it will use"
+            )
+
 
 Array = NDArray[np.float64]
 

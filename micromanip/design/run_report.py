@@ -1,39 +1,36 @@
-"""A recorded run as one page of HTML: what it did, as figures and pictures, in light and in dark."""
+"""A recorded run, or two side by side, as one page of HTML: figures and plots, and what differs for sure."""
 
 from __future__ import annotations
 
-import html
+from collections.abc import Sequence
+from typing import Any
 
-from . import run_drawings as drawn
-from .page import page, section, table
+from micromanip.settings.schema.model import Configuration
+from micromanip.settings.text import units
+from micromanip.settings.text.shape import Shape
+
 from .recorded_run import RecordedRun
+from .report.model import Section, Table
+from .report.page import page_of
+from .run_comparison import ERROR, TOO_SHORT, Judged
+from .run_confidence import SAME
 from .run_figures import RunFigures
+from .run_plots import LETTERS, sections
 
-ABOUT_ERRORS = (
-    "While tracking, least and greatest value. The bar: blue arming, green tracking, yellow holding, red fault."
-)
-ABOUT_HEADROOM = "To the nearer end of the range that the limiter keeps."
-ABOUT_LOOPS = "Gauge over voltage, as it was driven."
-ABOUT_SPECTRUM = "While tracking; Welch, Hann window, 1 s."
-ABOUT_TIMING = "Share of cycles that took longer."
 _MOST_TOLD = 5
 
 
 def run_report(run: RecordedRun, figures: RunFigures) -> str:
     """The page. CheckFailed where the recording is damaged."""
     telemetry = run.telemetry
+    configured = f"Started with the configuration of sha256 {telemetry.sha256[:16]}."
     parts = [
         _summary(run, figures),
-        section("Path error", ABOUT_ERRORS, drawn.errors([run])),
-        section("Spectrum of the path error", ABOUT_SPECTRUM, drawn.densities([run])),
-        section("Voltage left", ABOUT_HEADROOM, drawn.headroom([run])),
-        section("Hysteresis loop", ABOUT_LOOPS, drawn.loops([run])),
-        section("Timing", ABOUT_TIMING, drawn.timing([run])),
-        remarks("Marks", run),
-        f"<details><summary>Configuration, sha256 {html.escape(telemetry.sha256[:16])}</summary>"
-        f"<pre>{html.escape(telemetry.configuration)}</pre></details>",
+        *sections([run]),
+        *remarks("Marks", run),
+        Section("Configuration", configured, listing=telemetry.configuration),
     ]
-    return page(f"Run {telemetry.file.name}", parts)
+    return page_of(f"Run {telemetry.file.name}", parts)
 
 
 def facts(run: RecordedRun, figures: RunFigures) -> str:
@@ -64,7 +61,7 @@ def damage(run: RecordedRun) -> str:
     return f" The file is damaged {', '.join(told)}{more}: that is missing in all figures ({why}).{beside}"
 
 
-def _summary(run: RecordedRun, figures: RunFigures) -> str:
+def _summary(run: RecordedRun, figures: RunFigures) -> Section:
     axes = [
         [name, f"{axis.rms_um:.4f}", f"{axis.max_um:.3f}", f"{axis.peak_Hz:.1f}", f"{axis.peak_um:.4f}",
          "-" if axis.headroom_V is None else f"{axis.headroom_V:.1f}"]
@@ -75,11 +72,92 @@ def _summary(run: RecordedRun, figures: RunFigures) -> str:
         [name, *(f"{value / 1e3:.2f}" for value in values)]
         for name, values in (("lateness", figures.lateness_ns), ("compute", figures.compute_ns))
     ]
-    told = html.escape(facts(run, figures))
-    return f"<p>{told}</p>{table(head, axes)}{table(('us', 'p50', 'p99.9', 'max'), timing)}"
+    tables = (Table("Axes", head, axes), Table("Timing", ("us", "p50", "p99.9", "max"), timing))
+    return Section("Summary", facts(run, figures), tables=tables)
 
 
-def remarks(title: str, run: RecordedRun) -> str:
-    """The marks of a run as a table; empty where there are none."""
+def remarks(title: str, run: RecordedRun) -> list[Section]:
+    """The marks of a run as a table; none where there are none."""
     rows = [(str(mark["cycle"]), mark["time"], mark["by"], mark["text"]) for mark in run.telemetry.marks]
-    return f"<h2>{html.escape(title)}</h2>{table(('cycle', 'time', 'by', 'mark'), rows, words=True)}" if rows else ""
+    table = Table("", ("cycle", "time", "by", "mark"), rows)
+    return [Section(title, "", tables=(table,))] if rows else []
+
+
+_MOST_TEXT = 160
+_METHOD = (
+    "Each line is judged by itself, with 95 % confidence: of {count} lines {chance:.0f} may be called lower or higher "
+    "by chance where the runs are of one kind. Cycles are not independent of one another: means are taken of batches "
+    "long beside their memory (batch means: Law and Kelton, Simulation Modeling and Analysis, 9.5), and the intervals "
+    "are those of Welch's test on the batches. A greatest or least value and a percentile are taken of sections of one "
+    "length in both runs, and their mean is compared."
+)
+
+
+def comparison_page(
+    runs: Sequence[RecordedRun],
+    figures: Sequence[RunFigures],
+    found: Sequence[Judged],
+    changes: Sequence[dict[str, Any]],
+) -> str:
+    """The page of two runs. `found` is what `judged` says of them, `changes` the keys in which they differ."""
+    names = [f"{letter} {run.telemetry.file.name}" for letter, run in zip(LETTERS, runs, strict=True)]
+    told = [f"{name}: {facts(run, found)}" for name, run, found in zip(names, runs, figures, strict=True)]
+    parts = [
+        Section("Runs", "\n\n".join(told)),
+        _differences(found),
+        _parameters(runs, changes),
+        *sections(runs),
+        *(each for letter, run in zip(LETTERS, runs, strict=True) for each in remarks(f"Marks of {letter}", run)),
+    ]
+    return page_of(" and ".join(names), parts)
+
+
+def _differences(found: Sequence[Judged]) -> Section:
+    sure = [each for each in found if each.verdict not in (SAME, TOO_SHORT)]
+    short = sum(each.verdict == TOO_SHORT for each in found)
+    told = f"{len(sure)} of {len(found)} quantities differ by more than their confidence"
+    told += f"; for {short} the shorter run is too short." if short else "."
+    rows = [
+        [
+            " ".join(part for part in (each.axis, each.quantity) if part),
+            each.unit,
+            f"{each.a:.4g}",
+            f"{each.b:.4g}",
+            f"{each.b - each.a:+.3g}",
+            "-" if each.low is None or each.high is None else f"{each.low:+.3g} to {each.high:+.3g}",
+            each.verdict,
+        ]
+        for each in found
+    ]
+    head = ("quantity", "unit", "A", "B", "B - A", "95 %", "B is")
+    method = _METHOD.format(count=len(found) - short, chance=0.05 * (len(found) - short))
+    first = [row for row, each in zip(rows, found, strict=True) if each in sure or each.quantity == ERROR]
+    tables = (Table("", head, first), Table(f"All {len(rows)} quantities", head, rows, folded=True))
+    return Section("What differs", f"{told}\n\n{method}", tables=tables)
+
+
+def _parameters(runs: Sequence[RecordedRun], changes: Sequence[dict[str, Any]]) -> Section:
+    rows = [
+        (change["key"], _short(change["old"]), _short(change["new"]), *_meaning(change["key"])) for change in changes
+    ]
+    several = [
+        f"{letter} ran with {len(run.telemetry.parameters)} sets of parameters: some were changed while it ran, "
+        "which the configuration that it was started with does not say."
+        for letter, run in zip(LETTERS, runs, strict=True)
+        if len(run.telemetry.parameters) > 1
+    ]
+    tables = (Table("", ("key", "A", "B", "unit", "meaning"), rows),) if rows else ()
+    return Section("Parameters that differ", "\n\n".join(several if rows else ["None.", *several]), tables=tables)
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.10g}"
+    text = "not there" if value is None else str(value)
+    return text if len(text) <= _MOST_TEXT else f"{text[:_MOST_TEXT]} ..."
+
+
+def _meaning(key: str) -> tuple[str, str]:
+    """Unit and description of a key, as the schema has them; empty for a driver's own options."""
+    parts = key.split(".")
+    return units.words_for(parts[-1]) or "", Shape.of(Configuration).at(parts).description

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from micromanip.errors import CheckFailed, UsageError
 
-from .clock import Clock, doubts, even, read_clock
+from .clock import Clock, doubts, even, onto_grid, read_clock, resampled
 from .reading import read_table
-from .resampling import onto_grid, resampled
 from .rows import Rows, usable
 from .spikes import faults_only, find_spikes
 from .table import Array, Table, called_time, has_time_word

@@ -9,11 +9,10 @@ from micromanip.errors import CheckFailed
 from micromanip.files import open_regular
 
 from .arrays import read_npy, read_npz
-from .hdf5 import read_hdf5
+from .hdf5 import read_hdf5, read_parquet
 from .matlab import read_matlab
 from .mcap_places import MAGIC
 from .mcap_reading import open_mcap, read_mcap
-from .parquet import read_parquet
 from .table import Table
 from .telemetry import Telemetry
 from .text import read_text

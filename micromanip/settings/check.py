@@ -27,11 +27,9 @@ from micromanip.settings.wiring.places import Wiring, driver_options, wire
 from micromanip.settings.wiring.simulation import build_plant
 from micromanip.settings.wiring.timing import with_ages
 
-from .checks.actuators import actuator_findings
 from .checks.feedback import feedback_findings, feedback_warnings
-from .checks.latency import latency_warnings
 from .checks.names import coupling_findings, name_findings
-from .checks.ranges import range_findings, range_warnings
+from .checks.ranges import actuator_findings, latency_warnings, range_findings, range_warnings
 from .load import validate_document
 from .tuning_hash import changes_since
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from typing import Any
 
@@ -16,6 +17,7 @@ from micromanip.rt.records import CELL_STATE, DRIVER, MAX_AXES, MAX_OUTPUTS, MAX
 from micromanip.rt.states import ARM, NO_COMMAND, READY, TRACKING
 from micromanip.rt.telemetry import ROW
 from micromanip.rt.virtual import run_virtual
+from micromanip.settings.check import Prepared
 from micromanip.settings.wiring.places import Wiring
 
 Rows = NDArray[Any]
@@ -105,3 +107,19 @@ class VirtualCell:
     def faults(self) -> list[FaultReport]:
         """What is latched."""
         return latched(self.state[0], self._axes, self._names)
+
+
+_BLOCKS, _BLOCK_S = 10, 0.05
+
+
+def measured_cycle_ns(prepared: Prepared) -> float:
+    """Median over some blocks of TRACKING cycles, with the drivers inside, which must be simulated."""
+    cell = VirtualCell(prepared.parameters, prepared.wiring, prepared.samples)
+    cell.arm()
+    cycles = round(_BLOCK_S * 1e9 / prepared.configuration.loop.period_ns)
+    taken = []
+    for _ in range(_BLOCKS):
+        begin = time.perf_counter_ns()
+        cell.run(_BLOCK_S, every=10)
+        taken.append((time.perf_counter_ns() - begin) / cycles)
+    return float(np.median(taken))

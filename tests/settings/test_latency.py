@@ -6,7 +6,7 @@ import pytest
 
 from micromanip.rt.states import NO_FAULT, REFERENCE_LOST, TRACKING
 from micromanip.settings.check import prepare
-from micromanip.settings.checks.latency import latency_warnings
+from micromanip.settings.checks.ranges import latency_warnings
 from micromanip.virtual.cell import VirtualCell
 
 CONFIG = Path(__file__).parents[2] / "config" / "simulated.yaml"

@@ -16,9 +16,11 @@ from matplotlib.figure import Figure
 from scipy.signal import find_peaks
 
 from micromanip.control.outer_gains import outer_gains
+from micromanip.design.canvas import drawn
 from micromanip.design.evaluation import evaluate
 from micromanip.design.experiment import with_axes, with_reference
-from micromanip.design.figures import control_errors, hysteresis_loops
+from micromanip.design.figures import hysteresis_loops
+from micromanip.design.paper_plots import figure_9
 from micromanip.rt.laws.hysteresis import play
 from micromanip.settings.check import Prepared, prepare
 from micromanip.settings.schema.reference import Hold, Step
@@ -167,9 +169,9 @@ def drawings() -> Iterator[tuple[str, Figure]]:
     yield "play_operator", play_operator()
     prepared = prepare(ROOT / "config" / "simulated.yaml")
     configuration, experiment = prepared.configuration, VirtualExperiment(prepared)
-    yield "hysteresis", hysteresis_loops(configuration, experiment, 0)
+    yield "hysteresis", drawn([hysteresis_loops(configuration, experiment, 0)])
     runs = evaluate(configuration, experiment)
-    yield "control_error", control_errors(runs, 0, configuration.loop.rate_hz)
+    yield "control_error", drawn(figure_9(runs, 0), columns=2)
     yield "creep", creep(prepared)
     yield "force_step", force_step(prepared)
     yield "path_error", path_error(prepared)

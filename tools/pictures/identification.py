@@ -35,6 +35,6 @@ def identification_drawings(config: Path, pictures: Path) -> None:
         folder = Path(name)
         fitted_to, held_out = record(config, folder, "multisine"), record(config, folder, "multisine", seed=2)
         result = fit_record(fitted_to, held_out, Request("pi-tanh", burn_in_s=1.0))
-        for file in draw_fit(result, fitted_to, held_out, folder, dpi=90):
+        for file in draw_fit(result, fitted_to, held_out, folder):
             if file.name in _SHOWN:
                 (pictures / f"identification_{file.name}").write_bytes(file.read_bytes())

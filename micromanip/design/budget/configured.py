@@ -16,8 +16,7 @@ from micromanip.settings.schema.reference import Tracker
 from micromanip.settings.wiring.timing import AT_ONCE, cycles_between, feedback_path, signal_timing
 from micromanip.virtual.switched import NOISE, Played, play_as_it_is, play_without
 
-from .bound import prediction_variance
-from .budget import MEASURED, AxisBudget, Bound, Cause, Variant, ordered
+from .budget import MEASURED, AxisBudget, Bound, Cause, Variant, ordered, prediction_variance
 from .causes import (
     BIN_HZ,
     COUPLING,

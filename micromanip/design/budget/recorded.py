@@ -28,8 +28,7 @@ from micromanip.settings.load import validate_document
 from micromanip.settings.schema.reference import Tracker
 from micromanip.settings.text.source import Source
 
-from .bound import prediction_variance
-from .budget import MEASURED, AxisBudget, Bound, ordered
+from .budget import MEASURED, AxisBudget, Bound, ordered, prediction_variance
 from .causes import FORCE, PREDICTION, STAGE, TRACKER, Grid, shared_out
 from .followed import WINDOW_S, Stretch, follow, mirrored, mistaken, tracking_stretch
 from .loop import AxisLaws

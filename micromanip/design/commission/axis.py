@@ -28,14 +28,12 @@ from ..sensitivity import Sensitivity
 from ..synthesis import PidDesign, Undone, undo
 from ..tuning import burn_in, hysteresis_models, identify_stage, record_hysteresis
 from .at_rest import tooth_at_work
-from .closing import Say, close_strain
+from .closing import ClosedOuter, Say, close_strain, prove_outer
 from .knobs import Knobs
-from .ladder import ClosedOuter, prove_outer
 from .limit_cycle import Rest, strain_at_rest
 from .partial import Steps
-from .polarity import Polarity, check_polarity
+from .polarity import Polarity, check_polarity, check_rest
 from .quality import HELD_OUT_PERCENT, Quality, judge_coverage, steepest_branch
-from .rest import check_rest
 from .travel import check_answer, check_travel, require_centred
 from .validation import coupling
 from .watched import Watched

@@ -1,9 +1,9 @@
-"""A loop of an axis closed: tuned, measured, and once more from what was measured where that is not as predicted."""
+"""A loop of an axis closed: tuned, measured, and once more from that where it is not as predicted; or a calmer one."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -26,7 +26,9 @@ from ..synthesis import OuterDesign, PidDesign, Reach, tune_outer, tune_pid
 from ..tuning import StageModel, with_response
 from .borne import Borne
 from .knobs import Knobs
+from .limit_cycle import Held
 from .polarity import Polarity
+from .validation import Validation, validate
 
 Array = NDArray[np.float64]
 Say = Callable[[str], None]
@@ -140,3 +142,56 @@ def close_outer(
 
 def _interpolated(omega: Array, hertz: Array, values: Array) -> Array:
     return np.asarray(np.interp(omega, 2 * np.pi * hertz, values))
+
+
+_RUNGS, _CALMER = 3, 0.5
+"""Designs that are closed at most, and the bandwidth of each in terms of the one before."""
+
+
+@dataclass(frozen=True)
+class ClosedOuter:
+    """The outer loop of an axis: the stage's model, the design, the loop as measured, what fresh experiments say."""
+
+    stage: StageModel
+    design: OuterDesign
+    loop: Sensitivity
+    validation: Validation
+
+
+def prove_outer(
+    configuration: Configuration,
+    experiment: Experiment,
+    axis: str,
+    actuator: Actuator,
+    stage: StageModel,
+    knobs: Knobs,
+    inner: Held,
+    seed: int,
+    say: Say,
+    learned: list[str],
+) -> ClosedOuter:
+    """The boldest outer loop that is proven around the strain loop; `inner` is the axis in that alone, at rest.
+
+    Raises CheckFailed where none is, with why each was not.
+    """
+    reasons: list[str] = []
+    for _ in range(_RUNGS):
+        try:
+            model, designed, loop = close_outer(
+                configuration, experiment, axis, actuator, stage, knobs, seed, say, learned
+            )
+        except CheckFailed as problem:
+            reasons.append(str(problem).removeprefix(f"axis {axis}: "))
+            break
+        if loop.as_predicted:
+            say("validation")
+            check = validate(with_axis(configuration, axis, outer=designed.outer), experiment, axis, inner)
+            if not check.rest.swings:
+                return ClosedOuter(model, designed, loop, check)
+            reason = f"it swings at rest: {check.rest.told}"
+        else:
+            reason = f"it is not what was predicted: {loop.sentence}"
+        reasons.append(f"at {designed.bandwidth_Hz:.3g} Hz {reason}")
+        learned.append(f"outer loop {reasons[-1]}")
+        knobs = replace(knobs, bandwidth_Hz=_CALMER * designed.bandwidth_Hz)
+    raise CheckFailed("; ".join(reasons))

@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from micromanip.settings.schema.coupling import Coupling as CouplingSection
 from micromanip.settings.schema.model import Configuration
 
-from ..coupling.cost import Cost, costs, loop_of
 from ..coupling.measured import Coupling, measure_coupling
-from ..coupling.together import Together, judge_together, relative_gain
+from ..coupling.together import Cost, Together, costs, judge_together, loop_of, relative_gain
 from ..criterion import Criterion
 from ..experiment import Experiment, with_axis
-from .evidence import Curve, Evidence, Plot, Section, Table
+from ..report.model import Curve, Plot, Section, Table
+from .evidence import Evidence
 from .production import MOVED_HZ, Production
 
 Array = NDArray[np.float64]

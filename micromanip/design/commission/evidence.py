@@ -1,68 +1,11 @@
-"""What commissioning an axis leaves behind for people: verdicts, figures and plots, as plain data.
-
-The plots hold numbers, not pictures: the report draws them.
-"""
+"""What commissioning an axis leaves behind for people: verdicts and sections, as plain data."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-
-import numpy as np
-from numpy.typing import NDArray
+from dataclasses import dataclass
 
 from ..criterion import Criterion
-
-Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Curve:
-    """One curve: `x` (n,), `y` (n,); `marks` draws points instead of a line, with a text each where there are `texts`.
-
-    `faint` is what should not be relied on.
-    """
-
-    label: str
-    x: Array
-    y: Array
-    marks: bool = False
-    faint: bool = False
-    texts: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class Plot:
-    """One pair of axes with its curves; `note` says in a sentence what to look for."""
-
-    title: str
-    x_label: str
-    y_label: str
-    curves: tuple[Curve, ...]
-    note: str = ""
-    log_x: bool = False
-    log_y: bool = False
-    equal: bool = False
-    """One unit is as long in both directions (Nyquist)."""
-
-
-@dataclass(frozen=True)
-class Table:
-    """Rows of text below their heads; the first of each row names it."""
-
-    caption: str
-    heads: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-
-
-@dataclass(frozen=True)
-class Section:
-    """A step of the commissioning: what was done in words, figures by name, tables, its plots."""
-
-    title: str
-    text: str
-    figures: dict[str, str] = field(default_factory=dict)
-    plots: tuple[Plot, ...] = ()
-    tables: tuple[Table, ...] = ()
+from ..report.model import Section
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 from micromanip.errors import CheckFailed, sentence
 
 from ..criterion import Criterion
-from .evidence import Evidence, Section
+from ..report.model import Section
+from .evidence import Evidence
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

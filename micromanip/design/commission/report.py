@@ -1,18 +1,22 @@
-"""The report of a commissioning: one HTML file that needs nothing else, on a screen, a phone or paper."""
+"""The report of a commissioning: the verdict, then the evidence of each axis."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from html import escape
-from importlib.resources import files
 from itertools import count
 from pathlib import Path
-from string import Template
 
 from micromanip.settings.write import write_atomically
 
-from . import page, verdict
+from ..criterion import Criterion
+from ..report import page
+from . import verdict
 from .evidence import Evidence
+from .verdict import Verdict
+
+_SIGNS = {Verdict.PASS: "✓", Verdict.LESS: "✓", Verdict.FAIL: "✗", Verdict.NONE: "–"}
 
 
 def write_report(
@@ -39,19 +43,61 @@ def _rendered(
     hashes: Mapping[str, str],
 ) -> str:
     found, numbers = verdict.overall(axes), count(1)
-    return Template(_template("report.html")).substitute(
-        title=escape(title),
-        style=_template("report.css"),
-        badge=page.badge(found),
-        kind=found.name.lower(),
-        sentence=escape(verdict.sentence(axes)),
-        facts=page.facts(facts),
-        axes_table=page.axes_table(axes, hashes),
-        criteria="".join(page.criteria_table(evidence) for evidence in axes if evidence.criteria),
-        parts="".join(page.axis_part(evidence, hashes.get(evidence.axis), numbers) for evidence in axes),
-        script=_template("report.js"),
+    head = (
+        f'<p class="verdict {found.name.lower()}" id="verdict">{_badge(found)} '
+        f"<span>{escape(verdict.sentence(axes))}</span></p>"
+    )
+    criteria = "".join(_criteria_table(evidence) for evidence in axes if evidence.criteria)
+    parts = "".join(_axis_part(evidence, hashes.get(evidence.axis), numbers) for evidence in axes)
+    summary = (
+        f"<section><h2>Summary</h2>{page.facts(facts)}{_axes_table(axes, hashes)}<h3>Criteria</h3>{criteria}</section>"
+    )
+    return page.whole(title, head, summary + page.HINT + parts)
+
+
+def _badge(found: Verdict) -> str:
+    """The verdict as a word with a sign: it is told without its colour."""
+    kind = found.name.lower()
+    return f'<strong class="badge {kind}"><span aria-hidden="true">{_SIGNS[found]}</span> {found.value}</strong>'
+
+
+def _axes_table(axes: Sequence[Evidence], hashes: Mapping[str, str]) -> str:
+    """A row per axis: verdict, criteria met, hash of the tuning, link to its part."""
+    rows = [
+        (
+            f'<a href="#{_anchor(evidence)}">Axis {escape(evidence.axis)}</a>',
+            _badge(verdict.of_axis(evidence)),
+            f"{sum(c.passed for c in evidence.criteria)} of {len(evidence.criteria)}",
+            f"<code>{escape(hashes.get(evidence.axis, 'none'))}</code>",
+        )
+        for evidence in axes
+    ]
+    return page.table_of("The axes", ("Axis", "Verdict", "Criteria met", "Tuning hash"), rows)
+
+
+def _criteria_table(evidence: Evidence) -> str:
+    """One row per criterion: what was found, what was asked for, PASS or FAIL."""
+    rows = [
+        (escape(c.name), _badge(_verdict(c)), escape(c.value), escape(c.limit))
+        for c in sorted(evidence.criteria, key=lambda c: c.passed)
+    ]
+    return page.table_of(f"Criteria of axis {evidence.axis}", ("Criterion", "Verdict", "Found", "Limit"), rows)
+
+
+def _axis_part(evidence: Evidence, of_hash: str | None, ids: Iterator[int]) -> str:
+    """Everything about one axis: a heading, then its sections; `ids` numbers the plots of the page."""
+    tuning = f"Tuning hash: <code>{escape(of_hash)}</code>. " if of_hash else ""
+    back = '<a href="#verdict">Back to the verdict</a>'
+    sections = "".join(page.section(section, ids, 3, f"Axis {evidence.axis}, ") for section in evidence.sections)
+    return (
+        f'<section class="axis" id="{_anchor(evidence)}"><h2>Axis {escape(evidence.axis)} '
+        f"{_badge(verdict.of_axis(evidence))}</h2><p>{tuning}{back}</p>{sections}</section>\n"
     )
 
 
-def _template(name: str) -> str:
-    return (files(__package__) / "templates" / name).read_text(encoding="utf-8")
+def _verdict(criterion: Criterion) -> Verdict:
+    return Verdict.PASS if criterion.passed else Verdict.FAIL
+
+
+def _anchor(evidence: Evidence) -> str:
+    return "axis-" + re.sub(r"[^A-Za-z0-9_-]", "-", evidence.axis)

@@ -6,22 +6,15 @@ import numpy as np
 
 from ..analysis import AxisAnalysis
 from ..evaluation import Run
+from ..loop_plots import loop_plots
+from ..paper_plots import figure_2, figure_5, figure_7, figure_8, figure_9
+from ..report.model import Plot, Section
 from ..tuning import StageModel
 from .acceptance import acceptance
 from .axis import Commissioned
-from .evidence import Evidence, Plot, Section
-from .ladder import ClosedOuter
-from .plots import (
-    figure_2,
-    figure_5,
-    figure_7,
-    figure_8,
-    figure_9,
-    loop_plots,
-    measured_response,
-    responses,
-    tried_orders,
-)
+from .closing import ClosedOuter
+from .evidence import Evidence
+from .plots import measured_response, responses, tried_orders
 from .tracking import asked
 
 
@@ -45,7 +38,7 @@ def _first_move(found: Commissioned) -> Section:
         "First move",
         "A small move from the park voltage in open loop: the right gauge must see it, and the right way.",
         figures | {"slope": f"{found.polarity.slope_um_per_V:.3f} um/V"},
-        (figure_2(found),),
+        (figure_2(found.triangle["voltage_V"], found.triangle["strain_um"]),),
     )
 
 
@@ -60,12 +53,12 @@ def _hysteresis(found: Commissioned) -> Section:
         held_out = found.held_out_percent[fitted.structure.name]
         figures[name] = f"{fitted.rms_percent:.2f} % fitted, {held_out:.2f} % on the second record"
     text = "Multisine (13) in open loop, twice: the models are fitted to one record and judged by the other."
-    return Section("Hysteresis", text, figures, figure_5(found))
+    return Section("Hysteresis", text, figures, figure_5(found.tanh, found.held_out))
 
 
 def _inverse(analysis: AxisAnalysis) -> Section:
     text = "Describing function (18)-(24) of the inverse that runs as feedforward."
-    return Section("Inverse", text, {}, figure_7(analysis))
+    return Section("Inverse", text, {}, () if analysis.inverse is None else figure_7(analysis.inverse))
 
 
 def _strain(found: Commissioned, analysis: AxisAnalysis) -> Section:

@@ -6,8 +6,7 @@ harmonics(inverse_operator(model), amplitude, offset)   # (18)-(21): any shaping
 from .limit_cycles import LimitCycle, limit_cycles
 from .operator import actuator_operator, inverse_operator
 from .quadrature import Harmonics, gains, harmonics
-from .singularities import Verdict, judge
-from .sweep import GainMap, Sweep, amplitudes_up_to, branch_slopes, gain_map, sweep
+from .sweep import GainMap, Sweep, Verdict, amplitudes_up_to, branch_slopes, gain_map, judge, sweep
 
 __all__ = [
     "GainMap",

@@ -34,10 +34,8 @@ from micromanip.errors import CheckFailed
 from micromanip.rt.laws.reference import MAX_MODES
 from micromanip.settings.schema.reference import AxisTracker, Oscillation, Steady
 
-from .innovations import Whitening, noise_of, with_noise
-from .moves import MOVES_PERCENT
-from .steady import steady_of
-from .whiteness import Whiteness, judge_innovations
+from .innovations import Whiteness, Whitening, judge_innovations, noise_of, steady_of, with_noise
+from .recorded import MOVES_PERCENT
 
 Array = NDArray[np.float64]
 

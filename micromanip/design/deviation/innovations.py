@@ -16,10 +16,54 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 from scipy.signal import sosfilt
+from scipy.stats import chi2, norm
 
+from micromanip.control.joints import joints_radius
 from micromanip.control.predictor import output_row, sample_transition, stationary
-from micromanip.settings.schema.reference import AxisTracker
+from micromanip.settings.schema.reference import AxisTracker, Steady
+
+# NIS is the mean of ``e^2 / v``: n times it has a chi-square distribution of n degrees (Bar-Shalom, Li and Kirubarajan,
+# Estimation with Applications to Tracking and Navigation, section 5.4). The autocorrelations of white innovations are
+# normal with variance 1/n; the largest of several lags is held against a bound for all of them together (Bonferroni).
+
+_WRONGLY = 0.01
+"""How often good innovations are refused, each way."""
+_LAGS = 20
+
+
+@dataclass(frozen=True)
+class Whiteness:
+    """NIS with its bounds, and the largest autocorrelation of lags 1 to 20 with its bound."""
+
+    nis: float
+    nis_bounds: tuple[float, float]
+    correlation: float
+    lag: int
+    correlation_bound: float
+
+    @property
+    def white(self) -> bool:
+        """Whether none of the lags stands out."""
+        return abs(self.correlation) <= self.correlation_bound
+
+    @property
+    def as_stated(self) -> bool:
+        """Whether the variance is the stated one."""
+        return self.nis_bounds[0] <= self.nis <= self.nis_bounds[1]
+
+
+def judge_innovations(innovations: Array, variance_um2: float) -> Whiteness:
+    """Of innovations (n,), um, whose variance is stated as `variance_um2`; n above 20."""
+    n = len(innovations)
+    power = float(np.sum(innovations**2))
+    lags = np.array([float(innovations[k:] @ innovations[:-k]) for k in range(1, _LAGS + 1)]) / power
+    worst = int(np.argmax(np.abs(lags)))
+    low, high = (chi2.ppf(share, n) / n for share in (0.5 * _WRONGLY, 1.0 - 0.5 * _WRONGLY))
+    bound = float(norm.ppf(1.0 - 0.5 * _WRONGLY / _LAGS) / np.sqrt(n))
+    return Whiteness(power / n / variance_um2, (float(low), float(high)), float(lags[worst]), worst + 1, bound)
+
 
 Array = NDArray[np.float64]
 
@@ -97,3 +141,42 @@ def log_likelihood(model: AxisTracker, samples: Array) -> float:
     whitening = Whitening.of(model)
     e, variance = whitening.innovations(samples), whitening.variance_um2
     return float(-0.5 * (len(e) * np.log(2.0 * np.pi * variance) + np.sum(e**2) / variance))
+
+
+# Beside walks that bear another pose part of the path is taken for an oscillation that changes, and the jerk that is
+# likeliest is that of both. The narrow predictor (``rt/laws/steady.py``) has walks of its own, so jerk and the slow
+# frequency at which the path returns are those that leave least of the innovations beside these (``innovations.py``:
+# the maximum of their likelihood), all else being as it was fitted.
+
+_BEGUN_Hz, _LOWEST_Hz, _HIGHEST_SHARE = 0.3, 0.02, 0.25
+"""Slow frequency at which the search begins; the lowest one, by which no path returns within a record; no higher than
+this share of the slowest oscillation's, which would take part of it over."""
+_CALMEST = 1e-3
+"""Least jerk, in terms of that of the wide predictor."""
+
+
+def steady_of(model: AxisTracker, samples: Array) -> Steady | None:
+    """What is likeliest of evenly spaced `samples` (n,) beside `model`, their own; None where there is nothing to gain.
+
+    That is so without oscillations, and where the narrow predictor would not bear the ranges of their frequencies.
+    """
+    if not model.oscillations:
+        return None
+    highest = _HIGHEST_SHARE * min(each.frequency_Hz for each in model.oscillations)
+    low = np.log([_CALMEST * model.jerk_um_per_s3, _LOWEST_Hz])
+    high = np.log([model.jerk_um_per_s3, max(highest, 2.0 * _LOWEST_Hz)])
+
+    def described(x: Array) -> Steady:
+        return Steady(jerk_um_per_s3=float(np.exp(x[0])), returns_Hz=float(np.exp(x[1])))
+
+    def left(x: Array) -> Array:
+        sure = replace(model, steady=described(x)).sure
+        assert sure is not None
+        return Whitening.of(sure).innovations(samples) / model.noise_um
+
+    start = np.log([0.5 * model.jerk_um_per_s3, min(_BEGUN_Hz, highest)])
+    start = np.clip(start, low + 1e-6, high - 1e-6)
+    found = least_squares(left, start, bounds=(low, high), ftol=1e-6, xtol=1e-4, max_nfev=30)
+    steady = described(np.asarray(found.x))
+    sure = replace(model, steady=steady).sure
+    return steady if sure is not None and joints_radius(sure) < 1.0 else None

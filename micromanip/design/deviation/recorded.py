@@ -9,6 +9,12 @@ from micromanip.errors import CheckFailed
 from micromanip.recordings import Telemetry
 from micromanip.rt.telemetry import DEVIATION_FRESH
 
+# Apart from the fit: the help of a command tells it, and does not wait for what computes.
+
+MOVES_PERCENT = 2.0
+"""Narrower filters leave less of a frequency that stays, wider ones of one that jumps or sweeps."""
+
+
 _EVEN = 0.25
 """How far the time between two samples may be from the usual one, in terms of it: more is a gap."""
 

@@ -12,7 +12,7 @@ from scipy.optimize import least_squares
 from micromanip.recordings.spikes import find_spikes, off_median
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii, Range
 
-from .centring import about_zero, span
+from .response import about_zero, span
 from .shapings import Affine, Table, Tanh
 from .structure import Structure
 

@@ -11,7 +11,7 @@ from typing import Any, Protocol, Self, TypeVar
 
 import numpy as np
 
-from .centring import Array, span
+from .response import Array, span
 
 _Family = TypeVar("_Family", bound="Shaping")
 

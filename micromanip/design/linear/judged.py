@@ -14,9 +14,8 @@ from .experiments import LinearRecord, same_rate
 from .fit import fit_linear
 from .frequency import FrequencyResponse, frequency_response
 from .modal import Array
-from .model import LinearFit
+from .model import LinearFit, strict_errors
 from .selection import select
-from .strict import strict_errors
 from .subspace import Experiment
 
 _SHOWN_VALUES = 40

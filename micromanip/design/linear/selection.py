@@ -10,8 +10,7 @@ import numpy as np
 from .choice import last_quarter_says_much, says_much
 from .fit import fit_linear
 from .modal import Array, Complex, Modes
-from .model import LinearFit, delayed
-from .strict import strict_errors
+from .model import LinearFit, delayed, strict_errors
 from .subspace import Experiment
 
 _INNER = 0.75

@@ -1,8 +1,7 @@
 """Frequency responses measured with periodic multisines, with their confidence, and rational models of them."""
 
 from .choice import Identified, Recorded, Wanted, identify, identify_again
-from .excitation import PERIOD_S, Multisine, multisine
-from .measured import Measured, measure, of_spectra, smoothed
+from .measured import PERIOD_S, Measured, Multisine, measure, multisine, of_spectra, smoothed
 
 __all__ = [
     "PERIOD_S",

@@ -18,8 +18,7 @@ from micromanip.control.system import System
 from micromanip.design.linear import Modes
 from micromanip.errors import CheckFailed
 
-from .excitation import Multisine
-from .measured import Measured, measure, smoothed
+from .measured import Measured, Multisine, measure, smoothed
 from .rational import fit_rational
 
 Array = NDArray[np.float64]

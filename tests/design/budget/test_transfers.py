@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.linalg import solve_discrete_lyapunov
 
 from micromanip.control.predictor import output_row, reference_transition, tracker_gain
-from micromanip.design.budget.bound import prediction_variance
+from micromanip.design.budget.budget import prediction_variance
 from micromanip.design.budget.causes import Grid, followed_line, shared_out, tracker_noise
 from micromanip.design.budget.loop import AxisLaws
 from micromanip.design.budget.tracking import Tracking

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from micromanip.design.commission.followed import RANGE_PERCENT, with_followed_tooth
+from micromanip.design.commission.cell import RANGE_PERCENT, with_followed_tooth
 from micromanip.design.commission.production import PathErrorSeen, Production
 from micromanip.design.experiment import with_axis
 from micromanip.settings.load import load

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from micromanip.design.commission import ladder
+from micromanip.design.commission import closing
 from micromanip.design.commission.knobs import Knobs
 from micromanip.errors import CheckFailed
 
@@ -27,11 +27,11 @@ def proven(monkeypatch):
         def validate(*_):
             return SimpleNamespace(rest=SimpleNamespace(swings=tried[-1] > rests_to_Hz, told="2 um at 40 Hz"))
 
-        monkeypatch.setattr(ladder, "close_outer", close_outer)
-        monkeypatch.setattr(ladder, "validate", validate)
-        monkeypatch.setattr(ladder, "with_axis", lambda configuration, *_, **__: configuration)
+        monkeypatch.setattr(closing, "close_outer", close_outer)
+        monkeypatch.setattr(closing, "validate", validate)
+        monkeypatch.setattr(closing, "with_axis", lambda configuration, *_, **__: configuration)
         given = (None, None, "x", None, None, Knobs(), None, 1, lambda _: None, learned)
-        return (lambda: ladder.prove_outer(*given)), tried, learned
+        return (lambda: closing.prove_outer(*given)), tried, learned
 
     return play
 

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from micromanip.design.commission.rest import check_rest
+from micromanip.design.commission.polarity import check_rest
 from micromanip.errors import CheckFailed
 from micromanip.rt.records import MAX_AXES
 from micromanip.settings.load import load

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from micromanip.design.linear.clipped import clipped
+from micromanip.design.linear.experiments import clipped
 
 SAMPLES = 4000
 PHASE = 2 * np.pi * 10 * np.arange(SAMPLES) / SAMPLES

@@ -5,8 +5,8 @@ import pytest
 from scipy.signal import lfilter
 
 from micromanip.design.linear import fit_linear
+from micromanip.design.linear.model import strict_errors
 from micromanip.design.linear.selection import error_of, fit_arx1, select
-from micromanip.design.linear.strict import strict_errors
 from tests.further import further
 
 DT = 1e-3

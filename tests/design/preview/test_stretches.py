@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from micromanip.design.preview.midranging import slow_part
+from micromanip.design.preview.preview import slow_part
 from micromanip.design.preview.stretches import RANGE, RESERVE, Demand, Stretch, beyond, stretches
 from micromanip.errors import UsageError
 

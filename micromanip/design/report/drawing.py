@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .evidence import Array, Curve, Plot
+from .model import Array, Curve, Plot
 from .thinning import thinned
 
 COLOURS = 7

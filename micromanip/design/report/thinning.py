@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from .evidence import Array
+from .model import Array
 
 MOST_POINTS = 2000
 

@@ -1,24 +1,40 @@
-"""Pieces of the report's HTML; every text that comes from elsewhere is escaped here."""
+"""A report as HTML, for a screen, a phone or paper; every text that comes from elsewhere is escaped here."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from html import escape
+from importlib.resources import files
+from itertools import count
+from string import Template
 
-from ..criterion import Criterion
-from . import verdict
 from .drawing import figure_json, style
-from .evidence import Evidence, Plot, Section
-from .verdict import Verdict
+from .model import Plot, Section
 
-_SIGNS = {Verdict.PASS: "✓", Verdict.LESS: "✓", Verdict.FAIL: "✗", Verdict.NONE: "–"}
+HINT = """<noscript><p class="verdict none">The plots are drawn by a script inside this file; this viewer runs none.</p>
+</noscript><p class="hint">Plots: point at a curve for its figures, drag to zoom, double-click to see all again.</p>"""
 
 
-def badge(found: Verdict) -> str:
-    """The verdict as a word with a sign: it is told without its colour."""
-    kind = found.name.lower()
-    return f'<strong class="badge {kind}"><span aria-hidden="true">{_SIGNS[found]}</span> {found.value}</strong>'
+def whole(title: str, head: str, body: str) -> str:
+    """The page: `title` is text, `head` (below it) and `body` are HTML."""
+    return Template(_template("report.html")).substitute(
+        title=escape(title), style=_template("report.css"), head=head, body=body, script=_template("report.js")
+    )
+
+
+def page_of(title: str, sections: Iterable[Section]) -> str:
+    """The page of some sections."""
+    ids = count(1)
+    return whole(title, HINT, "".join(section(each, ids) for each in sections))
+
+
+def _template(name: str) -> str:
+    return (files(__package__) / "templates" / name).read_text(encoding="utf-8")
+
+
+def _folded(caption: str, inside: str) -> str:
+    return f"<details><summary>{escape(caption)}</summary>{inside}</details>"
 
 
 def facts(pairs: Mapping[str, str]) -> str:
@@ -27,60 +43,29 @@ def facts(pairs: Mapping[str, str]) -> str:
     return f"<dl>{items}</dl>" if items else ""
 
 
-def axes_table(axes: Sequence[Evidence], hashes: Mapping[str, str]) -> str:
-    """A row per axis: verdict, criteria met, hash of the tuning, link to its part."""
-    rows = [
-        (
-            f'<a href="#{_anchor(evidence)}">Axis {escape(evidence.axis)}</a>',
-            badge(verdict.of_axis(evidence)),
-            f"{sum(c.passed for c in evidence.criteria)} of {len(evidence.criteria)}",
-            f"<code>{escape(hashes.get(evidence.axis, 'none'))}</code>",
-        )
-        for evidence in axes
-    ]
-    return _table("The axes", ("Axis", "Verdict", "Criteria met", "Tuning hash"), rows)
-
-
-def criteria_table(evidence: Evidence) -> str:
-    """One row per criterion: what was found, what was asked for, PASS or FAIL."""
-    rows = [
-        (escape(c.name), badge(_verdict(c)), escape(c.value), escape(c.limit))
-        for c in sorted(evidence.criteria, key=lambda c: c.passed)
-    ]
-    return _table(f"Criteria of axis {evidence.axis}", ("Criterion", "Verdict", "Found", "Limit"), rows)
-
-
-def axis_part(evidence: Evidence, of_hash: str | None, ids: Iterator[int]) -> str:
-    """Everything about one axis: a heading, then its sections; `ids` numbers the plots of the page."""
-    tuning = f"Tuning hash: <code>{escape(of_hash)}</code>. " if of_hash else ""
-    back = '<a href="#verdict">Back to the verdict</a>'
-    sections = "".join(_section(section, evidence.axis, ids) for section in evidence.sections)
-    return (
-        f'<section class="axis" id="{_anchor(evidence)}"><h2>Axis {escape(evidence.axis)} '
-        f"{badge(verdict.of_axis(evidence))}</h2><p>{tuning}{back}</p>{sections}</section>\n"
-    )
-
-
-def _section(section: Section, axis: str, ids: Iterator[int]) -> str:
+def section(section: Section, ids: Iterator[int], level: int = 2, of: str = "") -> str:
+    """A section below a heading of that level; `ids` numbers the plots of the page, `of` says what they belong to."""
     paragraphs = "".join(
         f"<p>{escape(text.strip())}</p>" for text in re.split(r"\n\s*\n", section.text) if text.strip()
     )
     tables = "".join(
-        _table(table.caption, table.heads, [[escape(cell) for cell in row] for row in table.rows])
+        _folded(table.caption, rows) if table.folded else rows
         for table in section.tables
+        for rows in [table_of(table.caption, table.heads, [[escape(cell) for cell in row] for row in table.rows])]
     )
-    plots = "".join(_plot(plot, axis, next(ids)) for plot in section.plots)
+    plots = "".join(_plot(plot, of, next(ids)) for plot in section.plots)
     return (
-        f"<section><h3>{escape(section.title)}</h3>{paragraphs}{facts(section.figures)}{tables}"
+        f"<section><h{level}>{escape(section.title)}</h{level}>{paragraphs}{facts(section.figures)}{tables}"
         + (f'<div class="plots">{plots}</div>' if plots else "")
+        + (_folded("As text", f"<pre>{escape(section.listing)}</pre>") if section.listing else "")
         + "</section>\n"
     )
 
 
-def _plot(plot: Plot, axis: str, number: int) -> str:
+def _plot(plot: Plot, of: str, number: int) -> str:
     """A figure: heading, legend, place for the drawing, note, and the numbers that the page's script draws."""
     curves = ", ".join(curve.label for curve in plot.curves)
-    said = f"Axis {axis}, {plot.title}: {plot.y_label} over {plot.x_label}. Curves: {curves}. {plot.note}".strip()
+    said = f"{of}{plot.title}: {plot.y_label} over {plot.x_label}. Curves: {curves}. {plot.note}".strip()
     note = f"<figcaption>{escape(plot.note)}</figcaption>" if plot.note else ""
     return (
         f"<figure><h4>{escape(plot.title)}</h4>{_legend(plot)}"
@@ -108,7 +93,7 @@ def _legend(plot: Plot) -> str:
     return f'<ul class="legend">{"".join(entries)}</ul>'
 
 
-def _table(caption: str, heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+def table_of(caption: str, heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """A table whose cells are HTML; the first of each row is its header.
 
     Roles are spelt out, as a phone shows it as blocks and would lose them; `data-head` names a cell there.
@@ -126,11 +111,3 @@ def _table(caption: str, heads: Sequence[str], rows: Sequence[Sequence[str]]) ->
         f'<table role="table"><caption>{escape(caption)}</caption><thead role="rowgroup"><tr role="row">{head}</tr>'
         f'</thead><tbody role="rowgroup">{body}</tbody></table>\n'
     )
-
-
-def _verdict(criterion: Criterion) -> Verdict:
-    return Verdict.PASS if criterion.passed else Verdict.FAIL
-
-
-def _anchor(evidence: Evidence) -> str:
-    return "axis-" + re.sub(r"[^A-Za-z0-9_-]", "-", evidence.axis)

@@ -18,7 +18,7 @@ from micromanip.settings.schema.model import Configuration
 from micromanip.settings.text.keys import selected
 from micromanip.settings.text.place import Path as KeyPath
 from micromanip.settings.text.source import key_text
-from micromanip.settings.wiring.timing import signal_timing
+from micromanip.settings.wiring.timing import age_is_computed, signal_timing
 
 from .candidate import Candidate
 
@@ -35,7 +35,7 @@ def parameters(running: Prepared, keys: Sequence[str]) -> list[Parameter]:
 
 def _computed(running: Prepared, path: KeyPath) -> Computed:
     """From what the value at `path` was computed, where the file says nothing of it."""
-    if path[0] != "signals" or path[-1] != "max_age_us" or "max_age_us" in running.source.data["signals"][path[1]]:
+    if not age_is_computed(running.source, path):
         return {}
     channel = signal_timing(running.configuration, running.wiring, str(path[1]))
     return {"computed": f"three samples at {channel.rate_hz:g} Hz and {1e6 * channel.latency_s:.0f} us on their way"}

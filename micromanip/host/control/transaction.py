@@ -45,7 +45,7 @@ from micromanip.settings.schema.reference import Jog
 from micromanip.settings.text.keys import assigned
 from micromanip.settings.text.place import Path as KeyPath
 from micromanip.settings.text.source import Source, key_text
-from micromanip.settings.wiring.timing import with_ages
+from micromanip.settings.wiring.timing import age_is_computed, with_ages
 from micromanip.settings.write_values import write_into
 
 from ..controller import Controller
@@ -200,7 +200,11 @@ class Tuning:
     def _judged(self, verb: str, source: Source) -> tuple[Prepared, Mapping[KeyPath, str]]:
         """`source` ready to run, and what of its changes is more than live; ConfigError, CheckFailed."""
         configuration = with_ages(validate_with_options(source), self._prepared.wiring)
-        wanted = demands(self._prepared.configuration, configuration)
+        wanted = {
+            path: what
+            for path, what in demands(self._prepared.configuration, configuration).items()
+            if not (age_is_computed(self._prepared.source, path) and age_is_computed(source, path))
+        }
         self._refuse(verb, wanted)  # before the rest: it takes the drivers, channels and axes to be those that run
         prepared = revise(self._prepared, configuration, source)
         back = source.data == self._file.data  # it is what the file says, and is called by the file's hash again

@@ -9,6 +9,8 @@ from dataclasses import dataclass, replace
 from micromanip.bus.driver import Channel
 from micromanip.settings.schema.model import Configuration, Output, Signal
 
+from ..text.place import Path
+from ..text.source import Source
 from .places import Wiring
 
 
@@ -60,6 +62,13 @@ def with_ages(configuration: Configuration, wiring: Wiring) -> Configuration:
         for name, entry in configuration.signals.items()
     }
     return configuration.model_copy(update={"signals": signals})
+
+
+def age_is_computed(source: Source, path: Path) -> bool:
+    """Whether the key at `path` is a signal's ``max_age_us`` of which the file says nothing."""
+    if path[0] != "signals" or path[-1] != "max_age_us":
+        return False
+    return "max_age_us" not in source.data.get("signals", {}).get(path[1], {})
 
 
 def sensor_timing(configuration: Configuration, wiring: Wiring, role: str, axis: str) -> Channel:

@@ -18,7 +18,7 @@ from micromanip.settings.check import Prepared
 from micromanip.settings.compile.cell import compile_cell
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.wiring.timing import FeedbackPath, feedback_path
-from micromanip.virtual.experiment import at_own_time
+from micromanip.virtual.own_time import at_own_time
 
 from .live import LiveLine
 

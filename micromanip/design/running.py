@@ -31,7 +31,8 @@ from micromanip.settings.schema.model import Configuration
 from micromanip.settings.schema.reference import Tracker
 from micromanip.settings.text.source import Source
 from micromanip.settings.wiring.timing import FeedbackPath
-from micromanip.virtual.experiment import VirtualExperiment, at_own_time
+from micromanip.virtual.experiment import VirtualExperiment
+from micromanip.virtual.own_time import at_own_time
 
 from .actuation import DELAYS, Actuator, identify_actuator
 from .judged import SMALL_HZ, analyse_inverse, slopes_of, small_slope

@@ -121,13 +121,13 @@ def watch_arming(p: Record, s: Record, phase: int) -> None:
 
 @compiled
 def watch_lift(p: Record, s: Record) -> None:
-    """End an arming whose gauge does not follow the voltage, from the lift until the outer loop is closed.
+    """End an arming whose gauge does not follow the voltage, from the lift until the sweep.
 
     A gauge may have come loose, or to another axis, while all rested. Each axis begins alone, so no other gauge can
     seem to be its own. Since the lift began the gauge must have gone as far as the voltage that is on, or that it shows
     at least, takes it by the limits of the check; and it may stray a little.
     """
-    if s["resumed"] != 0 or p["check_cycles"] == 0 or s["phase"] == CLOSED:
+    if s["resumed"] != 0 or p["check_cycles"] == 0 or s["phase"] not in (LIFTING, CHECKING_STAGE):
         return
     for i in range(p["axes"]):
         limits, a = p["axis"][i]["strain_check"], s["axis"][i]

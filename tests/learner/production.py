@@ -22,7 +22,7 @@ LOOP_HZ = 10_000
 # the joints swing at 7.76 and 8.24 Hz on y and z; the force is there when the part begins
 EARLY = ("force: {start_s: 5.0,", "force: {start_s: 2.0,")
 DRAWN = ("tracker noise", "force noise", "strain gauge noise", "capacitive sensor noise", "amplifier noise")
-LINES = ("    force: {start_s: 2.0,", "    lines: {}\n    force: {start_s: 2.0,")
+LINES = ("    force: {start_s: 2.0,", "    lines: {}\n    force: {start_s: 2.6,")
 
 
 def text(seconds, *changes):

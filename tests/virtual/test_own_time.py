@@ -7,7 +7,7 @@ import pytest
 
 from micromanip.bus.driver import Channel
 from micromanip.rt.telemetry import ROW
-from micromanip.virtual.experiment import at_own_time
+from micromanip.virtual.own_time import at_own_time
 
 PERIOD_NS, COUNT = 100_000, 400
 

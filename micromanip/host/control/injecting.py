@@ -20,7 +20,7 @@ from micromanip.replies import Injected, Response
 from micromanip.rt.states import HOLDING, STATE_NAMES, TRACKING
 from micromanip.settings.excitation_plan import COLUMNS, plan_excitation, require_axis
 from micromanip.settings.wiring.timing import feedback_path
-from micromanip.virtual.experiment import at_own_time
+from micromanip.virtual.own_time import at_own_time
 
 from ..controller import Controller
 from ..ring import RingReader

@@ -33,7 +33,7 @@ def rows(prepared):
     cell = VirtualExperiment(prepared, process=True).cell(prepared.configuration, prepared.samples)
     cell.arm()
     cell.run(4.0)
-    return cell.run(6.0)
+    return cell.run(12.0)  # in 6 s the tracker's noise scatters by 15 %
 
 
 def recording(prepared, rows, **changed):

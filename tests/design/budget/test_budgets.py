@@ -32,8 +32,8 @@ def prepared():
 def rows(prepared):
     cell = VirtualExperiment(prepared, process=True).cell(prepared.configuration, prepared.samples)
     cell.arm()
-    cell.run(4.0)
-    return cell.run(12.0)  # in 6 s the tracker's noise scatters by 15 %
+    cell.run(8.0)  # the predictors have learned by then
+    return cell.run(6.0)
 
 
 def recording(prepared, rows, **changed):

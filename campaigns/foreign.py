@@ -12,6 +12,7 @@ from micromanip.control.outer_gains import outer_gains
 from micromanip.control.pid import pid_system
 from micromanip.design.commission.cell import CommissionedCell, commission_cell
 from micromanip.design.commission.knobs import Knobs
+from micromanip.design.commission.verdict import Verdict, overall
 from micromanip.design.describing import harmonics, inverse_operator
 from micromanip.design.loops import stage_loop
 from micromanip.settings.check import Prepared, prepare
@@ -32,7 +33,6 @@ class Outcome:
     """Of one plant. `kept`: the least share of a claimed margin that the true loop has, over all slopes it has."""
 
     seed: int
-    refused: str | None
     verdict: str
     with_outer: bool
     why: str
@@ -41,7 +41,7 @@ class Outcome:
     @property
     def runs(self) -> bool:
         """Whether there is a file that runs."""
-        return self.verdict in ("PASS", "PASS WITH LESS")
+        return self.verdict in (Verdict.PASS.value, Verdict.LESS.value)
 
     @property
     def false_pass(self) -> bool:
@@ -71,10 +71,9 @@ def commission_foreign(seed: int) -> Outcome:
     prepared = foreign_cell(prepare(CONFIG), plant)
     found = commission_cell(prepared.configuration, VirtualExperiment(prepared), [AXIS], lambda _: None, Knobs())
     if found.stopped is not None:
-        return Outcome(seed, str(found.stopped), "refused", False, str(found.stopped), {})
+        return Outcome(seed, "refused", False, str(found.stopped), {})
     why = "; ".join(f"{c.name}: {c.value}" for c in found.evidence[0].criteria if not c.passed)
-    verdict = "PASS" if found.passed else "PASS WITH LESS" if found.proven else "FAIL"
-    return Outcome(seed, None, verdict, found.axes[0].outer is not None, why, held(found, plant))
+    return Outcome(seed, overall(found.evidence).value, found.axes[0].outer is not None, why, held(found, plant))
 
 
 def held(found: CommissionedCell, plant: Foreign) -> dict[str, float]:

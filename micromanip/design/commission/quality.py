@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 COVERAGE, HELD_OUT_PERCENT, STAGE_FIT_PERCENT, COHERENCE = 0.6, 2.0, 80.0, 0.8
 _BINS, _FLAT = 12, 0.35
 _PIECE, _OVERLAP, _POINTS = 0.03, 4, 20
-"""Of the voltage that a triangle covers, a piece's share; pieces over each point; samples that a slope takes at least."""
+"""Of the voltage that a triangle covers, a piece's share; pieces over a point; samples that a slope takes."""
 
 
 @dataclass(frozen=True)

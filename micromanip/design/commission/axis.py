@@ -32,9 +32,9 @@ from .closing import ClosedOuter, Say, close_strain, prove_outer
 from .knobs import Knobs
 from .limit_cycle import Rest, strain_at_rest
 from .partial import Steps
-from .polarity import Polarity, check_polarity, check_rest
+from .polarity import Polarity, check_polarity, check_rest, require_quiet
 from .quality import HELD_OUT_PERCENT, Quality, judge_coverage, steepest_branch
-from .travel import check_answer, check_travel, require_centred
+from .travel import BEFORE_S, check_answer, check_travel, require_centred
 from .validation import coupling
 from .watched import Watched
 
@@ -130,6 +130,8 @@ def _commission(
     steps.learn(gauge_after_a_step=f"63 % in {answer.rise_ms:.1f} ms")
     if travel is not None:
         require_centred(configuration, axis, travel)
+        way_um = abs(travel.slope) * float(np.ptp(settings.setpoint.range_um))
+        require_quiet(axis, "stage sensor", answer.stage_before_um, way_um, BEFORE_S)
     say("excitation")
     record, held_out = (record_hysteresis(configuration, experiment, axis, each) for each in (seed, seed + 1))
     judge_record(_as_record(axis, record))

@@ -150,10 +150,11 @@ def _live(client: Client, axis: str, amplitude_um: float, seed: int) -> tuple[Co
 
 def _draw(checks: list[Check], judged: Judged, configuration: Configuration, folder: Path) -> list[Path]:
     from micromanip.design.canvas import save
-    from micromanip.design.pictures import health_picture
+    from micromanip.design.pictures import health_plots
 
-    drawn = health_picture(checks, judged, configuration.axes[judged.axis].accept)
-    return [save(drawn, folder, f"drift_{judged.axis}", about=f"tuning {checks[-1].tuning}")]
+    plots = health_plots(checks, judged, configuration.axes[judged.axis].accept)
+    title, about = f"Axis {judged.axis}: {judged.checks} checks", f"tuning {checks[-1].tuning}"
+    return [save(plots, folder, f"drift_{judged.axis}", title, about=about)]
 
 
 def _document(check: Check, judged: Judged) -> dict[str, Any]:

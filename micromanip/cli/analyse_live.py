@@ -75,10 +75,10 @@ def command(
     files = []
     if folder is not None:
         from micromanip.design.canvas import save
-        from micromanip.design.pictures import loop_picture
+        from micromanip.design.pictures import running_plots
 
         with results_folder(folder):
-            files.append(save(loop_picture(found), folder, f"sensitivity_{axis}_{loop}", about=where))
+            files.append(save(running_plots(found), folder, f"sensitivity_{axis}_{loop}", about=where))
     if as_json:
         emit_json(document(found, loop) | {"files": [str(file) for file in files]})
     else:

@@ -10,7 +10,7 @@ import numpy as np
 from micromanip.settings.schema.accept import Accept
 
 from .analysis import AxisAnalysis
-from .canvas import drawn, save
+from .canvas import save
 from .loop_plots import loop_plots
 from .loops import Margins, Sample, System
 from .paper_plots import figure_7
@@ -73,4 +73,4 @@ def draw_analysis(analysis: AxisAnalysis, folder: Path, about: str = "") -> Iter
     if analysis.samples:
         drawings["drawn_plants"] = drawn_plants(analysis.samples, analysis.settings.accept)
     for name, plots in drawings.items():
-        yield save(drawn(plots), folder, f"{name}_{analysis.axis}", about=about)
+        yield save(plots, folder, f"{name}_{analysis.axis}", about=about)

@@ -1,133 +1,122 @@
-"""Pictures of what `analyse` finds: an error budget, a path, a running loop, the health of an axis."""
+"""Plots of what `analyse` finds beside margins: an error budget, a path, the health of an axis, a running loop."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from micromanip.settings.schema.accept import Accept
 from micromanip.settings.schema.axis import Axis
 
 from .budget.budget import AxisBudget
-from .canvas import panels, save
+from .budget.composition import summed_up
+from .canvas import save
 from .drift.history import COLUMNS, LABELS, MARGINS, Check
 from .drift.judged import DRAWN, Judged
-from .preview.preview import AxisPreview
+from .preview.preview import AxisPreview, Preview
 from .preview.stretches import ERROR
+from .report.model import Array, Curve, Plot
 from .running import Running
 
-_MOST = 20_000
-"""Points a line: more are not seen, and make large files."""
+
+def draw_budgets(budgets: Sequence[AxisBudget], about: str, folder: Path) -> Iterator[Path]:
+    """A picture of each axis' error budget into `folder`; the files. `about` says where they come from."""
+    for budget in budgets:
+        yield save([summed_up(budget)], folder, f"budget_{budget.axis}", about=about)
 
 
-def draw_preview(axis: AxisPreview, left: AxisPreview, settings: Axis, folder: Path, about: str = "") -> Iterator[Path]:
-    """Write the picture of one axis, with and without the robot's offset, into `folder`; the files."""
-    verdict = "fits" if not axis.stretches else f"asks {len(axis.stretches)} times for more than there is"
-    figure, (path, setpoint, error) = panels(3, f"Preview of axis {axis.axis}: {verdict}", 1.7)
-    time_s = np.arange(len(axis.predicted.setpoint_um)) / axis.predicted.rate_Hz
-    shown = slice(None, None, max(1, len(time_s) // _MOST))
-    for found, label, width in ((axis.predicted, "as it is", 1.2), (left.predicted, "with the robot's offset", 0.8)):
-        path.plot(time_s[shown], found.deviation_um[shown], lw=width, label=label)
-        setpoint.plot(time_s[shown], found.setpoint_um[shown], lw=width)
-        error.plot(time_s[shown], found.error_um[shown], lw=width)
-    for limit in settings.setpoint.range_um:
-        setpoint.axhline(limit, color="k", linestyle=":")
-    for sign in (-1.0, 1.0):
-        error.axhline(sign * axis.tolerance_um, color="k", linestyle=":")
-    for stretch in axis.stretches:
-        panel = error if stretch.what == ERROR else setpoint
-        panel.axvspan(stretch.from_s, stretch.to_s, color="tab:red", alpha=0.2, lw=0)
-    path.set(ylabel="deviation, um")
-    path.legend(fontsize="small", frameon=False)
-    setpoint.set(ylabel="set-point, um")
-    error.set(ylabel="following error, um", xlabel="s of the path")
-    yield save(figure, folder, f"preview_{axis.axis}", about=about)
-
-
-def health_picture(checks: Sequence[Check], judged: Judged, accept: Accept) -> Figure:
-    """`checks` of one axis under one tuning, oldest first."""
-    shown = [name for name in COLUMNS if not all(np.isnan(check.figures[name]) for check in checks)]
-    figure, axes = panels(len(shown), f"Axis {judged.axis}: {judged.checks} checks", 0.35 * len(shown))
-    found = {each.name: each for each in judged.watched}
-    least = dict(zip(MARGINS, (accept.gain_margin_dB, accept.phase_margin_deg), strict=True))
-    time = [check.time for check in checks]
-    for panel, name in zip(axes, shown, strict=True):
-        panel.plot(time, [check.figures[name] for check in checks], "o-", ms=3, lw=0.8, color="tab:blue")
-        panel.set_ylabel(LABELS[name], fontsize="small")
-        panel.grid(alpha=0.3)
-        panel.label_outer()
-        if name in least:
-            panel.axhline(least[name], color="tab:red", lw=1, ls="--")
-            continue
-        if not np.isnan(found[name].commissioned):
-            panel.axhline(found[name].commissioned, color="tab:orange", lw=1, label="model")
-            if name in DRAWN:
-                for share in DRAWN[name]:
-                    panel.axhline(found[name].commissioned * share, color="tab:red", lw=1, ls="--")
-        if (since := found[name].since) is not None:
-            panel.axvline(since, color="tab:red", lw=1)
-            panel.set_title(f"drifts since {since:%Y-%m-%d %H:%M}", fontsize="small", color="tab:red", loc="right")
-    figure.autofmt_xdate()
-    return figure
-
-
-_FRACTION = 6
-"""Bands an octave."""
-
-
-def draw_budget(budget: AxisBudget, folder: Path, about: str = "") -> Iterator[Path]:
-    """Write the picture of one axis into `folder`; the files."""
-    powers = {f"{cause.name}: {cause.rms_um:.3f} um": cause.power for cause in budget.told_apart()}
-    edges = np.concatenate([[0.0], 2.0 ** (np.arange(-_FRACTION, 13 * _FRACTION) / _FRACTION)])
-    edges = np.append(edges[edges < budget.hertz[-1]], np.inf)
-    middles = np.sqrt(np.maximum(edges[:-1], 0.4) * np.minimum(edges[1:], budget.hertz[-1]))
-    known = "known: " if budget.unknown else ""
-    figure, (bar, bands) = panels(2, f"Path error of axis {budget.axis}: {known}{budget.rms_um:.3f} um rms", 1.5)
-    left, below = 0.0, np.zeros(len(middles))
-    for k, (label, power) in enumerate(powers.items()):
-        colour = f"C{k}"
-        bar.barh(0.0, power.sum(), left=left, color=colour, label=label)
-        left += float(power.sum())
-        inside = np.histogram(budget.hertz, edges, weights=power)[0]
-        bands.bar(middles, inside, width=0.11 * middles, bottom=below, color=colour)
-        below += inside
-    bar.set(xlabel="variance, um^2", ylim=(-0.6, 0.6), yticks=[])
-    if budget.bound is not None:
-        bar.axvline(budget.bound.rms_um**2, color="k", linestyle=":", label=f"bound: {budget.bound.rms_um:.3f} um")
-    bar.legend(loc="upper center", bbox_to_anchor=(0.5, -0.25), ncols=2, fontsize="small", frameon=False)
-    bands.set(xscale="log", xlabel="frequency, Hz", ylabel="um^2 per 1/6 octave")
-    yield save(figure, folder, f"budget_{budget.axis}", about=about)
+def draw_previews(found: Preview, axes: Mapping[str, Axis], about: str, folder: Path) -> Iterator[Path]:
+    """A picture of each axis on the path into `folder`; the files."""
+    for axis, left in zip(found.axes, found.left, strict=True):
+        yield save(preview_plots(axis, left, axes[axis.axis]), folder, f"preview_{axis.axis}", about=about)
 
 
 _FAR = 2.5
 """The Nyquist curve is shown so far from the origin."""
 
 
-def loop_picture(found: Running) -> Figure:
+def preview_plots(axis: AxisPreview, left: AxisPreview, settings: Axis) -> tuple[Plot, ...]:
+    """One axis on its path, with and without the robot's offset; where it is asked for more than there is."""
+    verdict = "fits" if not axis.stretches else f"asks {len(axis.stretches)} times for more than there is"
+    found, time_s = axis.predicted, np.arange(len(axis.predicted.setpoint_um)) / axis.predicted.rate_Hz
+    both = ((found, "as it is"), (left.predicted, "with the robot's offset"))
+    panels = (
+        ("deviation_um", f"Preview of axis {axis.axis}: {verdict}", "deviation, um", ()),
+        ("setpoint_um", "", "set-point, um", settings.setpoint.range_um),
+        ("error_um", "", "following error, um", (-axis.tolerance_um, axis.tolerance_um)),
+    )
+    plots = []
+    for name, title, label, limits in panels:
+        curves = [Curve(told, time_s, getattr(each, name)) for each, told in both]
+        curves += [_levels("limit", time_s, *limits)] if limits else []
+        over = np.zeros(len(time_s), dtype=bool)
+        for stretch in axis.stretches:
+            if name == ("error_um" if stretch.what == ERROR else "setpoint_um"):
+                over |= (time_s >= stretch.from_s) & (time_s <= stretch.to_s)
+        if over.any():
+            curves.append(Curve("more than there is", time_s, np.where(over, getattr(found, name), np.nan)))
+        plots.append(Plot(title, "s of the path", label, tuple(curves)))
+    return tuple(plots)
+
+
+def health_plots(checks: Sequence[Check], judged: Judged, accept: Accept) -> tuple[Plot, ...]:
+    """`checks` of one axis under one tuning, oldest first, beside its model and what is accepted."""
+    found = {each.name: each for each in judged.watched}
+    least = dict(zip(MARGINS, (accept.gain_margin_dB, accept.phase_margin_deg), strict=True))
+    first = checks[0].time
+    days = np.array([(check.time - first).total_seconds() / 86400.0 for check in checks])
+    plots = []
+    for name in COLUMNS:
+        values = np.array([check.figures[name] for check in checks])
+        if np.isnan(values).all():
+            continue
+        curves, title = [Curve("measured", days, values, marks=True)], LABELS[name]
+        if name in least:
+            curves.append(_levels("accepted", days, least[name]))
+        elif not np.isnan(found[name].commissioned):
+            tuned = found[name].commissioned
+            curves.append(_levels("model", days, tuned))
+            curves += (
+                [_levels("judged within", days, *(tuned * share for share in DRAWN[name]))] if name in DRAWN else []
+            )
+        if name in found and (since := found[name].since) is not None:
+            title += f", drifts since {since:%Y-%m-%d %H:%M}"
+        plots.append(Plot(title, f"days since {first:%Y-%m-%d %H:%M}", LABELS[name], tuple(curves)))
+    return tuple(plots)
+
+
+def _levels(label: str, x: Array, *values: float) -> Curve:
+    """Level lines, with a gap between them."""
+    y = np.repeat(np.array(values, dtype=float), 3)
+    y[2::3] = np.nan
+    return Curve(label, np.tile([x[0], x[-1], np.nan], len(values)), y, faint=True)
+
+
+def running_plots(found: Running) -> tuple[Plot, Plot]:
     """|S| at the measured lines with its confidence, and L around -1; predictions beside them where there are any."""
     lines = found.loop
-    figure, (upper, lower) = panels(2, f"Axis {found.axis}, {lines.name}: measured while it runs", 1.9)
-    near = np.abs(1.0 + lines.measured)
-    band = (1.0 / (near + 2.0 * lines.deviation), 1.0 / np.maximum(near - 2.0 * lines.deviation, 0.05))
-    upper.fill_between(lines.frequency_Hz, *band, color="tab:blue", alpha=0.25, lw=0, label="two standard deviations")
-    upper.plot(lines.frequency_Hz, 1.0 / near, ".", color="tab:blue", label="measured")
-    lower.plot(lines.measured.real, lines.measured.imag, ".", color="tab:blue", label="measured")
-    if found.predicted is not None:
-        hertz = np.geomspace(lines.frequency_Hz[0], lines.frequency_Hz[-1], 2000)
-        L = lines.model(2 * np.pi * hertz)
-        upper.plot(hertz, 1.0 / np.abs(1.0 + L), color="tab:orange", lw=1.2, label="predicted")
-        lower.plot(L.real, L.imag, color="tab:orange", lw=1.2, label="predicted")
+    hertz, L, near = lines.frequency_Hz, lines.measured, np.abs(1.0 + lines.measured)
     highest = max(found.measured[found.nominal].sensitivity, 1.0)
-    upper.set(xscale="log", yscale="log", xlabel="frequency, Hz", ylabel="|S|", ylim=(0.02, 2.0 * highest))
-    angle = np.linspace(0.0, 2.0 * np.pi, 200)
-    lower.plot(-1.0 + np.cos(angle) / highest, np.sin(angle) / highest, ":", color="grey", label=f"Ms {highest:.2f}")
-    lower.plot([-1.0], [0.0], "+", color="black")
-    lower.set(xlim=(-_FAR, _FAR), ylim=(-_FAR, 1.0), xlabel="Re L", ylabel="Im L")
-    lower.set_aspect("equal")
-    for panel in (upper, lower):
-        panel.grid(alpha=0.3)
-        panel.legend(fontsize="small")
-    return figure
+    bounds = np.concatenate([near + 2.0 * lines.deviation, [np.nan], np.maximum(near - 2.0 * lines.deviation, 0.05)])
+    sizes = [Curve("measured", hertz, 1.0 / near, marks=True)]
+    sizes.append(Curve("two standard deviations", np.concatenate([hertz, [np.nan], hertz]), 1.0 / bounds, faint=True))
+    turn = np.exp(1j * np.linspace(0.0, 2.0 * np.pi, 200))
+    around = [_shown("measured", L, marks=True), _shown(f"Ms {highest:.2f}", turn / highest - 1.0, faint=True)]
+    if found.predicted is not None:
+        between = np.geomspace(hertz[0], hertz[-1], 2000)
+        predicted = lines.model(2 * np.pi * between)
+        sizes.append(Curve("predicted", between, 1.0 / np.abs(1.0 + predicted)))
+        around.append(_shown("predicted", predicted))
+    around.append(_shown("-1", np.array([-1.0 + 0.0j]), marks=True))
+    title = f"Axis {found.axis}, {lines.name}: measured while it runs"
+    return (
+        Plot(title, "frequency, Hz", "|S|", tuple(sizes), log_x=True, log_y=True),
+        Plot("", "Re L", "Im L", tuple(around), equal=True),
+    )
+
+
+def _shown(label: str, L: np.ndarray, *, marks: bool = False, faint: bool = False) -> Curve:
+    near = np.abs(L) < _FAR
+    return Curve(label, np.where(near, L.real, np.nan), np.where(near, L.imag, np.nan), marks, faint)

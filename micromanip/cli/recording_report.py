@@ -66,7 +66,7 @@ def compare(first: Path, second: Path, to: Path | None, as_json: bool) -> None:
     """
     from micromanip.design.recorded_run import BANDS_Hz, RecordedRun
     from micromanip.design.run_comparison import judged
-    from micromanip.design.run_confidence import difference
+    from micromanip.design.run_confidence import ratio
     from micromanip.design.run_figures import configuration_changes, run_figures
     from micromanip.design.run_report import comparison_page
     from micromanip.recordings import open_telemetry
@@ -86,8 +86,8 @@ def compare(first: Path, second: Path, to: Path | None, as_json: bool) -> None:
     axes = {}
     for axis in (name for name in a.axes if name in b.axes):
         squares = [run.squares[axis].whole for run in figures]
-        found = difference(*squares)
-        axes[axis] = {"ratio": found.ratio, "ratio_95": [found.low, found.high], "verdict": found.verdict}
+        found = ratio(*squares)
+        axes[axis] = {"ratio": found.value, "ratio_95": [found.low, found.high], "verdict": found.verdict}
         axes[axis] |= {"independent": [each.batches for each in squares]}
     document = {
         "a": a.document(),

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from .recorded_run import SECTIONS_S, TIMING_PERCENT, BANDS_Hz, RecordedRun
-from .run_confidence import FEWEST, Array, Mean, batch_mean, change, difference
+from .run_confidence import FEWEST, Array, Mean, batch_mean, change, ratio
 from .run_figures import RunFigures
 from .run_sums import Sections
 
@@ -82,7 +82,7 @@ def _found(sections: Mapping[float, Mapping[str, Sections]], section_s: float | 
 def _rms(axis: str, quantity: str, a: Mean | None, b: Mean | None, both: Sequence[float] = ()) -> Judged:
     if a is None or b is None:
         return Judged(axis, quantity, "um", both[0], both[1], None, None, TOO_SHORT)
-    found = difference(a, b)
+    found = ratio(a, b)
     low, high = (a.root * (bound - 1.0) for bound in (found.low, found.high))
     return Judged(axis, quantity, "um", a.root, b.root, low, high, found.verdict)
 

@@ -70,6 +70,7 @@ def command(
     from micromanip.design.parallel import scheduler
     from micromanip.settings.check import prepare
     from micromanip.virtual.experiment import VirtualExperiment
+    from micromanip.virtual.switched import simulated_driver
     from micromanip.virtual.variation import VariedCell
 
     prepared = prepare(config)
@@ -77,8 +78,8 @@ def command(
     if jobs == 0:
         raise UsageError("--jobs 0 leaves nobody to work: 1 or more, or -1 for one a CPU")
     cells = {name: VariedCell(prepared, name) for name in shown} if simulate else {}
-    for cell in cells.values():
-        cell.require_simulated()
+    for name in cells:
+        simulated_driver(prepared, [name])
     seeds = range(seed, seed + samples)
     analyses = []
     with (

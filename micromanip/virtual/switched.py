@@ -16,7 +16,7 @@ from micromanip.settings.check import Prepared
 from micromanip.settings.schema.model import Configuration
 
 from .cell import Rows, VirtualCell
-from .experiment import VirtualExperiment, with_options
+from .experiment import VirtualExperiment, at_limit, with_options
 
 _WEAK = 0.1
 """What is left of a sensor's noise, 1 % of its power: one that always reads the same is a fault."""
@@ -59,13 +59,13 @@ class Played:
         return np.asarray(np.mean(self.error_um**2, axis=0))
 
 
-def simulated_driver(prepared: Prepared) -> str:
-    """Name of the simulated driver that moves the axes; UsageError where something else does."""
+def simulated_driver(prepared: Prepared, axes: Collection[str] = ()) -> str:
+    """Name of the simulated driver that moves `axes`, or all; UsageError where something else does."""
     configuration = prepared.configuration
-    names = {configuration.outputs[f"voltage_{axis}"].driver for axis in configuration.axes}
+    names = {configuration.outputs[f"voltage_{axis}"].driver for axis in axes or configuration.axes}
     kinds = {configuration.drivers[name].driver for name in names}
     if len(names) != 1 or kinds != {"simulated"}:
-        raise UsageError(f"only the driver simulated has causes to switch off; the axes are moved by {sorted(kinds)}")
+        raise UsageError(f"only the driver simulated can play another plant; the axes are moved by {sorted(kinds)}")
     return names.pop()
 
 
@@ -125,15 +125,9 @@ def _played(prepared: Prepared, seconds: float, from_s: float, nats: NDArray[np.
 
 def at_limits(configuration: Configuration, rows: Rows) -> NDArray[np.bool_]:
     """In which cycles (n, axes) an axis' voltage or set-point is at an end of its range."""
-    held = np.zeros((len(rows), len(configuration.axes)), dtype=bool)
-    for i, (axis, settings) in enumerate(configuration.axes.items()):
-        for column, (low, high) in (
-            ("voltage_V", configuration.outputs[f"voltage_{axis}"].range_V),
-            ("setpoint_um", settings.setpoint.range_um),
-        ):
-            value = rows["axis"][column][:, i]
-            held[:, i] |= (value <= low) | (value >= high)
-    return held
+    axes = [(axis, rows["axis"][:, i]) for i, axis in enumerate(configuration.axes)]
+    held = [at_limit(configuration, axis, own["voltage_V"], own["setpoint_um"]) for axis, own in axes]
+    return np.column_stack(held)
 
 
 def switched(options: Any, off: Collection[str]) -> Any:

@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from micromanip.errors import CheckFailed, UsageError
+from micromanip.errors import CheckFailed
 from micromanip.settings.check import Prepared
 
 from .experiment import VirtualExperiment, with_options
+from .switched import simulated_driver
 
 SECONDS = 3.0
 
@@ -28,15 +29,6 @@ class VariedCell:
 
     prepared: Prepared
     axis: str
-
-    def require_simulated(self) -> str:
-        """Name of the simulated driver that moves the axis; raises UsageError where another one does."""
-        configuration = self.prepared.configuration
-        name = configuration.outputs[f"voltage_{self.axis}"].driver
-        kind = configuration.drivers[name].driver
-        if kind != "simulated":
-            raise UsageError(f"only the driver simulated can play another plant; axis {self.axis} is moved by {kind}")
-        return name
 
     def __call__(self, factors: Mapping[str, float], seed: int) -> dict[str, Any]:
         configuration = self.prepared.configuration
@@ -62,7 +54,7 @@ class VariedCell:
 
     def varied(self, factors: Mapping[str, float], seed: int) -> Prepared:
         """The configuration with the plant of this axis changed."""
-        name = self.require_simulated()
+        name = simulated_driver(self.prepared, [self.axis])
         options: Any = self.prepared.wiring.options[name]
         plant = options.variation.get(self.axis, options.plant)
         period_s = self.prepared.configuration.loop.period_ns * 1e-9

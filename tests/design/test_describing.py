@@ -15,8 +15,10 @@ from micromanip.design.describing import (
     judge,
     sweep,
 )
-from micromanip.design.hysteresis import inverse, predict
+from micromanip.design.hysteresis import inverse
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii, attainable_um
+
+from .actuators import predict
 
 TANH = {"shaping": "tanh", "coefficients": (180.0, 0.0036, -0.11, 18.0)}
 AFFINE = {"shaping": "affine", "coefficients": (0.63, -1.2)}

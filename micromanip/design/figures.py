@@ -10,11 +10,10 @@ import numpy as np
 from micromanip.rt.records import MAX_AXES
 from micromanip.settings.schema.model import Configuration
 
-from .canvas import drawn, save
+from .canvas import save
 from .evaluation import Run
 from .excitation import shrinking_triangle
-from .experiment import Experiment
-from .identification import variant
+from .experiment import Experiment, open_loop
 from .paper_plots import figure_2, figure_8, figure_9
 from .report.model import Plot
 
@@ -24,7 +23,7 @@ def hysteresis_loops(configuration: Configuration, experiment: Experiment, axis:
     rate = configuration.loop.rate_hz
     triangle = shrinking_triangle(0.0, 140.0, 6, rate)
     samples = np.tile(triangle[:, None], (1, MAX_AXES))
-    rows = experiment(variant(configuration), len(triangle) / rate, samples, every=20)["axis"]
+    rows = experiment(open_loop(configuration), len(triangle) / rate, samples, every=20)["axis"]
     return figure_2(rows["voltage_V"][:, axis], rows["strain_um"][:, axis])
 
 
@@ -34,6 +33,6 @@ def draw_all(
     """Draw the pictures of one axis into `folder`, one after the other; `about` says where they come from."""
     name = list(configuration.axes)[axis]
     loops = hysteresis_loops(configuration, experiment, axis)
-    yield save(drawn([loops]), folder, f"figure2_hysteresis_{name}", about=about)
-    yield save(drawn(figure_8(runs, axis)), folder, f"figure8_control_error_{name}", about=about)
-    yield save(drawn(figure_9(runs, axis), columns=2), folder, f"figure9_over_phase_{name}", about=about)
+    yield save([loops], folder, f"figure2_hysteresis_{name}", about=about)
+    yield save(figure_8(runs, axis), folder, f"figure8_control_error_{name}", about=about)
+    yield save(figure_9(runs, axis), folder, f"figure9_over_phase_{name}", columns=2, about=about)

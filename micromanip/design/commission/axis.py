@@ -18,9 +18,9 @@ from micromanip.settings.schema.model import Configuration
 from micromanip.settings.wiring.timing import AT_ONCE
 
 from ..actuation import Actuator, identify_actuator
-from ..experiment import Experiment, with_axis
+from ..experiment import Experiment, open_loop, with_axis
 from ..hysteresis import HysteresisFit
-from ..identification import design, recording, samples_for, variant
+from ..identification import design, recording, samples_for
 from ..judged import analyse_inverse
 from ..loops import over_path
 from ..record import Record, judge_record
@@ -248,7 +248,7 @@ def _triangle(
     """The recording, and how far the stages of the other axes moved (um)."""
     excitation = design(configuration, axis, "triangle", TRIANGLE_S, 0)
     seconds = len(excitation.samples) / configuration.loop.rate_hz
-    rows = experiment(variant(configuration), seconds, samples_for(configuration, excitation))
+    rows = experiment(open_loop(configuration), seconds, samples_for(configuration, excitation))
     travel = {name: float(np.ptp(rows["axis"]["stage_um"][:, i])) for i, name in enumerate(configuration.axes)}
     others = {name: um for name, um in travel.items() if name != axis and np.isfinite(um)}
     return recording(configuration, excitation, rows), others

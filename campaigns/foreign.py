@@ -12,9 +12,9 @@ from micromanip.control.outer_gains import outer_gains
 from micromanip.control.pid import pid_system
 from micromanip.design.commission.cell import CommissionedCell, commission_cell
 from micromanip.design.commission.knobs import Knobs
-from micromanip.design.commission.verdict import Verdict, overall
 from micromanip.design.describing import harmonics, inverse_operator
 from micromanip.design.loops import stage_loop
+from micromanip.design.report.verdict import Verdict, overall
 from micromanip.settings.check import Prepared, prepare
 from micromanip.virtual.experiment import VirtualExperiment
 

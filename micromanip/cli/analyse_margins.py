@@ -70,8 +70,7 @@ def command(
     from micromanip.design.parallel import scheduler
     from micromanip.settings.check import prepare
     from micromanip.virtual.experiment import VirtualExperiment
-    from micromanip.virtual.switched import simulated_driver
-    from micromanip.virtual.variation import VariedCell
+    from micromanip.virtual.switched import VariedCell, simulated_driver
 
     prepared = prepare(config)
     shown = chosen_axes(prepared.configuration.axes, only, config)

@@ -12,11 +12,11 @@ from micromanip.settings.schema.reference import Jog
 
 from ..analysis import AxisAnalysis, analyse_axis
 from ..experiment import Experiment, with_axis, with_reference
+from ..report.verdict import Evidence
 from .at_rest import AtRest, look_at_rest
 from .axis import Commissioned, commission_axis
 from .borne import DRAWN
 from .coupled import Coupled, decoupled, look_at_coupling, with_coupling
-from .evidence import Evidence
 from .knobs import Knobs
 from .partial import Stopped
 from .production import Budgeted, Production, in_production, tried

@@ -22,9 +22,9 @@ from micromanip.virtual.experiment import at_limit
 from ..budget.budget import AxisBudget
 from ..budget.composition import TITLE, composition
 from ..criteria import told
-from ..criterion import Criterion
 from ..experiment import Experiment, with_axes, with_reference
 from ..report.model import Curve, Plot, Section
+from ..report.verdict import Criterion
 from .at_rest import AtRest
 from .predictor import known_deviations
 

@@ -9,11 +9,11 @@ from ..evaluation import Run
 from ..loop_plots import loop_plots
 from ..paper_plots import figure_2, figure_5, figure_7, figure_8, figure_9
 from ..report.model import Plot, Section
+from ..report.verdict import Evidence
 from ..tuning import StageModel
 from .acceptance import acceptance
 from .axis import Commissioned
 from .closing import ClosedOuter
-from .evidence import Evidence
 from .plots import measured_response, responses, tried_orders
 from .tracking import asked
 

@@ -20,7 +20,8 @@ from .options import Quantity, StrictCommand, emit_json, json_option, socket_opt
 from .results import out_option, results_folder
 
 if TYPE_CHECKING:
-    from micromanip.design.drift import Check, Judged
+    from micromanip.design.drift.history import Check
+    from micromanip.design.drift.judged import Judged
     from micromanip.settings.schema.model import Configuration
 
 
@@ -61,8 +62,9 @@ def command(
     Exit code 1 where a figure drifts or is outside of what robustness was judged for, and where a margin is surely
     below `accept` or soon will be.
     """
-    from micromanip.design.drift import append, judge, read_history
     from micromanip.design.drift.checking import of_the_model
+    from micromanip.design.drift.history import append, read_history
+    from micromanip.design.drift.judged import judge
 
     before = [] if history is None else read_history(history)
     found, problems, files = [], [], []

@@ -9,17 +9,9 @@ from rt.outer_loops import designed
 
 from micromanip.control.margins import margins
 from micromanip.control.outer_gains import outer_gains
-from micromanip.design.loops import (
-    StrainSide,
-    System,
-    delay,
-    held_plant,
-    model_system,
-    over_path,
-    pid_system,
-    stage_loop,
-    strain_loop,
-)
+from micromanip.control.pid import pid_system
+from micromanip.control.system import System, delay
+from micromanip.design.loops import StrainSide, held_plant, model_system, over_path, stage_loop, strain_loop
 from micromanip.rt.laws.pid import PID_PARAMETERS, PID_STATE, pid_output
 from micromanip.settings.load import load_with_source
 from micromanip.settings.schema.axis import Inner, LinearModel

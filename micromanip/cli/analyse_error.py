@@ -56,7 +56,7 @@ def command(
         else:
             budgets, about = _of_recording(file, only, coherence_s, bar.say)
         if folder is not None:
-            from micromanip.design.pictures import draw_budgets
+            from micromanip.design.plots.findings import draw_budgets
 
             bar.say("drawing")
             pictures.draw(partial(draw_budgets, budgets, about))

@@ -151,8 +151,8 @@ def _live(client: Client, axis: str, amplitude_um: float, seed: int) -> tuple[Co
 
 
 def _draw(checks: list[Check], judged: Judged, configuration: Configuration, folder: Path) -> list[Path]:
-    from micromanip.design.canvas import save
-    from micromanip.design.pictures import health_plots
+    from micromanip.design.plots.canvas import save
+    from micromanip.design.plots.findings import health_plots
 
     plots = health_plots(checks, judged, configuration.axes[judged.axis].accept)
     title, about = f"Axis {judged.axis}: {judged.checks} checks", f"tuning {checks[-1].tuning}"

@@ -74,8 +74,8 @@ def command(
     found = judge_running(prepared.configuration, path, axis, loop, plant, actuator)
     files = []
     if folder is not None:
-        from micromanip.design.canvas import save
-        from micromanip.design.pictures import running_plots
+        from micromanip.design.plots.canvas import save
+        from micromanip.design.plots.findings import running_plots
 
         with results_folder(folder):
             files.append(save(running_plots(found), folder, f"sensitivity_{axis}_{loop}", about=where))

@@ -69,7 +69,7 @@ def command(
     with Pictures(folder) as pictures:
         found = preview_of(prepared, path, reserve_um, tolerance_um, corner_hz)
         if folder is not None:
-            from micromanip.design.pictures import draw_previews
+            from micromanip.design.plots.findings import draw_previews
 
             pictures.draw(partial(draw_previews, found, prepared.configuration.axes, f"{file}, {config}"))
         written = pictures.put()

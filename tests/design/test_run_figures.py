@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 from recordings.damaged import damage
 from scipy.signal import lfilter, welch
 
-from micromanip.design import run_confidence
-from micromanip.design.recorded_run import RecordedRun
-from micromanip.design.run_comparison import TOO_SHORT, by_section
-from micromanip.design.run_confidence import ratio
-from micromanip.design.run_figures import configuration_changes, run_figures
-from micromanip.design.run_sums import BlockMeans, Counts, Envelope, Picked, Sections, Spectra
+from micromanip.design.run import confidence
+from micromanip.design.run.comparison import TOO_SHORT, by_section
+from micromanip.design.run.confidence import ratio
+from micromanip.design.run.figures import configuration_changes, run_figures
+from micromanip.design.run.statistics import RecordedRun
+from micromanip.design.run.sums import BlockMeans, Counts, Envelope, Picked, Sections, Spectra
 from micromanip.errors import CheckFailed
 from micromanip.faults import KINDS
 from micromanip.recordings import open_telemetry
@@ -32,7 +32,7 @@ def correlated(count, memory, seed):
 
 
 def mean_square(x):
-    return run_confidence.mean_square(x * x, len(x))
+    return confidence.mean_square(x * x, len(x))
 
 
 @pytest.mark.parametrize("memory", [0.0, 0.9, 0.99, 0.998])

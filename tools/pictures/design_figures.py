@@ -10,14 +10,14 @@ from collections.abc import Iterator
 from matplotlib.figure import Figure
 
 from micromanip.design.analysis import analyse_axis
-from micromanip.design.analysis_plots import drawn_plants, loops_of
-from micromanip.design.canvas import drawn
 from micromanip.design.commission.axis import commission_axis
 from micromanip.design.commission.knobs import Knobs
 from micromanip.design.commission.plots import measured_response, responses
-from micromanip.design.loop_plots import loop_plots
 from micromanip.design.loops import strain_loop
-from micromanip.design.paper_plots import figure_5, figure_7
+from micromanip.design.plots.canvas import drawn
+from micromanip.design.plots.loops import loop_plots
+from micromanip.design.plots.margins import drawn_plants, loops_of
+from micromanip.design.plots.paper import figure_5, figure_7
 from micromanip.settings.check import Prepared
 from micromanip.virtual.experiment import VirtualExperiment
 

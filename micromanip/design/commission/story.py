@@ -6,8 +6,8 @@ import numpy as np
 
 from ..analysis import AxisAnalysis
 from ..evaluation import Run
-from ..loop_plots import loop_plots
-from ..paper_plots import figure_2, figure_5, figure_7, figure_8, figure_9
+from ..plots.loops import loop_plots
+from ..plots.paper import figure_2, figure_5, figure_7, figure_8, figure_9
 from ..report.model import Plot, Section
 from ..report.verdict import Evidence
 from ..tuning import StageModel

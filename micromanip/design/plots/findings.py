@@ -10,15 +10,15 @@ import numpy as np
 from micromanip.settings.schema.accept import Accept
 from micromanip.settings.schema.axis import Axis
 
-from .budget.budget import AxisBudget
-from .budget.composition import summed_up
+from ..budget.budget import AxisBudget
+from ..budget.composition import summed_up
+from ..drift.history import COLUMNS, LABELS, MARGINS, Check
+from ..drift.judged import DRAWN, Judged
+from ..preview.preview import AxisPreview, Preview
+from ..preview.stretches import ERROR
+from ..report.model import Array, Curve, Plot
+from ..running import Running
 from .canvas import save
-from .drift.history import COLUMNS, LABELS, MARGINS, Check
-from .drift.judged import DRAWN, Judged
-from .preview.preview import AxisPreview, Preview
-from .preview.stretches import ERROR
-from .report.model import Array, Curve, Plot
-from .running import Running
 
 
 def draw_budgets(budgets: Sequence[AxisBudget], about: str, folder: Path) -> Iterator[Path]:

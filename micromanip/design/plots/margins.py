@@ -9,12 +9,12 @@ import numpy as np
 
 from micromanip.settings.schema.accept import Accept
 
-from .analysis import AxisAnalysis
+from ..analysis import AxisAnalysis
+from ..loops import Margins, Sample, System
+from ..report.model import Array, Curve, Plot
 from .canvas import save
-from .loop_plots import loop_plots
-from .loops import Margins, Sample, System
-from .paper_plots import figure_7
-from .report.model import Array, Curve, Plot
+from .loops import loop_plots
+from .paper import figure_7
 
 _FAR = 20.0
 """An Ms above it is drawn there, and that of an unstable plant."""

@@ -9,13 +9,13 @@ from micromanip.settings.schema.model import Configuration
 from micromanip.settings.text import units
 from micromanip.settings.text.shape import Shape
 
-from .recorded_run import RecordedRun
-from .report.model import Section, Table
-from .report.page import page_of
-from .run_comparison import ERROR, TOO_SHORT, Judged
-from .run_confidence import SAME
-from .run_figures import RunFigures
-from .run_plots import LETTERS, sections
+from ..report.model import Section, Table
+from ..report.page import page_of
+from .comparison import ERROR, TOO_SHORT, Judged
+from .confidence import SAME
+from .figures import RunFigures
+from .plots import LETTERS, sections
+from .statistics import RecordedRun
 
 _MOST_TOLD = 5
 

@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from .recorded_run import SECTIONS_S, TIMING_PERCENT, BANDS_Hz, RecordedRun
-from .run_confidence import FEWEST, Array, Mean, batch_mean, change, ratio
-from .run_figures import RunFigures
-from .run_sums import Sections
+from .confidence import FEWEST, Array, Mean, batch_mean, change, ratio
+from .figures import RunFigures
+from .statistics import SECTIONS_S, TIMING_PERCENT, BANDS_Hz, RecordedRun
+from .sums import Sections
 
 TOO_SHORT = "too short to judge"
 

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from .evaluation import Run
-from .hysteresis import HysteresisFit
-from .judged import Inverse
-from .report.model import Array, Curve, Plot
+from ..evaluation import Run
+from ..hysteresis import HysteresisFit
+from ..judged import Inverse
+from ..report.model import Array, Curve, Plot
 
 _BINS, _SHOWN_BINS = 60, 585
 

@@ -8,9 +8,9 @@ import numpy as np
 
 from micromanip.rt.states import STATE_NAMES
 
-from .recorded_run import RecordedRun
-from .report.model import Array, Curve, Plot, Section
-from .run_sums import Envelope
+from ..report.model import Array, Curve, Plot, Section
+from .statistics import RecordedRun
+from .sums import Envelope
 
 LETTERS = "AB"
 _LINES = 800

@@ -9,11 +9,11 @@ import numpy as np
 
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
 
+from ..describing import inverse_operator
+from ..fitting import Fitted
+from ..record import Record
+from ..report.model import Array, Curve, Plot
 from .canvas import save
-from .describing import inverse_operator
-from .fitting import Fitted
-from .record import Record
-from .report.model import Array, Curve, Plot
 
 _SHOWN_S = 5.0
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from .loops import Margins, System, grid, refined
-from .report.model import Curve, Plot
+from ..loops import Margins, System, grid, refined
+from ..report.model import Curve, Plot
 
 _FAR, _HIGHEST = 3.0, 1e4
 _MARKED_HZ = (5, 10, 20, 50, 100, 200, 500, 1000, 2000)

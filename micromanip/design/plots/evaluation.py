@@ -10,12 +10,12 @@ import numpy as np
 from micromanip.rt.records import MAX_AXES
 from micromanip.settings.schema.model import Configuration
 
+from ..evaluation import Run
+from ..excitation import shrinking_triangle
+from ..experiment import Experiment, open_loop
+from ..report.model import Plot
 from .canvas import save
-from .evaluation import Run
-from .excitation import shrinking_triangle
-from .experiment import Experiment, open_loop
-from .paper_plots import figure_2, figure_8, figure_9
-from .report.model import Plot
+from .paper import figure_2, figure_8, figure_9
 
 
 def hysteresis_loops(configuration: Configuration, experiment: Experiment, axis: int) -> Plot:

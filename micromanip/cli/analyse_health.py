@@ -21,7 +21,7 @@ from .results import out_option, results_folder
 
 if TYPE_CHECKING:
     from micromanip.design.drift.history import Check
-    from micromanip.design.drift.judged import Judged
+    from micromanip.design.drift.trend import Health
     from micromanip.settings.schema.model import Configuration
 
 
@@ -64,7 +64,7 @@ def command(
     """
     from micromanip.design.drift.checking import of_the_model
     from micromanip.design.drift.history import append, read_history
-    from micromanip.design.drift.judged import judge
+    from micromanip.design.drift.trend import judge
 
     before = [] if history is None else read_history(history)
     found, problems, files = [], [], []
@@ -105,7 +105,7 @@ def _measured(
 ) -> tuple[Configuration, list[Check]]:
     """What runs, and the checks of the axes asked for."""
     from micromanip.design.drift.checking import DRAWS, checked, closed_loops
-    from micromanip.design.running import measure_virtually
+    from micromanip.design.live_margins import measure_virtually
     from micromanip.settings.excitation_plan import require_axis
     from micromanip.settings.wiring.timing import feedback_path
 
@@ -150,7 +150,7 @@ def _live(client: Client, axis: str, amplitude_um: float, seed: int) -> tuple[Co
     return configuration, checks
 
 
-def _draw(checks: list[Check], judged: Judged, configuration: Configuration, folder: Path) -> list[Path]:
+def _draw(checks: list[Check], judged: Health, configuration: Configuration, folder: Path) -> list[Path]:
     from micromanip.design.plots.canvas import save
     from micromanip.design.plots.findings import health_plots
 
@@ -159,7 +159,7 @@ def _draw(checks: list[Check], judged: Judged, configuration: Configuration, fol
     return [save(plots, folder, f"drift_{judged.axis}", title, about=about)]
 
 
-def _document(check: Check, judged: Judged) -> dict[str, Any]:
+def _document(check: Check, judged: Health) -> dict[str, Any]:
     watched = [
         {"name": each.name, "latest": each.latest, "before": each.before, "commissioned": each.commissioned,
          "change_percent": 100.0 * each.change, "learning": each.learning,
@@ -172,7 +172,7 @@ def _document(check: Check, judged: Judged) -> dict[str, Any]:
             "problems": list(judged.problems)}  # fmt: skip
 
 
-def _print(judged: Judged, check: Check) -> None:
+def _print(judged: Health, check: Check) -> None:
     from micromanip.design.drift.history import LABELS
 
     from .tables import print_table

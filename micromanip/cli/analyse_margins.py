@@ -69,8 +69,8 @@ def command(
     from micromanip.design.criteria import criteria, notes, report
     from micromanip.design.parallel import scheduler
     from micromanip.settings.check import prepare
+    from micromanip.virtual.altered import VariedCell, simulated_driver
     from micromanip.virtual.experiment import VirtualExperiment
-    from micromanip.virtual.switched import VariedCell, simulated_driver
 
     prepared = prepare(config)
     shown = chosen_axes(prepared.configuration.axes, only, config)

@@ -64,7 +64,7 @@ def compare(first: Path, second: Path, to: Path | None, as_json: bool) -> None:
     Whether B's error is lower or higher is judged with 95 % confidence, by as many independent pieces as the runs have.
     --to draws both side by side, judges every quantity, and says what each parameter that differs means.
     """
-    from micromanip.design.run.comparison import judged
+    from micromanip.design.run.comparison import compared
     from micromanip.design.run.confidence import ratio
     from micromanip.design.run.figures import configuration_changes, run_figures
     from micromanip.design.run.report import comparison_page
@@ -82,7 +82,7 @@ def compare(first: Path, second: Path, to: Path | None, as_json: bool) -> None:
         _warn(run)
     a, b = figures = [run_figures(run) for run in runs]
     changes = configuration_changes(*(run.telemetry.configuration for run in runs))
-    found_differences = judged(runs, figures)
+    found_differences = compared(runs, figures)
     axes = {}
     for axis in (name for name in a.axes if name in b.axes):
         squares = [run.squares[axis].whole for run in figures]

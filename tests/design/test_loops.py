@@ -133,15 +133,15 @@ def outer():
     return load_with_source(CONFIG)[0].axes["y"].outer
 
 
-def found_margins(outer, knobs, extra_delay=0.0):
-    settings = outer.model_copy(update=knobs)
+def found_margins(outer, options, extra_delay=0.0):
+    settings = outer.model_copy(update=options)
     gains = outer_gains(settings, None, PERIOD_S)
     return margins(stage_loop(gains, model_system(settings.model, PERIOD_S, extra_delay)))
 
 
-@pytest.mark.parametrize(("knobs", "Ms", "gain_dB", "phase_deg"), TABLE)
-def test_margins_of_the_designs_that_were_tried(outer, knobs, Ms, gain_dB, phase_deg):
-    found = found_margins(outer, knobs)
+@pytest.mark.parametrize(("options", "Ms", "gain_dB", "phase_deg"), TABLE)
+def test_margins_of_the_designs_that_were_tried(outer, options, Ms, gain_dB, phase_deg):
+    found = found_margins(outer, options)
     assert found.stable
     assert found.sensitivity == pytest.approx(Ms, rel=0.12)
     assert found.gain_dB == pytest.approx(gain_dB, abs=1.7)

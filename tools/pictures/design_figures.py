@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from micromanip.design.analysis import analyse_axis
 from micromanip.design.commission.axis import commission_axis
-from micromanip.design.commission.knobs import Knobs
+from micromanip.design.commission.options import Options
 from micromanip.design.commission.plots import measured_response, responses
 from micromanip.design.loops import strain_loop
 from micromanip.design.plots.canvas import drawn
@@ -37,7 +37,7 @@ def analysis_drawings(prepared: Prepared) -> Iterator[tuple[str, Figure]]:
 def commissioning_drawings(factory: Prepared) -> Iterator[tuple[str, Figure]]:
     """Residual, strain loop, stage and outer loop, with the names of their files."""
     found = commission_axis(
-        factory.configuration, VirtualExperiment(factory), "x", lambda _: None, Knobs(tooth_Hz=200.0)
+        factory.configuration, VirtualExperiment(factory), "x", lambda _: None, Options(tooth_Hz=200.0)
     )
     assert found.outer is not None
     loop = strain_loop(found.pid.inner, found.actuator.system, found.pid.slopes[-1])

@@ -15,7 +15,7 @@ from scipy.signal import detrend, welch
 from micromanip.settings.schema.model import Configuration
 
 from ..experiment import Experiment, alone, play, resting
-from .at_rest import STANDS_OUT, strongest_line
+from .quiescent_spectrum import STANDS_OUT, strongest_line
 
 Array = NDArray[np.float64]
 

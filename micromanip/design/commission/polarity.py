@@ -18,7 +18,7 @@ from micromanip.settings.schema.reference import Tracker
 from ..experiment import Experiment, open_loop, parked, play
 
 # A gauge that is dead, flagged or on its rail would let a strain loop run away. The capacitive sensor may be at the end
-# of its range where the stage rests: ``travel.py`` judges it, still in open loop.
+# of its range where the stage rests: ``stage_sensor_check.py`` judges it, still in open loop.
 
 Array = NDArray[np.float64]
 

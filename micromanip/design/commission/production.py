@@ -25,8 +25,8 @@ from ..criteria import told
 from ..experiment import Experiment, with_axes, with_reference
 from ..report.model import Curve, Plot, Section
 from ..report.verdict import Criterion
-from .at_rest import AtRest
 from .predictor import known_deviations
+from .quiescent_spectrum import AtRest
 
 Array = NDArray[np.float64]
 Budgeted = Callable[[Configuration, NDArray[Any]], list[AxisBudget]]

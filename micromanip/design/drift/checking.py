@@ -10,8 +10,8 @@ from datetime import datetime
 import numpy as np
 
 from micromanip.control.system import System
+from micromanip.design.live_margins import judge_running
 from micromanip.design.response import Measured
-from micromanip.design.running import judge_running
 from micromanip.errors import CheckFailed
 from micromanip.settings.schema.axis import Axis
 from micromanip.settings.schema.model import Configuration

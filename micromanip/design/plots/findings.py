@@ -13,11 +13,11 @@ from micromanip.settings.schema.axis import Axis
 from ..budget.budget import AxisBudget
 from ..budget.composition import summed_up
 from ..drift.history import COLUMNS, LABELS, MARGINS, Check
-from ..drift.judged import DRAWN, Judged
+from ..drift.trend import DRAWN, Health
+from ..live_margins import Running
 from ..preview.preview import AxisPreview, Preview
 from ..preview.stretches import ERROR
 from ..report.model import Array, Curve, Plot
-from ..running import Running
 from .canvas import save
 
 
@@ -61,7 +61,7 @@ def preview_plots(axis: AxisPreview, left: AxisPreview, settings: Axis) -> tuple
     return tuple(plots)
 
 
-def health_plots(checks: Sequence[Check], judged: Judged, accept: Accept) -> tuple[Plot, ...]:
+def health_plots(checks: Sequence[Check], judged: Health, accept: Accept) -> tuple[Plot, ...]:
     """`checks` of one axis under one tuning, oldest first, beside its model and what is accepted."""
     found = {each.name: each for each in judged.watched}
     least = dict(zip(MARGINS, (accept.gain_margin_dB, accept.phase_margin_deg), strict=True))

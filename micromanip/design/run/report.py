@@ -11,7 +11,7 @@ from micromanip.settings.text.shape import Shape
 
 from ..report.model import Section, Table
 from ..report.page import page_of
-from .comparison import ERROR, TOO_SHORT, Judged
+from .comparison import ERROR, TOO_SHORT, Compared
 from .confidence import SAME
 from .figures import RunFigures
 from .plots import LETTERS, sections
@@ -96,10 +96,10 @@ _METHOD = (
 def comparison_page(
     runs: Sequence[RecordedRun],
     figures: Sequence[RunFigures],
-    found: Sequence[Judged],
+    found: Sequence[Compared],
     changes: Sequence[dict[str, Any]],
 ) -> str:
-    """The page of two runs. `found` is what `judged` says of them, `changes` the keys in which they differ."""
+    """The page of two runs. `found` is what `compared` says of them, `changes` the keys in which they differ."""
     names = [f"{letter} {run.telemetry.file.name}" for letter, run in zip(LETTERS, runs, strict=True)]
     told = [f"{name}: {facts(run, found)}" for name, run, found in zip(names, runs, figures, strict=True)]
     parts = [
@@ -112,7 +112,7 @@ def comparison_page(
     return page_of(" and ".join(names), parts)
 
 
-def _differences(found: Sequence[Judged]) -> Section:
+def _differences(found: Sequence[Compared]) -> Section:
     sure = [each for each in found if each.verdict not in (SAME, TOO_SHORT)]
     short = sum(each.verdict == TOO_SHORT for each in found)
     told = f"{len(sure)} of {len(found)} quantities differ by more than their confidence"

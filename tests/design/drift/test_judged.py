@@ -8,7 +8,7 @@ import pytest
 
 from micromanip.design.drift.figures import PlantFigures
 from micromanip.design.drift.history import COLUMNS, HEADER, Check, append, read_history
-from micromanip.design.drift.judged import judge
+from micromanip.design.drift.trend import judge
 from micromanip.errors import CheckFailed
 from micromanip.settings.schema.accept import Accept
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from micromanip.design.linear.judged import coherence_of
+from micromanip.design.linear.validated import coherence_of
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.1, 1.0, 5.0])

@@ -35,7 +35,7 @@ known to, and by 5 %."""
 
 
 @dataclass(frozen=True)
-class Watched:
+class WatchedFigure:
     """A figure: the latest, what it is compared with, and `since` when it drifts (None: it doesn't)."""
 
     name: str
@@ -53,16 +53,16 @@ class Watched:
 
 
 @dataclass(frozen=True)
-class Judged:
+class Health:
     """All figures of an axis, and in words what is not as it was; empty where all is."""
 
     axis: str
     checks: int
-    watched: tuple[Watched, ...]
+    watched: tuple[WatchedFigure, ...]
     problems: tuple[str, ...]
 
 
-def judge(checks: Sequence[Check], tuned: PlantFigures, accept: Accept, false_alarms: float = FALSE_ALARMS) -> Judged:
+def judge(checks: Sequence[Check], tuned: PlantFigures, accept: Accept, false_alarms: float = FALSE_ALARMS) -> Health:
     """What `checks` of one axis under one tuning, oldest first, say beside the `tuned` figures of its model."""
     watched, latest = [], checks[-1].figures
     known = [name for name in FIGURES if not math.isnan(latest[name])]
@@ -78,12 +78,14 @@ def judge(checks: Sequence[Check], tuned: PlantFigures, accept: Accept, false_al
             until = change_point(values[: cusum.crossed + 1])
             since = seen[until].time
         before = math.exp(float(np.mean(values[:until])))
-        watched.append(Watched(name, latest[name], before, getattr(tuned, name), len(values), cusum.learning, since))
+        watched.append(
+            WatchedFigure(name, latest[name], before, getattr(tuned, name), len(values), cusum.learning, since)
+        )
     problems = [*_drifts(watched), *_outside(watched, checks), *_margins(checks, accept)]
-    return Judged(checks[-1].axis, len(checks), tuple(watched), tuple(problems))
+    return Health(checks[-1].axis, len(checks), tuple(watched), tuple(problems))
 
 
-def _drifts(watched: Sequence[Watched]) -> Iterator[str]:
+def _drifts(watched: Sequence[WatchedFigure]) -> Iterator[str]:
     for each in watched:
         if each.since is not None:
             yield (
@@ -92,7 +94,7 @@ def _drifts(watched: Sequence[Watched]) -> Iterator[str]:
             )
 
 
-def _outside(watched: Sequence[Watched], checks: Sequence[Check]) -> Iterator[str]:
+def _outside(watched: Sequence[WatchedFigure], checks: Sequence[Check]) -> Iterator[str]:
     for each in watched:
         low, high = DRAWN.get(each.name, (0.0, math.inf))
         known = not math.isnan(each.commissioned)

@@ -27,7 +27,7 @@ _POOR_PERCENT, _GOOD_PERCENT, _COHERENT = 70.0, 20.0, 0.8
 
 
 @dataclass(frozen=True)
-class Judged:
+class ValidatedFit:
     """A model, its free run on what was held out, that of ARX(1), and the coherence (outputs,) of inputs and outputs.
 
     The strict errors (outputs,) are those behind the first tenth of each part, to which state and offset are fitted.
@@ -80,7 +80,7 @@ def fit_records(
     order: int | None,
     split: float,
     progress: Callable[[str], None] = lambda _: None,
-) -> Judged:
+) -> ValidatedFit:
     """Fit to the first `split` of each record, judge by the free run on the rest, and on `validation`.
 
     Where nothing is left (`split` 1), the validation record, which must be given then, stands for the rest. Errors of
@@ -114,7 +114,7 @@ def fit_records(
             "rms_error_percent": errors.tolist(),
             "strict_fit_percent": (100.0 - strict_errors(model, unseen)).tolist(),
         }
-    return Judged(model, judged, 100.0 - rms, rms, strict, arx1, other, coherence, selected.notes)
+    return ValidatedFit(model, judged, 100.0 - rms, rms, strict, arx1, other, coherence, selected.notes)
 
 
 def _require_driven(

@@ -62,9 +62,8 @@ def command(
     Exit code 1 where a figure drifts or is outside of what robustness was judged for, and where a margin is surely
     below `accept` or soon will be.
     """
-    from micromanip.design.drift.checking import of_the_model
     from micromanip.design.drift.history import append, read_history
-    from micromanip.design.drift.trend import judge
+    from micromanip.design.drift.trend import judge, of_the_model
 
     before = [] if history is None else read_history(history)
     found, problems, files = [], [], []
@@ -104,7 +103,7 @@ def _measured(
     config: Path | None, axis: str, amplitude_um: float, seed: int, socket_path: Path
 ) -> tuple[Configuration, list[Check]]:
     """What runs, and the checks of the axes asked for."""
-    from micromanip.design.drift.checking import DRAWS, checked, closed_loops
+    from micromanip.design.drift.trend import DRAWS, checked, closed_loops
     from micromanip.design.live_margins import measure_virtually
     from micromanip.settings.excitation_plan import require_axis
     from micromanip.settings.wiring.timing import feedback_path
@@ -130,7 +129,7 @@ def _measured(
 
 
 def _live(client: Client, axis: str, amplitude_um: float, seed: int) -> tuple[Configuration, list[Check]]:
-    from micromanip.design.drift.checking import DRAWS, checked, closed_loops
+    from micromanip.design.drift.trend import DRAWS, checked, closed_loops
     from micromanip.settings.excitation_plan import require_axis
     from micromanip.settings.load import validate_document
     from micromanip.settings.text.source import Source

@@ -102,7 +102,7 @@ def command(
                 )
             analyses.append(analysis)
             if figures:
-                from micromanip.design.plots.margins import draw_analysis
+                from micromanip.design.plots.loops import draw_analysis
 
                 progress("drawing")
                 about = provenance(prepared, name, seed)

@@ -19,8 +19,7 @@ from micromanip.control.outer_gains import outer_gains
 from micromanip.design.evaluation import evaluate
 from micromanip.design.experiment import with_axes, with_reference
 from micromanip.design.plots.canvas import drawn
-from micromanip.design.plots.evaluation import hysteresis_loops
-from micromanip.design.plots.paper import figure_9
+from micromanip.design.plots.paper import figure_9, hysteresis_loops
 from micromanip.rt.laws.hysteresis import play
 from micromanip.settings.check import Prepared, prepare
 from micromanip.settings.schema.reference import Hold, Step

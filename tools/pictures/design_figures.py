@@ -12,11 +12,10 @@ from matplotlib.figure import Figure
 from micromanip.design.analysis import analyse_axis
 from micromanip.design.commission.axis import commission_axis
 from micromanip.design.commission.options import Options
-from micromanip.design.commission.plots import measured_response, responses
+from micromanip.design.commission.report_sections import measured_response, responses
 from micromanip.design.loops import strain_loop
 from micromanip.design.plots.canvas import drawn
-from micromanip.design.plots.loops import loop_plots
-from micromanip.design.plots.margins import drawn_plants, loops_of
+from micromanip.design.plots.loops import drawn_plants, loop_plots, loops_of
 from micromanip.design.plots.paper import figure_5, figure_7
 from micromanip.settings.check import Prepared
 from micromanip.virtual.experiment import VirtualExperiment

@@ -1,11 +1,18 @@
-"""Bode and Nyquist plots of a loop, as data."""
+"""Plots of an analysis: Bode and Nyquist plots of a loop, describing function, drawn plants; and their pictures."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
 import numpy as np
 
-from ..loops import Margins, System, grid, refined
-from ..report.model import Curve, Plot
+from micromanip.settings.schema.accept import Accept
+
+from ..analysis import AxisAnalysis
+from ..loops import Margins, Sample, System, grid, refined
+from ..report.model import Array, Curve, Plot
+from .paper import figure_7
 
 _FAR, _HIGHEST = 3.0, 1e4
 _MARKED_HZ = (5, 10, 20, 50, 100, 200, 500, 1000, 2000)
@@ -46,3 +53,65 @@ def loop_plots(name: str, loop: System, found: Margins) -> tuple[Plot, ...]:
         ),
         Plot(f"{name}: Nyquist", "real part", "imaginary part", nyquist, note, equal=True),
     )
+
+
+_MOST_MS = 20.0
+"""An Ms above it is drawn there, and that of an unstable plant."""
+
+
+def drawn_plants(samples: tuple[Sample, ...], accept: Accept) -> tuple[Plot, Plot]:
+    """Ms and phase margin of each drawn plant, and Ms over what matters most; unstable ones at the largest Ms."""
+    margins, places = [], []
+    for name, of in (("strain loop", "strain"), ("outer loop", "stage")):
+        found: list[tuple[Sample, Margins]] = [(s, m) for s in samples if (m := getattr(s, of)) is not None]
+        for what, stable in ((name, True), (f"{name}, unstable", False)):
+            kept = [(s, m) for s, m in found if m.stable is stable]
+            if kept:
+                size = _array(min(m.sensitivity, _MOST_MS) if stable else _MOST_MS for _, m in kept)
+                phase = _array(min(m.phase_deg, 90.0) if stable else 0.0 for _, m in kept)
+                label = f"{what}: {len(kept)} of {len(found)}"
+                margins.append(Curve(label, size, phase, marks=True))
+                over = _array(np.sqrt(s.drawn.stiffness / s.drawn.stage_mass) for s, _ in kept)
+                places.append(Curve(label, over, size, marks=True))
+    ends = _array(each for curve in places for each in (curve.x.min(), curve.x.max()))
+    limit = _array([accept.robust_sensitivity] * 2)
+    places.append(Curve("limit", _array([ends.min(), ends.max()]), limit, faint=True))
+    title, what = f"Margins of {len(samples)} drawn plants", "frequency of the flexure's mode over its nominal one"
+    return (
+        Plot(title, f"Ms, at most {_MOST_MS:g}", "phase margin, degrees", tuple(margins), log_x=True),
+        Plot("Where they are lost", what, "Ms", tuple(places), log_y=True),
+    )
+
+
+def _array(values: Iterable[float]) -> Array:
+    return np.array(list(values), dtype=float)
+
+
+def loops_of(analysis: AxisAnalysis) -> dict[str, tuple[System, Margins]]:
+    """The loops that there are by name: the strain loop at the identified slope, and at the worst if another."""
+    loops: dict[str, tuple[System, Margins]] = {}
+    if analysis.strain is not None:
+        i = int(np.argmin(np.abs(np.array(analysis.strain.slopes) - 1.0)))
+        loops["strain loop, identified slope"] = analysis.strain.loops[i], analysis.strain.margins[i]
+        k = int(np.argmax([m.sensitivity for m in analysis.strain.margins]))
+        if k != i:
+            name = f"strain loop, worst slope ({analysis.strain.slopes[k]:.2f} times)"
+            loops[name] = analysis.strain.loops[k], analysis.strain.margins[k]
+    if analysis.stage is not None:
+        loops["outer loop"] = analysis.stage.loop, analysis.stage.margins
+    return loops
+
+
+def draw_analysis(analysis: AxisAnalysis, folder: Path, about: str = "") -> Iterator[Path]:
+    """Draw what the analysis of one axis has into `folder`; the files. `about` says where it comes from."""
+    from .canvas import save
+
+    drawings: dict[str, tuple[Plot, ...]] = {}
+    if analysis.inverse is not None:
+        drawings["figure7_describing_function"] = figure_7(analysis.inverse)
+    for name, (loop, found) in loops_of(analysis).items():
+        drawings[name.partition(" (")[0].replace(", ", "_").replace(" ", "_")] = loop_plots(name, loop, found)
+    if analysis.samples:
+        drawings["drawn_plants"] = drawn_plants(analysis.samples, analysis.settings.accept)
+    for name, plots in drawings.items():
+        yield save(plots, folder, f"{name}_{analysis.axis}", about=about)

@@ -22,8 +22,8 @@ from micromanip.design.parallel import each
 from micromanip.errors import CheckFailed
 from micromanip.settings.check import Prepared
 from micromanip.settings.schema.model import Configuration
+from micromanip.virtual.altered import at_limits, simulated_driver
 from micromanip.virtual.experiment import VirtualExperiment, with_options
-from micromanip.virtual.switched import at_limits, simulated_driver
 
 from .report import Asked, Report
 from .running_controller import MICROMANIP

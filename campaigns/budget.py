@@ -13,7 +13,7 @@ import numpy as np
 from micromanip.design.budget.causes import COUPLING, CREEP, FORCE, MISFIT, PREDICTION, STAGE, STRAIN, TRACKER
 from micromanip.design.budget.configured import cell_of
 from micromanip.settings.check import Prepared
-from micromanip.virtual.switched import NOISE, play_without
+from micromanip.virtual.altered import NOISE, play_without
 
 from .report import Asked, Report
 from .simulated_cells import changed

@@ -11,10 +11,10 @@ from micromanip.control.margins import margins
 from micromanip.control.outer_gains import outer_gains
 from micromanip.control.pid import pid_system
 from micromanip.design.commission.cell import CommissionedCell, commission_cell
-from micromanip.design.commission.knobs import Knobs
-from micromanip.design.commission.verdict import Verdict, overall
+from micromanip.design.commission.options import Options
 from micromanip.design.describing import harmonics, inverse_operator
 from micromanip.design.loops import stage_loop
+from micromanip.design.report.verdict import Verdict, overall
 from micromanip.settings.check import Prepared, prepare
 from micromanip.virtual.experiment import VirtualExperiment
 
@@ -69,7 +69,7 @@ def commission_foreign(seed: int) -> Outcome:
     """Draw, commission, and compare with the truth."""
     plant = Foreign.drawn(seed)
     prepared = foreign_cell(prepare(CONFIG), plant)
-    found = commission_cell(prepared.configuration, VirtualExperiment(prepared), [AXIS], lambda _: None, Knobs())
+    found = commission_cell(prepared.configuration, VirtualExperiment(prepared), [AXIS], lambda _: None, Options())
     if found.stopped is not None:
         return Outcome(seed, "refused", False, str(found.stopped), {})
     why = "; ".join(f"{c.name}: {c.value}" for c in found.evidence[0].criteria if not c.passed)

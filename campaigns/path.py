@@ -21,8 +21,8 @@ from micromanip.design.preview.stretches import RANGE, TRACKER, VOLTAGE
 from micromanip.recordings.path_deviation import PathDeviation, read_path_deviation
 from micromanip.rt.states import TRACKING
 from micromanip.settings.check import Prepared, prepare
+from micromanip.virtual.altered import at_limits, simulated_driver
 from micromanip.virtual.experiment import VirtualExperiment, with_options
-from micromanip.virtual.switched import at_limits, simulated_driver
 
 from .report import ROOT, Asked, Report
 

@@ -10,7 +10,7 @@ from micromanip_drivers.simulated.options import Plant
 
 from micromanip.control.margins import Margins
 from micromanip.design.commission.cell import CommissionedCell, commission_cell
-from micromanip.design.commission.knobs import Knobs
+from micromanip.design.commission.options import Options
 from micromanip.design.describing import harmonics, inverse_operator
 from micromanip.settings.check import Prepared, prepare
 from micromanip.settings.schema.model import Configuration
@@ -25,7 +25,7 @@ WANTED = 0.85
 """Share of the plants that must pass."""
 AXIS, MARGIN_UM, HELD = "x", 3.0, 0.8
 _SWING_UM = 1.5
-_KNOBS = Knobs(tooth_Hz=200.0)
+_KNOBS = Options(tooth_Hz=200.0)
 
 
 @dataclass(frozen=True)

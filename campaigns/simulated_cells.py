@@ -9,7 +9,7 @@ from typing import Any
 import yaml
 
 from micromanip.design.commission.cell import CommissionedCell, commission_cell
-from micromanip.design.commission.knobs import Knobs
+from micromanip.design.commission.options import Options
 from micromanip.design.experiment import with_axis
 from micromanip.settings.check import Prepared, prepare
 from micromanip.settings.compile.cell import compile_cell
@@ -61,7 +61,9 @@ def tuned(prepared: Prepared, configuration: Configuration) -> Prepared:
 def commissioned(prepared: Prepared, configuration: Configuration) -> CommissionedCell:
     """`configuration` commissioned on the cell of `prepared`, the process going on where it rests."""
     experiment, running = VirtualExperiment(prepared), VirtualExperiment(prepared, process=True)
-    return commission_cell(configuration, experiment, list(configuration.axes), lambda _: None, Knobs(), SEED, running)
+    return commission_cell(
+        configuration, experiment, list(configuration.axes), lambda _: None, Options(), SEED, running
+    )
 
 
 def drawn(prepared: Prepared, seed: int) -> Prepared | str:

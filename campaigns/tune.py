@@ -9,7 +9,7 @@ import re
 from importlib.metadata import version
 
 from micromanip.design.commission.cell import CommissionedCell, commission_cell
-from micromanip.design.commission.knobs import Knobs
+from micromanip.design.commission.options import Options
 from micromanip.settings.check import prepare
 from micromanip.settings.schema.axis import Commissioned
 from micromanip.settings.schema.reference import Tracker
@@ -38,8 +38,8 @@ def tuned(asked: Asked) -> CommissionedCell:
     factory = prepare(CONFIG / "factory.yaml")
     configuration = factory.configuration
     experiment, running = VirtualExperiment(factory), VirtualExperiment(factory, process=True)
-    axes, knobs = list(configuration.axes), Knobs(tooth_Hz=TOOTH_HZ)
-    return commission_cell(configuration, experiment, axes, asked.tell, knobs, asked.seed, running)
+    axes, options = list(configuration.axes), Options(tooth_Hz=TOOTH_HZ)
+    return commission_cell(configuration, experiment, axes, asked.tell, options, asked.seed, running)
 
 
 def missed(found: CommissionedCell) -> list[str]:

@@ -56,11 +56,10 @@ def command(
         else:
             budgets, about = _of_recording(file, only, coherence_s, bar.say)
         if folder is not None:
-            from micromanip.design.pictures import draw_budget
+            from micromanip.design.plots.findings import draw_budgets
 
             bar.say("drawing")
-            for budget in budgets:
-                pictures.draw(partial(draw_budget, budget, about=about))
+            pictures.draw(partial(draw_budgets, budgets, about))
         written = pictures.put()
     if as_json:
         emit_json(

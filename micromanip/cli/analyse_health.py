@@ -20,7 +20,8 @@ from .options import Quantity, StrictCommand, emit_json, json_option, socket_opt
 from .results import out_option, results_folder
 
 if TYPE_CHECKING:
-    from micromanip.design.drift import Check, Judged
+    from micromanip.design.drift.history import Check
+    from micromanip.design.drift.trend import Health
     from micromanip.settings.schema.model import Configuration
 
 
@@ -61,8 +62,8 @@ def command(
     Exit code 1 where a figure drifts or is outside of what robustness was judged for, and where a margin is surely
     below `accept` or soon will be.
     """
-    from micromanip.design.drift import append, judge, read_history
-    from micromanip.design.drift.checking import of_the_model
+    from micromanip.design.drift.history import append, read_history
+    from micromanip.design.drift.trend import judge, of_the_model
 
     before = [] if history is None else read_history(history)
     found, problems, files = [], [], []
@@ -102,8 +103,8 @@ def _measured(
     config: Path | None, axis: str, amplitude_um: float, seed: int, socket_path: Path
 ) -> tuple[Configuration, list[Check]]:
     """What runs, and the checks of the axes asked for."""
-    from micromanip.design.drift.checking import DRAWS, checked, closed_loops
-    from micromanip.design.running import measure_virtually
+    from micromanip.design.drift.trend import DRAWS, checked, closed_loops
+    from micromanip.design.live_margins import measure_virtually
     from micromanip.settings.excitation_plan import require_axis
     from micromanip.settings.wiring.timing import feedback_path
 
@@ -128,7 +129,7 @@ def _measured(
 
 
 def _live(client: Client, axis: str, amplitude_um: float, seed: int) -> tuple[Configuration, list[Check]]:
-    from micromanip.design.drift.checking import DRAWS, checked, closed_loops
+    from micromanip.design.drift.trend import DRAWS, checked, closed_loops
     from micromanip.settings.excitation_plan import require_axis
     from micromanip.settings.load import validate_document
     from micromanip.settings.text.source import Source
@@ -148,15 +149,16 @@ def _live(client: Client, axis: str, amplitude_um: float, seed: int) -> tuple[Co
     return configuration, checks
 
 
-def _draw(checks: list[Check], judged: Judged, configuration: Configuration, folder: Path) -> list[Path]:
-    from micromanip.design.canvas import save
-    from micromanip.design.pictures import health_picture
+def _draw(checks: list[Check], judged: Health, configuration: Configuration, folder: Path) -> list[Path]:
+    from micromanip.design.plots.canvas import save
+    from micromanip.design.plots.findings import health_plots
 
-    drawn = health_picture(checks, judged, configuration.axes[judged.axis].accept)
-    return [save(drawn, folder, f"drift_{judged.axis}", about=f"tuning {checks[-1].tuning}")]
+    plots = health_plots(checks, judged, configuration.axes[judged.axis].accept)
+    title, about = f"Axis {judged.axis}: {judged.checks} checks", f"tuning {checks[-1].tuning}"
+    return [save(plots, folder, f"drift_{judged.axis}", title, about=about)]
 
 
-def _document(check: Check, judged: Judged) -> dict[str, Any]:
+def _document(check: Check, judged: Health) -> dict[str, Any]:
     watched = [
         {"name": each.name, "latest": each.latest, "before": each.before, "commissioned": each.commissioned,
          "change_percent": 100.0 * each.change, "learning": each.learning,
@@ -169,7 +171,7 @@ def _document(check: Check, judged: Judged) -> dict[str, Any]:
             "problems": list(judged.problems)}  # fmt: skip
 
 
-def _print(judged: Judged, check: Check) -> None:
+def _print(judged: Health, check: Check) -> None:
     from micromanip.design.drift.history import LABELS
 
     from .tables import print_table

@@ -69,16 +69,16 @@ def command(
     from micromanip.design.criteria import criteria, notes, report
     from micromanip.design.parallel import scheduler
     from micromanip.settings.check import prepare
+    from micromanip.virtual.altered import VariedCell, simulated_driver
     from micromanip.virtual.experiment import VirtualExperiment
-    from micromanip.virtual.variation import VariedCell
 
     prepared = prepare(config)
     shown = chosen_axes(prepared.configuration.axes, only, config)
     if jobs == 0:
         raise UsageError("--jobs 0 leaves nobody to work: 1 or more, or -1 for one a CPU")
     cells = {name: VariedCell(prepared, name) for name in shown} if simulate else {}
-    for cell in cells.values():
-        cell.require_simulated()
+    for name in cells:
+        simulated_driver(prepared, [name])
     seeds = range(seed, seed + samples)
     analyses = []
     with (
@@ -102,7 +102,7 @@ def command(
                 )
             analyses.append(analysis)
             if figures:
-                from micromanip.design.analysis_plots import draw_analysis
+                from micromanip.design.plots.loops import draw_analysis
 
                 progress("drawing")
                 about = provenance(prepared, name, seed)

@@ -69,11 +69,9 @@ def command(
     with Pictures(folder) as pictures:
         found = preview_of(prepared, path, reserve_um, tolerance_um, corner_hz)
         if folder is not None:
-            from micromanip.design.pictures import draw_preview
+            from micromanip.design.plots.findings import draw_previews
 
-            for axis, left in zip(found.axes, found.left, strict=True):
-                settings = prepared.configuration.axes[axis.axis]
-                pictures.draw(partial(draw_preview, axis, left, settings, about=f"{file}, {config}"))
+            pictures.draw(partial(draw_previews, found, prepared.configuration.axes, f"{file}, {config}"))
         written = pictures.put()
     if offset_file is not None:
         found.offset.write(offset_file)

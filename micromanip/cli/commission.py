@@ -74,7 +74,7 @@ def command(
     and a tuning that was found is kept as rejected.yaml.
     """
     from micromanip.design.commission.cell import commission_cell, planned
-    from micromanip.design.commission.knobs import Knobs
+    from micromanip.design.commission.options import Options
     from micromanip.settings.check import prepare
 
     prepared = prepare(config)
@@ -99,7 +99,7 @@ def command(
                 played(process=False),
                 chosen,
                 bar.say,
-                Knobs(bandwidth_Hz, noise_um, tooth_Hz),
+                Options(bandwidth_Hz, noise_um, tooth_Hz),
                 seed,
                 played(process=True),
                 partial(_as_written, prepared),

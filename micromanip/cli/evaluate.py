@@ -64,7 +64,7 @@ def command(
         runs = evaluate(configuration, experiment, tuned=tuned, progress=progress)
         quick = evaluate_fast(configuration, experiment, tuned, progress=progress)
         if figures:
-            from micromanip.design.figures import draw_all
+            from micromanip.design.plots.paper import draw_all
 
             for name in shown:
                 about = provenance(prepared, name, seed)

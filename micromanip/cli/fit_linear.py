@@ -64,7 +64,7 @@ def command(
     """
     from micromanip.design.linear.configured import require_stage, with_model
     from micromanip.design.linear.experiments import load_linear
-    from micromanip.design.linear.judged import fit_records
+    from micromanip.design.linear.validated import fit_records
     from micromanip.recordings import Wanted
     from micromanip.settings.write import write_atomically
 

@@ -75,7 +75,7 @@ def command(file: Path, only: str, moves_percent: float, into: Path | None, as_j
 
 def _shares(telemetry: Telemetry, axis: str, found: Deviation) -> dict[str, Any]:
     """What noise and prediction leave of the path, as it ran and with the new figures, or why that isn't told."""
-    from micromanip.design.budget.followed import predicted_share
+    from micromanip.design.budget.path_record import predicted_share
     from micromanip.settings.load import validate_document
     from micromanip.settings.schema.reference import Tracker
     from micromanip.settings.text.source import Source

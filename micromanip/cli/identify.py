@@ -110,9 +110,9 @@ def _played(
     prepared: Prepared, samples: NDArray[np.float64], duration_s: float, socket_path: Path, *, live: bool
 ) -> NDArray[Any]:
     """Rows of `samples` played in open loop; raises CheckFailed where a fault ended that."""
-    from micromanip.design.identification import variant
+    from micromanip.design.experiment import open_loop
 
-    configuration = variant(prepared.configuration)
+    configuration = open_loop(prepared.configuration)
     if live:
         from .live import LiveLine
         from .live_experiment import play

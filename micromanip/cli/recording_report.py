@@ -12,7 +12,7 @@ from .options import StrictCommand, emit_answer, json_option
 from .results import require_new_page, write_new_page
 
 if TYPE_CHECKING:
-    from micromanip.design.recorded_run import RecordedRun
+    from micromanip.design.run.statistics import RecordedRun
 
 
 @click.command("report", cls=StrictCommand, epilog="Example: micromanip recording report run.mcap --to run.html")
@@ -27,9 +27,9 @@ def report(file: Path, to: Path | None, as_json: bool) -> None:
 
     With --json its figures, too: those of `compare` for one run.
     """
-    from micromanip.design.recorded_run import RecordedRun
-    from micromanip.design.run_figures import run_figures
-    from micromanip.design.run_report import run_report
+    from micromanip.design.run.figures import run_figures
+    from micromanip.design.run.report import run_report
+    from micromanip.design.run.statistics import RecordedRun
     from micromanip.recordings import open_telemetry
 
     from .progress import steps
@@ -64,11 +64,11 @@ def compare(first: Path, second: Path, to: Path | None, as_json: bool) -> None:
     Whether B's error is lower or higher is judged with 95 % confidence, by as many independent pieces as the runs have.
     --to draws both side by side, judges every quantity, and says what each parameter that differs means.
     """
-    from micromanip.design.recorded_run import BANDS_Hz, RecordedRun
-    from micromanip.design.run_comparison import judged
-    from micromanip.design.run_confidence import difference
-    from micromanip.design.run_figures import configuration_changes, run_figures
-    from micromanip.design.run_report import comparison_page
+    from micromanip.design.run.comparison import compared
+    from micromanip.design.run.confidence import ratio
+    from micromanip.design.run.figures import configuration_changes, run_figures
+    from micromanip.design.run.report import comparison_page
+    from micromanip.design.run.statistics import BANDS_Hz, RecordedRun
     from micromanip.recordings import open_telemetry
 
     from .progress import steps
@@ -82,12 +82,12 @@ def compare(first: Path, second: Path, to: Path | None, as_json: bool) -> None:
         _warn(run)
     a, b = figures = [run_figures(run) for run in runs]
     changes = configuration_changes(*(run.telemetry.configuration for run in runs))
-    found_differences = judged(runs, figures)
+    found_differences = compared(runs, figures)
     axes = {}
     for axis in (name for name in a.axes if name in b.axes):
         squares = [run.squares[axis].whole for run in figures]
-        found = difference(*squares)
-        axes[axis] = {"ratio": found.ratio, "ratio_95": [found.low, found.high], "verdict": found.verdict}
+        found = ratio(*squares)
+        axes[axis] = {"ratio": found.value, "ratio_95": [found.low, found.high], "verdict": found.verdict}
         axes[axis] |= {"independent": [each.batches for each in squares]}
     document = {
         "a": a.document(),
@@ -141,7 +141,7 @@ def _show_comparison(document: dict[str, Any]) -> None:
 
 
 def _warn(run: RecordedRun) -> None:
-    from micromanip.design.run_report import damage
+    from micromanip.design.run.report import damage
 
     if told := damage(run):
         echo(f"warning: {run.telemetry.file}:{told}", err=True)

@@ -20,9 +20,8 @@ from micromanip.errors import CheckFailed
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.wiring.timing import AT_ONCE, FeedbackPath
 
-from .experiment import EXCITED, Experiment, alone, parked, path_bandwidth, resting, with_reference
-from .identification import variant
-from .response import Identified, Multisine, Recorded, Wanted, identify_again, multisine
+from .experiment import Experiment, alone, open_loop, parked, path_bandwidth, play, require_answer, resting
+from .response import Identified, Recorded, Wanted, identify_again, multisine
 
 Array = NDArray[np.float64]
 
@@ -78,9 +77,8 @@ class Actuator:
 def working_voltage(configuration: Configuration, experiment: Experiment, axis: str) -> float:
     """Voltage (V) that holds `axis` at its working point, under its own feedback; the others rest."""
     samples = resting(configuration, axis, round(_SETTLE_S * configuration.loop.rate_hz))
-    rows = experiment(with_reference(alone(configuration, axis, "strain"), EXCITED), _SETTLE_S, samples)
-    index = list(configuration.axes).index(axis)
-    return float(rows["axis"]["voltage_V"][len(rows) // 2 :, index].mean())
+    rows = play(alone(configuration, axis, "strain"), experiment, samples)
+    return float(rows["voltage_V"][len(rows) // 2 :, list(configuration.axes).index(axis)].mean())
 
 
 def identify_actuator(
@@ -101,14 +99,25 @@ def identify_actuator(
 
     def record(attempt: int, more: int) -> Recorded:
         wave = multisine(
-            tuple((min(upper, wide_hz), _MORE**attempt * rms) for upper, rms in _RMS_V),
+            tuple((upper, _MORE**attempt * rms) for upper, rms in _RMS_V),
             LOW_HZ,
             wide_hz,
             rate_hz,
             seed=seed + attempt,
             draws=_DRAWS * more,
         )
-        return _recorded(configuration, experiment, axis, index, centre_V, wave, range_V)
+        samples = parked(configuration, len(wave.samples))
+        samples[:, index] = centre_V + wave.samples
+        reach = float(np.abs(wave.samples).max())
+        if centre_V - reach < range_V[0] or centre_V + reach > range_V[1]:
+            raise CheckFailed(
+                f"axis {axis}: the working point is held by {centre_V:.1f} V, too near to the end of range_V for a "
+                f"swing of {reach:.1f} V: move centre_um. Nothing was closed"
+            )
+        rows = play(open_loop(configuration), experiment, samples)
+        u, y = (np.asarray(rows[name][:, index], dtype=float) for name in ("voltage_V", "strain_um"))
+        require_answer(axis, "strain gauge", y)
+        return wave, u, y
 
     tried = identify_again(
         record,
@@ -123,32 +132,3 @@ def identify_actuator(
         * np.median(np.abs(found.measured.response))
     )
     return Actuator(found, swing_um, centre_V, path, tried.attempts)
-
-
-def _recorded(
-    configuration: Configuration,
-    experiment: Experiment,
-    axis: str,
-    index: int,
-    centre_V: float,
-    wave: Multisine,
-    range_V: tuple[float, float],
-) -> Recorded:
-    samples = parked(configuration, len(wave.samples))
-    samples[:, index] = centre_V + wave.samples
-    reach = float(np.abs(wave.samples).max())
-    if centre_V - reach < range_V[0] or centre_V + reach > range_V[1]:
-        raise CheckFailed(
-            f"axis {axis}: the working point is held by {centre_V:.1f} V, too near to the end of range_V for a swing "
-            f"of {reach:.1f} V: move centre_um. Nothing was closed"
-        )
-    rows = experiment(variant(configuration), len(wave.samples) / wave.rate_hz, samples)["axis"]
-    u, y = (np.asarray(rows[name][:, index], dtype=float) for name in ("voltage_V", "strain_um"))
-    if not np.isfinite(y).all():
-        raise CheckFailed(f"axis {axis}: the strain gauge has gaps in its record; look at its cable and its status")
-    if float(np.ptp(y)) == 0.0:
-        raise CheckFailed(f"axis {axis}: the strain gauge stands still under {reach:.1f} V; is it connected?")
-    return wave, u, y
-
-
-__all__ = ["Actuator", "identify_actuator", "working_voltage"]

@@ -10,9 +10,9 @@ import numpy as np
 from micromanip.settings.schema.accept import Accept
 
 from .analysis import AxisAnalysis
-from .criterion import Criterion
 from .describing import LimitCycle
 from .loops import HELD_SENSITIVITY, Margins, Sample, worst
+from .report.verdict import Criterion
 
 _LOST = 0.2
 """A played cell has lost its path where the rms error is above this share of the movement."""

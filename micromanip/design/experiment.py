@@ -7,6 +7,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from micromanip.errors import CheckFailed
 from micromanip.rt.records import MAX_AXES
 from micromanip.settings.schema.axis import Axis
 from micromanip.settings.schema.model import Configuration
@@ -54,6 +55,37 @@ def alone(configuration: Configuration, axis: str, mode: str) -> Configuration:
 
 EXCITED = File(source="file", path="(excitation)")
 """The reference of an experiment that plays samples."""
+
+
+def open_loop(configuration: Configuration) -> Configuration:
+    """The same configuration in open loop, playing samples (V)."""
+    return with_reference(with_axes(configuration, mode="voltage"), EXCITED)
+
+
+def play(configuration: Configuration, experiment: Experiment, samples: NDArray[np.float64]) -> NDArray[Any]:
+    """Rows (n, axes) of every axis while `samples` (n, MAX_AXES) are played."""
+    excited = with_reference(configuration, EXCITED)
+    rows: NDArray[Any] = experiment(excited, len(samples) / configuration.loop.rate_hz, samples)["axis"]
+    return rows
+
+
+def within_slew(
+    configuration: Configuration, axis: str, wave: NDArray[np.float64], share: float
+) -> NDArray[np.float64]:
+    """`wave` (n,), um, made smaller where it would go faster than that `share` of the set-point's slew limit."""
+    fastest_um_per_s = float(np.abs(np.diff(wave)).max()) * configuration.loop.rate_hz
+    allowed = share * 1e3 * configuration.axes[axis].setpoint.slew_um_per_ms
+    return np.asarray(min(1.0, allowed / fastest_um_per_s) * wave)
+
+
+def require_answer(axis: str, sensor: str, moved_um: NDArray[np.float64]) -> None:
+    """CheckFailed unless `sensor` of `axis` has seen its actuator move all the time (n,)."""
+    if not np.isfinite(moved_um).all():
+        raise CheckFailed(
+            f"axis {axis}: the {sensor} has gaps in its record; look at its cable, its range and its status"
+        )
+    if float(np.ptp(moved_um)) == 0.0:
+        raise CheckFailed(f"axis {axis}: the {sensor} stands still while the actuator moves; is it connected?")
 
 
 def with_reference(configuration: Configuration, reference: Reference) -> Configuration:

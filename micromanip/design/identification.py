@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.settings.schema.model import Configuration
-from micromanip.settings.schema.reference import File
 
 from .excitation import multisine, random_turns, shrinking_triangle, soft
-from .experiment import parked, with_axes, with_reference
+from .experiment import parked
 
 Kind = Literal["multisine", "turns", "triangle", "step"]
 Array = NDArray[np.float64]
@@ -59,11 +58,6 @@ def design(configuration: Configuration, axis: str, kind: Kind, seconds: float, 
         wave = np.concatenate([np.full(rate, low), np.linspace(low, high, rise), np.full(round(seconds * rate), high)])
     whole = soft(wave, output.park_V, rate, slew)
     return Excitation(axis, kind, whole, (len(whole) - len(wave)) // 2)
-
-
-def variant(configuration: Configuration) -> Configuration:
-    """`configuration` as the experiment runs it: open loop, playing samples."""
-    return with_reference(with_axes(configuration, mode="voltage"), File(source="file", path="(excitation)"))
 
 
 def samples_for(configuration: Configuration, excitation: Excitation) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,11 +86,15 @@ class Stage:
 
 def analyse_inverse(model: PrandtlIshlinskii, settings: Axis) -> Inverse:
     """Figure 7 about the axis' working point, and the map and verdict over its set-points."""
-    low, high = settings.setpoint.range_um
+    return _inverse(model, *settings.setpoint.range_um, settings.centre_um)
+
+
+@lru_cache(maxsize=8)  # each loop that is closed, and the analysis after it, asks for the same
+def _inverse(model: PrandtlIshlinskii, low: float, high: float, centre_um: float) -> Inverse:
     thresholds = inverse_operator(model).thresholds
-    room = min(settings.centre_um - low, high - settings.centre_um)
+    room = min(centre_um - low, high - centre_um)
     # a working point at the end of the range has no room: then the middle
-    offset, room = (settings.centre_um, room) if room > 0 else (0.5 * (low + high), 0.5 * (high - low))
+    offset, room = (centre_um, room) if room > 0 else (0.5 * (low + high), 0.5 * (high - low))
     swept = sweep(model, offset, amplitudes_up_to(room, thresholds, _AMPLITUDES))
     over = gain_map(model, (low, high))
     return Inverse(thresholds, swept, over, judge(model, (low, high), over))

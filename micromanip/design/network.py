@@ -106,6 +106,6 @@ def smoothed(signal: Array) -> Array:
     return np.asarray(make_smoothing_spline(place, signal)(place))
 
 
-def noise(u: Array) -> float:
-    """Standard deviation of white noise on the smooth signal `u` (n,), from its fourth differences."""
+def white_noise(u: Array) -> float:
+    """Standard deviation of white noise on a smooth signal (n,): what fourth differences leave of the movement."""
     return float(np.median(np.abs(np.diff(u, 4))) / 0.6745 / np.sqrt(70.0))

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .excitation import random_turns
-from .network import NetworkFit, Scaling, Weights, noise, reversals
+from .network import NetworkFit, Scaling, Weights, reversals, white_noise
 from .network_training import Array, Course, levenberg_marquardt
 
 NEAR_ZERO = 1e-4
@@ -102,7 +102,7 @@ def fit_network(
     if neurons < 3 or neurons % 2 == 0:
         raise ValueError(f"neurons come in pairs and one: an odd number from 3 on, not {neurons}")
     if reversal is None:
-        reversal = max(REVERSAL_SHARE * float(np.ptp(u)), REVERSAL_NOISES * noise(u))
+        reversal = max(REVERSAL_SHARE * float(np.ptp(u)), REVERSAL_NOISES * white_noise(u))
     scaling = Scaling.of(u, y)
     course = _course(u, y, scaling, reversals(u, reversal), burn_in)
     rng = np.random.default_rng(seed)

@@ -9,15 +9,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.design.hysteresis import fit
-from micromanip.errors import CheckFailed
 from micromanip.settings.schema.axis import LinearModel
 from micromanip.settings.schema.hysteresis import Range
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.wiring.timing import AT_ONCE
 
-from .experiment import EXCITED, Experiment, alone, path_bandwidth, resting, with_axis, with_reference
+from .experiment import (
+    Experiment,
+    alone,
+    open_loop,
+    path_bandwidth,
+    play,
+    require_answer,
+    resting,
+    with_axis,
+    within_slew,
+)
 from .hysteresis import HysteresisFit, structure_of
-from .identification import design, recording, samples_for, variant
+from .identification import design, recording, samples_for
+from .network import white_noise
 from .response import PERIOD_S, Identified, Measured, Recorded, Wanted, identify, identify_again, multisine
 
 Progress = Callable[[str], None]
@@ -40,7 +50,7 @@ def record_hysteresis(
     """Columns ``t_s, voltage_V, strain_um`` .. of one axis under the multisine (13), the other axes at rest."""
     excitation = design(configuration, axis, "multisine", HYSTERESIS_S, seed)
     seconds = len(excitation.samples) / configuration.loop.rate_hz
-    rows = experiment(variant(configuration), seconds, samples_for(configuration, excitation))
+    rows = experiment(open_loop(configuration), seconds, samples_for(configuration, excitation))
     return recording(configuration, excitation, rows)
 
 
@@ -107,11 +117,10 @@ def identify_stage(configuration: Configuration, experiment: Experiment, axis: s
     # behind a bus the excitation's band is too narrow to tell one cycle from the next: the delay is known
     delays = _DELAYS if path == AT_ONCE else (OUTER_DELAY + path.output_late,)
     wanted = Wanted(_ORDERS, delays, _WANTED_ERROR, _WANTED_CONFIDENCE, _MATTERS, _JUDGED_HZ)
-    slew = _SLEW_SHARE * 1e3 * configuration.axes[axis].setpoint.slew_um_per_ms
 
     def record(attempt: int, longer: int) -> Recorded:
         wave = multisine(
-            tuple((min(upper, cutoff_hz), rms) for upper, rms in _RMS_UM),
+            _RMS_UM,
             _LOW_HZ,
             cutoff_hz,
             rate_hz,
@@ -119,16 +128,11 @@ def identify_stage(configuration: Configuration, experiment: Experiment, axis: s
             period_s=PERIOD_S * longer,
             lead_s=_LEAD_S * longer,
         )
-        fastest = float(np.abs(np.diff(wave.samples)).max()) * rate_hz
         samples = resting(configuration, axis, len(wave.samples))
-        samples[:, i] += min(1.0, slew / fastest) * wave.samples
-        excited = with_reference(alone(configuration, axis, "strain"), EXCITED)
-        rows = experiment(excited, len(wave.samples) / rate_hz, samples)["axis"]
+        samples[:, i] += within_slew(configuration, axis, wave.samples, _SLEW_SHARE)
+        rows = play(alone(configuration, axis, "strain"), experiment, samples)
         u, y = (np.asarray(rows[name][:, i], dtype=float) for name in ("setpoint_um", "stage_um"))
-        if not np.isfinite(y).all():
-            raise CheckFailed(f"axis {axis}: the stage sensor has gaps in its record; look at its cable and its range")
-        if float(np.ptp(y)) == 0.0:
-            raise CheckFailed(f"axis {axis}: the stage sensor stands still while the actuator moves; is it connected?")
+        require_answer(axis, "stage sensor", y)
         return wave, u, y
 
     tried = identify_again(
@@ -156,8 +160,3 @@ def _linear(found: Identified) -> LinearModel:
         C=tuple(float(v) for v in system.C),
         delay_cycles=found.delay,
     )
-
-
-def white_noise(y: Array) -> float:
-    """Rms of a sensor's white noise in its record (n,): what fourth differences leave of the movement."""
-    return float(np.median(np.abs(np.diff(y, 4))) / 0.6745 / np.sqrt(70.0))

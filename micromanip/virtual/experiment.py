@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from micromanip.errors import CheckFailed
 from micromanip.rt.telemetry import ROW
@@ -25,6 +26,13 @@ def with_options(prepared: Prepared, name: str, options: Any) -> Prepared:
     driver = type(wiring.drivers[name])(options, prepared.configuration.loop.period_ns)
     drivers, told = {**wiring.drivers, name: driver}, {**wiring.options, name: options}
     return replace(prepared, wiring=replace(wiring, drivers=drivers, options=told))
+
+
+def at_limit(configuration: Configuration, axis: str, voltage_V: Samples, setpoint_um: Samples) -> NDArray[np.bool_]:
+    """In which cycles (n,) the voltage or the set-point of `axis` is at an end of its range."""
+    low_V, high_V = configuration.outputs[f"voltage_{axis}"].range_V
+    low, high = configuration.axes[axis].setpoint.range_um
+    return np.asarray((voltage_V <= low_V) | (voltage_V >= high_V) | (setpoint_um <= low) | (setpoint_um >= high))
 
 
 class VirtualExperiment:

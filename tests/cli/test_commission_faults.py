@@ -10,7 +10,7 @@ import pytest
 from micromanip.cli import commission
 from micromanip.design.commission import axis as steps
 from micromanip.design.commission.axis import commission_axis
-from micromanip.design.commission.watched import Watched
+from micromanip.design.commission.guarded_experiment import GuardedExperiment
 from micromanip.errors import CheckFailed
 from micromanip.settings.check import prepare
 from micromanip.virtual.experiment import VirtualExperiment
@@ -142,7 +142,7 @@ def test_a_host_that_stood_still_is_told_as_that(tmp_path):
 
     prepared = prepare(cell(tmp_path))
     with pytest.raises(CheckFailed) as refused:
-        commission_axis(prepared.configuration, Watched(Stalled(prepared)), "x", lambda _: None)
+        commission_axis(prepared.configuration, GuardedExperiment(Stalled(prepared)), "x", lambda _: None)
     assert "stood still meanwhile: no sensor said anything for 40 ms" in str(refused.value)
 
 
@@ -155,6 +155,6 @@ def test_a_fault_on_the_way_ends_it(tmp_path):
 
     prepared = prepare(cell(tmp_path))
     with pytest.raises(CheckFailed) as refused:
-        commission_axis(prepared.configuration, Watched(Faulty(prepared)), "x", lambda _: None)
+        commission_axis(prepared.configuration, GuardedExperiment(Faulty(prepared)), "x", lambda _: None)
     assert "the experiment was ended by fault X-201; nothing was tuned. Likely: " in str(refused.value)
     assert str(refused.value).startswith("axis x: sensors at rest: ")

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import yaml
 
-from micromanip.design.hysteresis import predict
 from micromanip.settings.load import load_with_source
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
+from tests.design.actuators import predict
 
 from . import command
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from micromanip.control.outer_gains import outer_gains
-from micromanip.design.closed import reference_for
+from micromanip.design.closed_loop_response import reference_for
 from micromanip.settings.schema.axis import LinearModel, Outer
 
 RATE_HZ, DELAY = 10_000.0, 3

@@ -9,14 +9,15 @@ from micromanip.design.describing import (
     actuator_operator,
     amplitudes_up_to,
     gain_map,
-    gains,
     harmonics,
     inverse_operator,
     judge,
     sweep,
 )
-from micromanip.design.hysteresis import inverse, predict
+from micromanip.design.hysteresis import inverse
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii, attainable_um
+
+from .actuators import predict
 
 TANH = {"shaping": "tanh", "coefficients": (180.0, 0.0036, -0.11, 18.0)}
 AFFINE = {"shaping": "affine", "coefficients": (0.63, -1.2)}
@@ -90,7 +91,7 @@ def test_stairs_stand_at_the_thresholds(shaping):
     operator = inverse_operator(m)
 
     def bend(amplitude, step=1e-4):
-        at = gains(operator, amplitude + step * np.array([-2.0, -1.0, 0.0, 1.0, 2.0]), 50.0).imag
+        at = [harmonics(operator, amplitude + step * k, 50.0).gain.imag for k in (-2.0, -1.0, 0.0, 1.0, 2.0)]
         before, after = (1.5 * at[2] - 2 * at[1] + 0.5 * at[0]) / step, (-1.5 * at[2] + 2 * at[3] - 0.5 * at[4]) / step
         return after - before
 

@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 from micromanip.design.fitting import Request, fit_record
-from micromanip.design.hysteresis import fit, predict, structure_of
+from micromanip.design.hysteresis import fit, structure_of
 from micromanip.design.record import load_record
 from micromanip.recordings import Wanted
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
+
+from .actuators import predict
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data" / "yan9a_piezo"
 STEP_S, NOISE_UM = 2e-3, 0.05

@@ -6,13 +6,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from micromanip.design.hysteresis import inverse, predict, structure_of
+from micromanip.design.hysteresis import inverse, structure_of
 from micromanip.design.hysteresis.kernel import respond
 from micromanip.rt.laws.feedforward import HYSTERESIS_PARAMETERS
 from micromanip.rt.laws.hysteresis import MAX_PLAYS, model_output
 from micromanip.rt.laws.shaping import shape
 from micromanip.settings.compile.hysteresis import fill_hysteresis
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
+
+from .actuators import predict
 
 KINDS = [(kind, creep) for kind in ("pi-affine", "pi-tanh", "pi-free", "rate") for creep in (False, True)]
 STEP_S = 2e-3

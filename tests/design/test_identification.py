@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from micromanip.design.identification import design, recording, samples_for, variant, write_csv
+from micromanip.design.experiment import open_loop
+from micromanip.design.identification import design, recording, samples_for, write_csv
 from micromanip.rt.states import TRACKING
 from micromanip.settings.check import prepare
 from micromanip.virtual.experiment import VirtualExperiment
@@ -58,7 +59,7 @@ def test_experiment_in_virtual_time(prepared, kind, tmp_path):
     configuration = prepared.configuration
     excitation = design(configuration, "y", kind, 2.0, 1)
     duration_s = len(excitation.samples) / configuration.loop.rate_hz
-    rows = VirtualExperiment(prepared)(variant(configuration), duration_s, samples_for(configuration, excitation))
+    rows = VirtualExperiment(prepared)(open_loop(configuration), duration_s, samples_for(configuration, excitation))
     assert (rows["state"] == TRACKING).all()
     assert (rows["fault"] == 0).all()
     voltage = rows["axis"]["voltage_V"]

@@ -5,8 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from micromanip.control.margins import margins
+from micromanip.control.system import System
 from micromanip.design.judged import SLOPES, analyse_inverse, analyse_strain, slopes_of, small_slope
-from micromanip.design.loops import System, margins, strain_loop
+from micromanip.design.loops import strain_loop
 from micromanip.settings.schema.axis import Axis
 from micromanip.settings.wiring.timing import AT_ONCE
 

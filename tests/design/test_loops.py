@@ -9,17 +9,9 @@ from rt.outer_loops import designed
 
 from micromanip.control.margins import margins
 from micromanip.control.outer_gains import outer_gains
-from micromanip.design.loops import (
-    StrainSide,
-    System,
-    delay,
-    held_plant,
-    model_system,
-    over_path,
-    pid_system,
-    stage_loop,
-    strain_loop,
-)
+from micromanip.control.pid import pid_system
+from micromanip.control.system import System, delay
+from micromanip.design.loops import StrainSide, held_plant, model_system, over_path, stage_loop, strain_loop
 from micromanip.rt.laws.pid import PID_PARAMETERS, PID_STATE, pid_output
 from micromanip.settings.load import load_with_source
 from micromanip.settings.schema.axis import Inner, LinearModel
@@ -141,15 +133,15 @@ def outer():
     return load_with_source(CONFIG)[0].axes["y"].outer
 
 
-def found_margins(outer, knobs, extra_delay=0.0):
-    settings = outer.model_copy(update=knobs)
+def found_margins(outer, options, extra_delay=0.0):
+    settings = outer.model_copy(update=options)
     gains = outer_gains(settings, None, PERIOD_S)
     return margins(stage_loop(gains, model_system(settings.model, PERIOD_S, extra_delay)))
 
 
-@pytest.mark.parametrize(("knobs", "Ms", "gain_dB", "phase_deg"), TABLE)
-def test_margins_of_the_designs_that_were_tried(outer, knobs, Ms, gain_dB, phase_deg):
-    found = found_margins(outer, knobs)
+@pytest.mark.parametrize(("options", "Ms", "gain_dB", "phase_deg"), TABLE)
+def test_margins_of_the_designs_that_were_tried(outer, options, Ms, gain_dB, phase_deg):
+    found = found_margins(outer, options)
     assert found.stable
     assert found.sensitivity == pytest.approx(Ms, rel=0.12)
     assert found.gain_dB == pytest.approx(gain_dB, abs=1.7)

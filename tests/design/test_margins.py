@@ -6,8 +6,8 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from micromanip.control.margins import margins
-from micromanip.design.loops import System, curve_margins, delay, from_state_space, grid
+from micromanip.control.margins import curve_margins, grid, margins
+from micromanip.control.system import System, delay, from_state_space
 
 PERIOD_S = 1e-3
 

@@ -6,7 +6,6 @@ from rt.builders import record
 from rt.kernels import network_course
 
 from micromanip.design.excitation import random_turns
-from micromanip.design.hysteresis import predict
 from micromanip.design.network import reversals, smoothed
 from micromanip.design.network_fit import fit_network
 from micromanip.design.network_training import Course, gradient
@@ -14,6 +13,8 @@ from micromanip.rt.laws.feedforward import HYSTERESIS_PARAMETERS, HYSTERESIS_STA
 from micromanip.rt.laws.network import start_network
 from micromanip.settings.compile.hysteresis import fill_hysteresis
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
+
+from .actuators import predict
 
 pytestmark = pytest.mark.long
 RATE_HZ = 500.0

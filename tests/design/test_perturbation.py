@@ -7,20 +7,11 @@ from rt.outer_loops import designed
 from scipy.linalg import expm
 
 from micromanip.control.margins import margins
-from micromanip.design.loops import (
-    SPREAD,
-    Perturbation,
-    StageSide,
-    StrainSide,
-    System,
-    closed_ratio,
-    delay,
-    draw,
-    monte_carlo,
-    pid_system,
-    strain_loop,
-)
-from micromanip.design.loops.perturbation import perturbed, section_ratio, shift
+from micromanip.control.pid import pid_system
+from micromanip.control.system import System, delay
+from micromanip.design.loops import SPREAD, StageSide, StrainSide, draw, monte_carlo, strain_loop
+from micromanip.design.loops.perturbation import Perturbation, perturbed, section_ratio, shift
+from micromanip.design.loops.strain_loop import closed_ratio
 from micromanip.settings.schema.axis import Inner
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
 

@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 from recordings.damaged import damage
 from scipy.signal import lfilter, welch
 
-from micromanip.design import run_confidence
-from micromanip.design.recorded_run import RecordedRun
-from micromanip.design.run_comparison import TOO_SHORT, by_section
-from micromanip.design.run_confidence import difference
-from micromanip.design.run_figures import configuration_changes, run_figures
-from micromanip.design.run_sums import BlockMeans, Counts, Envelope, Picked, Sections, Spectra
+from micromanip.design.run import confidence
+from micromanip.design.run.comparison import TOO_SHORT, by_section
+from micromanip.design.run.confidence import ratio
+from micromanip.design.run.figures import configuration_changes, run_figures
+from micromanip.design.run.statistics import RecordedRun
+from micromanip.design.run.sums import BlockMeans, Counts, Envelope, Picked, Sections, Spectra
 from micromanip.errors import CheckFailed
 from micromanip.faults import KINDS
 from micromanip.recordings import open_telemetry
@@ -32,7 +32,7 @@ def correlated(count, memory, seed):
 
 
 def mean_square(x):
-    return run_confidence.mean_square(x * x, len(x))
+    return confidence.mean_square(x * x, len(x))
 
 
 @pytest.mark.parametrize("memory", [0.0, 0.9, 0.99, 0.998])
@@ -48,13 +48,13 @@ def test_the_true_mean_square_is_in_the_interval(memory):
 
 def test_a_difference_is_found_and_its_size():
     found = [
-        difference(mean_square(correlated(20_000, 0.9, k)), mean_square(0.8 * correlated(20_000, 0.9, 1000 + k)))
+        ratio(mean_square(correlated(20_000, 0.9, k)), mean_square(0.8 * correlated(20_000, 0.9, 1000 + k)))
         for k in range(50)
     ]
     assert {one.verdict for one in found} == {"lower"}
-    assert np.mean([one.ratio for one in found]) == pytest.approx(0.8, rel=0.01)
+    assert np.mean([one.value for one in found]) == pytest.approx(0.8, rel=0.01)
     assert np.mean([one.low < 0.8 < one.high for one in found]) > 0.85
-    back = difference(mean_square(0.8 * correlated(20_000, 0.9, 1)), mean_square(correlated(20_000, 0.9, 2)))
+    back = ratio(mean_square(0.8 * correlated(20_000, 0.9, 1)), mean_square(correlated(20_000, 0.9, 2)))
     assert back.verdict == "higher"
 
 

@@ -24,13 +24,13 @@ AS_IT_IS, NERVOUS = (
 """The second has all its margins: Ms 1.86, 7.8 dB and 37 degrees on its own model."""
 
 
-def with_outer(knobs):
-    outer = CELL.configuration.axes["x"].outer.model_copy(update=knobs)
+def with_outer(options):
+    outer = CELL.configuration.axes["x"].outer.model_copy(update=options)
     return with_axis(CELL.configuration, "x", outer=outer)
 
 
-def rests(knobs, slew_um=2.0, range_um=63.0):
-    outer = with_outer(knobs).axes["x"].outer
+def rests(options, slew_um=2.0, range_um=63.0):
+    outer = with_outer(options).axes["x"].outer
     return comes_to_rest(outer_gains(outer, None, PERIOD_S), len(outer.model.A), Reach(slew_um, range_um), PERIOD_S)
 
 
@@ -44,11 +44,11 @@ SWINGS = {"control_weight": 0.05623, "input_noise_um": 0.001, "disturbance_um": 
 """Ms 1.61, 9.6 dB and 52 degrees on its own model; the stage swings by 10 um rms for ever."""
 
 
-@pytest.mark.parametrize(("knobs", "calm"), [({}, True), (SWINGS, False)])
-def test_a_loop_whose_samples_come_seldom_and_late_is_judged_as_well(knobs, calm):
+@pytest.mark.parametrize(("options", "calm"), [({}, True), (SWINGS, False)])
+def test_a_loop_whose_samples_come_seldom_and_late_is_judged_as_well(options, calm):
     """By the model; and in the cell, whose swing at rest is not taken for its noise."""
     axis = SELDOM.configuration.axes["x"]
-    outer, experiment = axis.outer.model_copy(update=knobs), VirtualExperiment(SELDOM)
+    outer, experiment = axis.outer.model_copy(update=options), VirtualExperiment(SELDOM)
     path = experiment.path(SELDOM.configuration, "x")
     samples, reach = Samples(outer.sample_cycles, path.stage_late), Reach.of(axis, PERIOD_S)
     assert samples.cycles == 5
@@ -71,11 +71,11 @@ def test_a_set_point_that_may_go_fast_lets_both_come_to_rest():
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    ("knobs", "calm", "fault"), [(AS_IT_IS, True, NO_FAULT), (NERVOUS, True, NO_FAULT), (NERVOUS, False, LIMIT_CYCLE)]
+    ("options", "calm", "fault"), [(AS_IT_IS, True, NO_FAULT), (NERVOUS, True, NO_FAULT), (NERVOUS, False, LIMIT_CYCLE)]
 )
-def test_the_simulated_cell_does_the_same_after_a_stall_unless_calm_gains_catch_it(knobs, calm, fault):
+def test_the_simulated_cell_does_the_same_after_a_stall_unless_calm_gains_catch_it(options, calm, fault):
     """It stands still for 2.5 ms eight times, with the tool in the cut: hysteresis, sensors and all."""
-    cell = VirtualCell(compile_cell(with_outer(knobs), CELL.wiring), CELL.wiring)
+    cell = VirtualCell(compile_cell(with_outer(options), CELL.wiring), CELL.wiring)
     outer = cell.parameters[0]["axis"]["outer"]
     if not calm:
         outer["far_feedback"], outer["far_reference"] = outer["feedback"], outer["reference"]

@@ -6,7 +6,8 @@ import pytest
 
 from micromanip.control.margins import margins
 from micromanip.control.outer_gains import outer_gains
-from micromanip.design.loops import System, delay, model_system, stage_loop, strain_loop
+from micromanip.control.system import System, delay
+from micromanip.design.loops import model_system, stage_loop, strain_loop
 from micromanip.design.paper import ANCHOR_PID
 from micromanip.design.step import STEP_UM, course
 from micromanip.design.synthesis import Reach, tune_outer, tune_pid

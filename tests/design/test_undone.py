@@ -7,7 +7,7 @@ from micromanip_drivers.simulated.options import Plant, SecondMode
 from scipy.linalg import expm
 
 from micromanip.control.system import System, delay
-from micromanip.design.synthesis.actuator import resonances, undo
+from micromanip.design.synthesis.actuator import invert_actuator, resonances
 from micromanip.design.synthesis.pid import PidDesign
 from micromanip.settings.schema.axis import Inner
 
@@ -37,7 +37,7 @@ def swings(matrix):
 
 def undone(plant, noise_um=0.055, left_um=0.4):
     """It takes the loop a cycle to hand a voltage over."""
-    return undo(true_dynamics(plant), 1, INNER, GAUGE_US, noise_um, left_um, ASKED_HZ)
+    return invert_actuator(true_dynamics(plant), 1, INNER, GAUGE_US, noise_um, left_um, ASKED_HZ)
 
 
 @pytest.mark.parametrize("plant", [Plant(), Plant(stage_kg=20.0, damping=0.01), Plant(flexure_N_per_um=4.0)])
@@ -76,7 +76,7 @@ def test_less_feedback_is_taken_only_where_the_loop_bears_it():
     assert not design.bears(0.6, late, 6.0, 30.0)
 
     def percent(bears):
-        return undo(dynamics, 1, inner, GAUGE_US, 0.1, 1e-4, ASKED_HZ, bears).actuator.feedback_percent
+        return invert_actuator(dynamics, 1, inner, GAUGE_US, 0.1, 1e-4, ASKED_HZ, bears).actuator.feedback_percent
 
     assert percent(lambda share: True) == 60.0
     assert percent(lambda share: design.bears(share, late, 6.0, 30.0)) == 90.0

@@ -13,8 +13,8 @@ from micromanip.learner.memory_store import MemoryStore
 from micromanip.learner.part_collector import PartCollector
 from micromanip.rt.states import BEGIN_PART, NO_COMMAND
 from micromanip.settings.check import prepare
+from micromanip.virtual.altered import simulated_driver, switched
 from micromanip.virtual.experiment import VirtualExperiment, with_options
-from micromanip.virtual.switched import simulated_driver, switched
 
 SIMULATED = Path(__file__).parents[2] / "config" / "simulated.yaml"
 BEGIN_S, AFTER_S = 4.5, 1.0

@@ -10,9 +10,9 @@ from micromanip.design.coupling.measured import measure_coupling
 from micromanip.settings.check import prepared
 from micromanip.settings.compile.cell import compile_cell
 from micromanip.settings.text.source import Source
+from micromanip.virtual.altered import NOISE, play_without
 from micromanip.virtual.cell import VirtualCell
 from micromanip.virtual.experiment import VirtualExperiment
-from micromanip.virtual.switched import NOISE, play_without
 
 pytestmark = pytest.mark.compiled_only
 CONFIG = Path(__file__).parents[2] / "config" / "simulated.yaml"

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from micromanip.design import paper
-from micromanip.design.experiment import with_axes, with_reference
-from micromanip.design.identification import variant
+from micromanip.design.experiment import open_loop, with_axes, with_reference
 from micromanip.errors import CheckFailed
 from micromanip.faults import KINDS, FaultReport
 from micromanip.rt.records import MAX_AXES
@@ -131,8 +130,8 @@ def test_a_stage_that_swings_while_it_is_identified_is_stopped():
     samples, seconds = resonating(prepared)
     experiment = VirtualExperiment(prepared)
     with pytest.raises(CheckFailed, match=r"X-216 axis x: limit cycle.*stage"):
-        experiment(variant(prepared.configuration), seconds, samples)
-    stopped = experiment.cell(variant(prepared.configuration), samples)
+        experiment(open_loop(prepared.configuration), seconds, samples)
+    stopped = experiment.cell(open_loop(prepared.configuration), samples)
     stopped.arm()
     rows = stopped.run(seconds)
     assert rows["state"][-1] == FAULT
@@ -149,7 +148,7 @@ def test_a_gauge_that_fails_while_it_is_identified_ends_that(tmp_path):
         prepared = prepare(file)
         samples = np.full((20_000, MAX_AXES), 0.0)
         samples[:, X] = 40.0
-        played = VirtualExperiment(prepared).cell(variant(prepared.configuration), samples)
+        played = VirtualExperiment(prepared).cell(open_loop(prepared.configuration), samples)
         played.arm()
         played.run(3.0)
         assert bool(played.state[0]["fault"] != NO_FAULT) == ends

@@ -7,8 +7,7 @@ from micromanip_drivers.simulated.options import BoucWen, Plant, SecondMode
 from campaigns.drawn_plants import REACH_UM, drawn_cell, drawn_plant, with_plant
 from campaigns.robustness import AXIS, CONFIG
 from campaigns.true_plant import small_slope, true_plant
-from micromanip.design.experiment import EXCITED, parked, with_reference
-from micromanip.design.identification import variant
+from micromanip.design.experiment import open_loop, parked
 from micromanip.design.response import measure, multisine
 from micromanip.settings.check import prepare
 from micromanip.virtual.experiment import VirtualExperiment
@@ -48,7 +47,7 @@ def test_the_truth_is_what_the_simulation_does(prepared, plant):
     wave = multisine(((2000.0, 1.0),), 30.0, 2000.0, 1e4, seed=1)
     samples = parked(prepared.configuration, len(wave.samples))
     samples[:, 0] = CENTRE_V + wave.samples
-    rows = experiment(with_reference(variant(prepared.configuration), EXCITED), len(samples) / 1e4, samples)["axis"]
+    rows = experiment(open_loop(prepared.configuration), len(samples) / 1e4, samples)["axis"]
     played = measure(wave, *(np.asarray(rows[name][:, 0], dtype=float) for name in ("voltage_V", "strain_um")))
     true = true_plant(plant, small_slope(plant, CENTRE_V), 1e-4).actuator().response(2 * np.pi * played.frequency_Hz)
     ratio = (played.response / true)[played.frequency_Hz > 100.0]

@@ -8,7 +8,7 @@ import pytest
 from micromanip_drivers.simulated.options import Plant
 
 from micromanip.design.commission.axis import commission_axis
-from micromanip.design.commission.knobs import Knobs
+from micromanip.design.commission.options import Options
 from micromanip.rt.states import DISAGREEMENT, NO_FAULT, TRACKING
 from micromanip.settings.check import prepare
 from micromanip.settings.compile.cell import compile_cell
@@ -62,7 +62,7 @@ def commissioned(request):
         return request.param, axis.model_copy(update={"mode": "stage"})
     prepared = made(prepare(FOLDER / "factory.yaml"), request.param)
     configuration = prepared.configuration
-    found = commission_axis(configuration, VirtualExperiment(prepared), "x", lambda _: None, Knobs(tooth_Hz=200.0))
+    found = commission_axis(configuration, VirtualExperiment(prepared), "x", lambda _: None, Options(tooth_Hz=200.0))
     return request.param, found.configuration.axes["x"].model_copy(update={"mode": "stage"})
 
 

@@ -10,14 +10,13 @@ from collections.abc import Iterator
 from matplotlib.figure import Figure
 
 from micromanip.design.analysis import analyse_axis
-from micromanip.design.analysis_plots import drawn_plants, loops_of
-from micromanip.design.canvas import drawn
 from micromanip.design.commission.axis import commission_axis
-from micromanip.design.commission.knobs import Knobs
-from micromanip.design.commission.plots import measured_response, responses
-from micromanip.design.loop_plots import loop_plots
+from micromanip.design.commission.options import Options
+from micromanip.design.commission.report_sections import measured_response, responses
 from micromanip.design.loops import strain_loop
-from micromanip.design.paper_plots import figure_5, figure_7
+from micromanip.design.plots.canvas import drawn
+from micromanip.design.plots.loops import drawn_plants, loop_plots, loops_of
+from micromanip.design.plots.paper import figure_5, figure_7
 from micromanip.settings.check import Prepared
 from micromanip.virtual.experiment import VirtualExperiment
 
@@ -37,7 +36,7 @@ def analysis_drawings(prepared: Prepared) -> Iterator[tuple[str, Figure]]:
 def commissioning_drawings(factory: Prepared) -> Iterator[tuple[str, Figure]]:
     """Residual, strain loop, stage and outer loop, with the names of their files."""
     found = commission_axis(
-        factory.configuration, VirtualExperiment(factory), "x", lambda _: None, Knobs(tooth_Hz=200.0)
+        factory.configuration, VirtualExperiment(factory), "x", lambda _: None, Options(tooth_Hz=200.0)
     )
     assert found.outer is not None
     loop = strain_loop(found.pid.inner, found.actuator.system, found.pid.slopes[-1])

@@ -5,9 +5,10 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
-from micromanip.design.fit_figures import draw_fit
+from micromanip.design.experiment import open_loop
 from micromanip.design.fitting import Request, fit_record
-from micromanip.design.identification import DEFAULT_SECONDS, Kind, design, recording, samples_for, variant, write_csv
+from micromanip.design.identification import DEFAULT_SECONDS, Kind, design, recording, samples_for, write_csv
+from micromanip.design.plots.fit import draw_fit
 from micromanip.design.record import Record, load_record
 from micromanip.recordings import Wanted
 from micromanip.settings.check import prepare
@@ -23,7 +24,7 @@ def record(config: Path, folder: Path, kind: Kind, seed: int = 1) -> Record:
     configuration = prepared.configuration
     excitation = design(configuration, AXIS, kind, DEFAULT_SECONDS[kind], seed)
     seconds = len(excitation.samples) / configuration.loop.rate_hz
-    rows = VirtualExperiment(prepared)(variant(configuration), seconds, samples_for(configuration, excitation))
+    rows = VirtualExperiment(prepared)(open_loop(configuration), seconds, samples_for(configuration, excitation))
     file = folder / f"{kind}_{seed}.csv"
     write_csv(file, recording(configuration, excitation, rows))
     return load_record(file, Wanted(("voltage_V", "strain_um")))

@@ -14,7 +14,7 @@ from micromanip.settings.check import Prepared
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.schema.reference import Tracker
 from micromanip.settings.wiring.timing import AT_ONCE, cycles_between, feedback_path, signal_timing
-from micromanip.virtual.switched import NOISE, Played, play_as_it_is, play_without
+from micromanip.virtual.altered import NOISE, Played, play_as_it_is, play_without
 
 from .budget import MEASURED, AxisBudget, Bound, Cause, Variant, ordered, prediction_variance
 from .causes import (

@@ -6,8 +6,8 @@ model of the stage), the loop's equations (``loop.py``) are an identity of recor
     e = d - y = (d - T d~) - T n~ - S v + G Y S m
 
 d~ and n~ are path and noise behind the predictor, T its way to the stage, S the sensitivity, m the capacitive sensor's
-noise. Path and stage are those of ``followed.py``; of a simulation the motion of a copy that nobody controls shows the
-force. Else the sensor's noise is told from the rest by its configured size.
+noise. Path and stage are those of ``path_record.py``; of a simulation the motion of a copy that nobody controls shows
+the force. Else the sensor's noise is told from the rest by its configured size.
 
 What these parts do not explain is left as a remainder: where cycles were missing or a limit held, that is named.
 In every bin of frequency the power of the error is shared out in proportion to the powers of the parts and the
@@ -30,8 +30,8 @@ from micromanip.settings.text.source import Source
 
 from .budget import MEASURED, AxisBudget, Bound, ordered, prediction_variance
 from .causes import FORCE, PREDICTION, STAGE, TRACKER, Grid, shared_out
-from .followed import WINDOW_S, Stretch, follow, mirrored, mistaken, tracking_stretch
 from .loop import AxisLaws
+from .path_record import WINDOW_S, Stretch, follow, mirrored, mistaken, tracking_stretch
 from .tracking import Tracking
 
 Array = NDArray[np.float64]

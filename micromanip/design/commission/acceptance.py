@@ -8,8 +8,8 @@ from micromanip.settings.wiring.timing import AT_ONCE
 
 from ..analysis import AxisAnalysis
 from ..criteria import criteria, told
-from ..criterion import Criterion
 from ..evaluation import Run
+from ..report.verdict import Criterion
 from ..sensitivity import AGREEMENT, KEPT, Sensitivity
 from ..step import RISE_S, STEP_UM
 from ..tuning import OUTER_DELAY

@@ -18,25 +18,25 @@ from micromanip.settings.schema.model import Configuration
 from micromanip.settings.wiring.timing import AT_ONCE
 
 from ..actuation import Actuator, identify_actuator
-from ..experiment import Experiment, with_axis
+from ..experiment import Experiment, open_loop, with_axis
 from ..hysteresis import HysteresisFit
-from ..identification import design, recording, samples_for, variant
+from ..identification import design, recording, samples_for
 from ..judged import analyse_inverse
 from ..loops import over_path
 from ..record import Record, judge_record
 from ..sensitivity import Sensitivity
-from ..synthesis import PidDesign, Undone, undo
+from ..synthesis import InvertedActuator, PidDesign, invert_actuator
 from ..tuning import burn_in, hysteresis_models, identify_stage, record_hysteresis
-from .at_rest import tooth_at_work
 from .closing import ClosedOuter, Say, close_strain, prove_outer
-from .knobs import Knobs
+from .guarded_experiment import GuardedExperiment
 from .limit_cycle import Rest, strain_at_rest
-from .partial import Steps
+from .options import Options
 from .polarity import Polarity, check_polarity, check_rest, require_quiet
 from .quality import HELD_OUT_PERCENT, Quality, judge_coverage, steepest_branch
-from .travel import BEFORE_S, check_answer, check_travel, require_centred
+from .quiescent_spectrum import tooth_at_work
+from .stage_sensor_check import BEFORE_S, check_answer, check_travel, require_centred
+from .stop_report import Steps
 from .validation import coupling
-from .watched import Watched
 
 Array = NDArray[np.float64]
 
@@ -70,7 +70,7 @@ class Commissioned:
     without_outer: str
     coupling: dict[str, float]
     """Share of this axis' movement that each other gauge, and each other stage sensor, sees."""
-    undone: Undone | None = None
+    undone: InvertedActuator | None = None
     """What the feedforward of mode strain undoes; None where the configuration does not say how late the gauge is."""
     learned: tuple[str, ...] = ()
     """What was measured, found wanting and done again, in sentences."""
@@ -80,10 +80,10 @@ class Commissioned:
 
 def commission_axis(
     configuration: Configuration,
-    experiment: Watched,
+    experiment: GuardedExperiment,
     axis: str,
     say: Say,
-    knobs: Knobs | None = None,
+    options: Options | None = None,
     seed: int = 1,
     running: Experiment | None = None,
 ) -> Commissioned:
@@ -93,7 +93,7 @@ def commission_axis(
     """
     steps = Steps(axis, say)
     with steps.kept(lambda: experiment.stalled):
-        return _commission(configuration, experiment, axis, steps, knobs or Knobs(), seed, running)
+        return _commission(configuration, experiment, axis, steps, options or Options(), seed, running)
 
 
 def _commission(
@@ -101,7 +101,7 @@ def _commission(
     experiment: Experiment,
     axis: str,
     steps: Steps,
-    knobs: Knobs,
+    options: Options,
     seed: int,
     running: Experiment | None,
 ) -> Commissioned:
@@ -177,21 +177,21 @@ def _commission(
     strain_rest, inner = strain_at_rest(tuned, experiment, axis)
     steps.learn(gauge_at_rest=strain_rest.told)
     tooth = None
-    if running is not None and settings.outer is None and knobs.tooth(settings) is None:
+    if running is not None and settings.outer is None and options.tooth(settings) is None:
         say("tooth where it works")
         try:
             tooth = tooth_at_work(tuned, running, axis)
         except CheckFailed as problem:  # of the process alone: without it the axis can still be tuned
             learned.append(f"with the process, where it works: {problem}")
         if tooth is not None:
-            knobs = replace(knobs, tooth_seen_Hz=tooth[0])
+            options = replace(options, tooth_seen_Hz=tooth[0])
             steps.learn(tooth_where_it_works=f"{tooth[1]:.2f} um at {tooth[0]:g} Hz")
     outer, without = None, "the axis has no stage sensor"
     if travel is not None:
         say("stage dynamics")
         stage = identify_stage(tuned, experiment, axis, seed)
         try:
-            outer = prove_outer(tuned, experiment, axis, actuator, stage, knobs, inner, seed, say, learned)
+            outer = prove_outer(tuned, experiment, axis, actuator, stage, options, inner, seed, say, learned)
         except CheckFailed as problem:  # the strain loop is proven: it is not thrown away
             without = str(problem)
             steps.learn(no_outer_loop=without)
@@ -204,7 +204,7 @@ def _commission(
         asked_Hz = settings.accept.frequencies_Hz
         model, accept = (actuator.dynamics, actuator.delay), settings.accept
         seen = over_path(actuator.system, actuator.path)
-        undone = undo(
+        undone = invert_actuator(
             *model, pid.inner, kept.gauge_us, polarity.noise_um, left_um, asked_Hz,
             lambda share: pid.bears(share, seen, accept.gain_margin_dB, accept.phase_margin_deg),
         )  # fmt: skip
@@ -250,7 +250,7 @@ def _triangle(
     """The recording, and how far the stages of the other axes moved (um)."""
     excitation = design(configuration, axis, "triangle", TRIANGLE_S, 0)
     seconds = len(excitation.samples) / configuration.loop.rate_hz
-    rows = experiment(variant(configuration), seconds, samples_for(configuration, excitation))
+    rows = experiment(open_loop(configuration), seconds, samples_for(configuration, excitation))
     travel = {name: float(np.ptp(rows["axis"]["stage_um"][:, i])) for i, name in enumerate(configuration.axes)}
     others = {name: um for name, um in travel.items() if name != axis and np.isfinite(um)}
     return recording(configuration, excitation, rows), others

@@ -12,17 +12,17 @@ from micromanip.settings.schema.reference import Jog
 
 from ..analysis import AxisAnalysis, analyse_axis
 from ..experiment import Experiment, with_axis, with_reference
-from .at_rest import AtRest, look_at_rest
+from ..report.verdict import Evidence
 from .axis import Commissioned, commission_axis
 from .borne import DRAWN
 from .coupled import Coupled, decoupled, look_at_coupling, with_coupling
-from .evidence import Evidence
-from .knobs import Knobs
-from .partial import Stopped
+from .guarded_experiment import GuardedExperiment
+from .options import Options
 from .production import Budgeted, Production, in_production, tried
-from .story import evidence
+from .quiescent_spectrum import AtRest, look_at_rest
+from .report_sections import evidence
+from .stop_report import Stopped
 from .tracking import follow
-from .watched import Watched
 
 # At the speed that the spindle has while it is commissioned following can only cost. So the trial is played once more
 # with a frequency that is wrong by what an operator or a load brings about, fixed and followed. Who follows must be
@@ -153,7 +153,7 @@ def commission_cell(
     experiment: Experiment,
     axes: Sequence[str],
     say: Callable[[str], None],
-    knobs: Knobs | None = None,
+    options: Options | None = None,
     seed: int = 1,
     running: Experiment | None = None,
     written: Callable[[Configuration], Configuration] = _as_it_is,
@@ -164,22 +164,22 @@ def commission_cell(
     With `running`, an experiment in which the process goes on, the cell is looked at while it rests, and what was found
     is tried as it will run: `written` gives what a file of a configuration holds, `budgeted` what its error is made of.
     """
-    watched, stopped, rest = Watched(experiment), None, None
-    acting = None if running is None else Watched(running)
-    knobs = knobs or Knobs()
+    watched, stopped, rest = GuardedExperiment(experiment), None, None
+    acting = None if running is None else GuardedExperiment(running)
+    options = options or Options()
     if acting is not None:
         say("the cell at rest")
         rest = _at_rest(configuration, acting)
-        knobs = replace(knobs, tooth_seen_Hz=rest.tooth_Hz)
+        options = replace(options, tooth_seen_Hz=rest.tooth_Hz)
     found: list[Commissioned] = []
     for name in axes:
         try:
-            found.append(commission_axis(configuration, watched, name, partial(_say, say, name), knobs, seed, acting))
+            found.append(commission_axis(configuration, watched, name, partial(_say, say, name), options, seed, acting))
         except Stopped as problem:
             stopped = problem
             break
         configuration = found[-1].configuration
-        knobs = replace(knobs, tooth_seen_Hz=knobs.tooth_seen_Hz or found[-1].tooth_Hz)
+        options = replace(options, tooth_seen_Hz=options.tooth_seen_Hz or found[-1].tooth_Hz)
     configuration = within_reach(configuration)
     stories, analyses, names, coupled = [], [], list(configuration.axes), None
     if stopped is None and len(found) == len(names) > 1 and all(each.outer for each in found):

@@ -16,7 +16,7 @@ from micromanip.settings.schema.model import Configuration
 from micromanip.settings.wiring.timing import AT_ONCE
 
 from ..actuation import DELAYS, ORDERS, Actuator
-from ..closed import measure_outer_loop, measure_strain_loop
+from ..closed_loop_response import measure_outer_loop, measure_strain_loop
 from ..experiment import Experiment, with_axis
 from ..judged import analyse_inverse, analyse_strain, between, slopes_of, small_slope
 from ..loops import over_path, stage_loop, strain_loop
@@ -25,8 +25,8 @@ from ..sensitivity import Sensitivity, judge_loop
 from ..synthesis import OuterDesign, PidDesign, Reach, tune_outer, tune_pid
 from ..tuning import StageModel, with_response
 from .borne import Borne
-from .knobs import Knobs
 from .limit_cycle import Held
+from .options import Options
 from .polarity import Polarity
 from .validation import Validation, validate
 
@@ -93,7 +93,7 @@ def close_outer(
     axis: str,
     actuator: Actuator,
     stage: StageModel,
-    knobs: Knobs,
+    knobs: Options,
     seed: int,
     say: Say,
     learned: list[str],
@@ -164,7 +164,7 @@ def prove_outer(
     axis: str,
     actuator: Actuator,
     stage: StageModel,
-    knobs: Knobs,
+    knobs: Options,
     inner: Held,
     seed: int,
     say: Say,

@@ -18,10 +18,9 @@ from micromanip.settings.schema.model import Configuration
 
 from ..coupling.measured import Coupling, measure_coupling
 from ..coupling.together import Cost, Together, costs, judge_together, loop_of, relative_gain
-from ..criterion import Criterion
 from ..experiment import Experiment, with_axis
 from ..report.model import Curve, Plot, Section, Table
-from .evidence import Evidence
+from ..report.verdict import Criterion, Evidence
 from .production import MOVED_HZ, Production
 
 Array = NDArray[np.float64]

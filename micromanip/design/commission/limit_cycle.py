@@ -14,8 +14,8 @@ from scipy.signal import detrend, welch
 
 from micromanip.settings.schema.model import Configuration
 
-from ..experiment import EXCITED, Experiment, alone, resting, with_reference
-from .at_rest import STANDS_OUT, strongest_line
+from ..experiment import Experiment, alone, play, resting
+from .quiescent_spectrum import STANDS_OUT, strongest_line
 
 Array = NDArray[np.float64]
 
@@ -91,7 +91,7 @@ def hold(
     samples = resting(configuration, axis, round(_REST_S * rate_hz))
     if voltage_V is not None:
         samples[:, i] = voltage_V
-    rows = experiment(with_reference(alone(configuration, axis, mode), EXCITED), _REST_S, samples)["axis"][:, i]
+    rows = play(alone(configuration, axis, mode), experiment, samples)[:, i]
     late = rows[len(rows) // 2 :]
     strain, stage = (Seen.of(np.asarray(late[name], dtype=float)) for name in ("strain_um", "stage_um"))
     return Held(strain, stage, float(np.mean(late["voltage_V"])))

@@ -15,11 +15,10 @@ from micromanip.errors import CheckFailed
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.schema.reference import Tracker
 
-from ..experiment import Experiment, parked
-from ..identification import variant
+from ..experiment import Experiment, open_loop, parked, play
 
 # A gauge that is dead, flagged or on its rail would let a strain loop run away. The capacitive sensor may be at the end
-# of its range where the stage rests: ``travel.py`` judges it, still in open loop.
+# of its range where the stage rests: ``stage_sensor_check.py`` judges it, still in open loop.
 
 Array = NDArray[np.float64]
 
@@ -33,8 +32,9 @@ _FRESH = {"strain": ("strain gauge", 1), "deviation": ("tracker", 4)}
 
 def check_rest(configuration: Configuration, experiment: Experiment, axis: str) -> None:
     """Look at the sensors of `axis` with every output parked; raises CheckFailed where one can't be trusted."""
-    rows = experiment(variant(configuration), REST_S, parked(configuration, round(REST_S * configuration.loop.rate_hz)))
-    of_axis = rows["axis"][:, list(configuration.axes).index(axis)]
+    still = parked(configuration, round(REST_S * configuration.loop.rate_hz))
+    rows = play(open_loop(configuration), experiment, still)
+    of_axis = rows[:, list(configuration.axes).index(axis)]
     path, tracked = experiment.path(configuration, axis), isinstance(configuration.reference, Tracker)
     expected = {"strain": len(rows) / max(path.strain_cycles, 1), "deviation": 2.0}
     for role in ("strain", "deviation") if tracked else ("strain",):
@@ -120,7 +120,7 @@ def check_polarity(configuration: Configuration, experiment: Experiment, axis: s
     shape = np.concatenate([np.zeros(hold), ramp, np.ones(hold), ramp[::-1]])
     samples = parked(configuration, len(shape))
     samples[:, names.index(axis)] += move_V * shape
-    strain = experiment(variant(configuration), len(shape) / rate_hz, samples)["axis"]["strain_um"]
+    strain = play(open_loop(configuration), experiment, samples)["strain_um"]
     before, after = strain[hold // 4 : hold], strain[hold + rise + hold // 4 : 2 * hold + rise]
     moved = {name: float(after[:, i].mean() - before[:, i].mean()) for i, name in enumerate(names)}
     noise_um = {name: float(before[:, i].std()) for i, name in enumerate(names)}

@@ -16,7 +16,7 @@ from micromanip.settings.schema.reference import AxisDeviation, AxisTracker, Tra
 
 from ..deviation.fit import Deviation, fit_deviation, followed
 from ..deviation.innovations import log_likelihood
-from .at_rest import AtRest
+from .quiescent_spectrum import AtRest
 
 Array = NDArray[np.float64]
 

@@ -17,74 +17,16 @@ from micromanip.errors import MicromanipError
 from micromanip.settings.checks.ranges import range_warnings
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.schema.reference import Tracker
+from micromanip.virtual.experiment import at_limit
 
-from ..budget.budget import AxisBudget, percent
+from ..budget.budget import AxisBudget
+from ..budget.composition import TITLE, composition
 from ..criteria import told
-from ..criterion import Criterion
 from ..experiment import Experiment, with_axes, with_reference
-from ..report.model import Curve, Plot, Section, Table
-from .at_rest import AtRest
+from ..report.model import Curve, Plot, Section
+from ..report.verdict import Criterion
 from .predictor import known_deviations
-
-TITLE = "What the path error is made of"
-
-
-def composition(budget: AxisBudget) -> Section:
-    """Causes, bound and other sensors as tables, and the variance summed up over frequency as a plot."""
-    told = budget.document()
-    causes = tuple(
-        (each["name"], f"{each['rms_um']:.3f} um", percent(each["share_percent"]), each["how"])
-        for each in told["causes"]
-    )
-    share = percent(budget.share_percent(budget.variance_um2))
-    rows = (*causes, (budget.sum_name, f"{budget.rms_um:.3f} um", share, ""))
-    tables = [Table(f"Path error of axis {budget.axis} by cause", ("Cause", "rms", "Share", "How"), rows)]
-    if budget.variants:
-        others = tuple((each.what, f"{each.rms_um:.3f} um") for each in budget.variants)
-        named = ("With", f"{budget.sum_name.capitalize()}, rms")
-        tables.append(Table(f"Axis {budget.axis}: what it would be", named, others))
-    text = " ".join(
-        [
-            "Variances of causes that know nothing of each other add up (docs/analyse.md).",
-            *(f"{note[0].upper()}{note[1:]}." for note in budget.notes),
-            *(f"Not known: {each}." for each in budget.unknown),
-        ]
-    )
-    return Section(TITLE, text, _bound(budget), (_summed_up(budget),), tuple(tables))
-
-
-def _bound(budget: AxisBudget) -> dict[str, str]:
-    bound = budget.bound
-    if bound is None:
-        return {}
-    figures = {
-        f"causal bound, phases known for {bound.coherence_s:g} s": f"{bound.rms_um:.3f} um",
-        "the path's share of the bound": f"{np.sqrt(bound.path_um2):.3f} um",
-        "the force's share of it": f"{np.sqrt(bound.force_um2):.3f} um",
-    }
-    if bound.rms_um > 0.0:
-        figures["this one leaves"] = f"{budget.rms_um / bound.rms_um:.1f} times that"
-    return figures
-
-
-def _summed_up(budget: AxisBudget) -> Plot:
-    """Variance below each frequency: a line is a step, noise a slope."""
-    hertz = budget.hertz
-    shown = budget.told_apart()
-    curves = [Curve(budget.sum_name, hertz, np.cumsum(np.sum([cause.power for cause in budget.causes], axis=0)))]
-    curves += [Curve(cause.name, hertz, np.cumsum(cause.power)) for cause in shown]
-    if budget.bound is not None:
-        ends = hertz[[0, -1]]
-        curves.append(Curve("bound", ends, np.full(2, budget.bound.rms_um**2)))
-    return Plot(
-        "Variance of the path error below a frequency",
-        "frequency, Hz",
-        "um^2",
-        tuple(curves),
-        "A sine is a step, noise a slope; where the whole rises is where there is something to gain.",
-        log_x=True,
-    )
-
+from .quiescent_spectrum import AtRest
 
 Array = NDArray[np.float64]
 Budgeted = Callable[[Configuration, NDArray[Any]], list[AxisBudget]]
@@ -253,11 +195,12 @@ def tried(
     settled = rows["axis"][round(_FADED_IN_S * every) :]
     seen = {}
     for i, name in enumerate(configuration.axes):
-        error, moved = (np.asarray(settled[f][:, i], dtype=float) for f in ("path_error_um", "uncompensated_um"))
+        own = settled[:, i]
+        error, moved = (np.asarray(own[f], dtype=float) for f in ("path_error_um", "uncompensated_um"))
         if not np.isfinite(error).all():
             return replace(production, problem=f"axis {name}: its path error is not known at all times")
         t_s = np.arange(len(error)) / every
-        limited = 100.0 * float(np.mean(_at_an_end(configuration, name, settled[:, i])))
+        limited = 100.0 * float(np.mean(at_limit(configuration, name, own["voltage_V"], own["setpoint_um"])))
         seen[name] = PathErrorSeen(_rms(moved), _rms(error), float(np.abs(error).max()), t_s, error, limited)
     known = all(f"path_error_{name}" in configuration.signals for name in configuration.axes)
     moved_um = np.asarray(settled["stage_um"][:: max(1, round(every / MOVED_HZ)), : len(seen)], dtype=float)
@@ -268,15 +211,6 @@ def tried(
         return replace(production, budgets={each.axis: each for each in budgeted(configuration, rows)})
     except MicromanipError as problem:
         return replace(production, unbudgeted=str(problem))
-
-
-def _at_an_end(configuration: Configuration, axis: str, rows: NDArray[Any]) -> NDArray[np.bool_]:
-    """In which cycles (n,) the set-point or the voltage of `axis` was at an end of its range."""
-    ends = configuration.axes[axis].setpoint.range_um, configuration.outputs[f"voltage_{axis}"].range_V
-    held = np.zeros(len(rows), dtype=bool)
-    for column, (low, high) in zip(("setpoint_um", "voltage_V"), ends, strict=True):
-        held |= (rows[column] <= low) | (rows[column] >= high)
-    return held
 
 
 def _rms(values: Array) -> float:

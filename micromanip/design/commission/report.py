@@ -10,11 +10,8 @@ from pathlib import Path
 
 from micromanip.settings.write import write_atomically
 
-from ..criterion import Criterion
-from ..report import page
-from . import verdict
-from .evidence import Evidence
-from .verdict import Verdict
+from ..report import page, verdict
+from ..report.verdict import Criterion, Evidence, Verdict
 
 _SIGNS = {Verdict.PASS: "✓", Verdict.LESS: "✓", Verdict.FAIL: "✗", Verdict.NONE: "–"}
 

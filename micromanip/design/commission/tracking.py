@@ -6,7 +6,6 @@ The sines stay inside the set-point's range, whatever it is; the other axes rest
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 from micromanip.settings.schema.model import Configuration
 
 from ..evaluation import HOLD_S, SETTLE_S, WINDOW_S, Run, variant_of
-from ..experiment import EXCITED, Experiment, alone, parked, with_axis, with_reference
+from ..experiment import EXCITED, Experiment, alone, parked, play, with_reference
 
 Array = NDArray[np.float64]
 CONFIGS = ("A", "B", "C")
@@ -60,10 +59,7 @@ def path_error(configuration: Configuration, experiment: Experiment, axis: str) 
     amplitude_um = min(_PATH_UM, _PATH_SHARE * (high - low))
     hertz = min(settings.accept.frequencies_Hz)
     samples = _wave(configuration, index, 0.0, amplitude_um, hertz, max(_PATH_S, 2.0 / hertz))
-    closed = with_axis(alone(configuration, axis, "stage"), axis, mode="stage")
-    rows: NDArray[Any] = experiment(
-        with_reference(closed, EXCITED), len(samples) / configuration.loop.rate_hz, samples
-    )["axis"][:, index]
+    rows = play(alone(configuration, axis, "stage"), experiment, samples)[:, index]
     late = rows[len(rows) // 2 :]
     return float(np.sqrt(np.mean((late["reference_um"] - late["stage_um"]) ** 2))), amplitude_um
 

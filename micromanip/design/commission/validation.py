@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from micromanip.control.outer_gains import OuterGains, outer_gains
 from micromanip.settings.schema.model import Configuration
 
-from ..experiment import EXCITED, Experiment, alone, parked, resting, with_reference
+from ..experiment import Experiment, alone, parked, play, resting
 from ..step import StepAnswer, course, judge_step
 from .limit_cycle import Held, Rest, stage_at_rest
 from .tracking import path_error
@@ -46,8 +46,7 @@ def validate(configuration: Configuration, experiment: Experiment, axis: str, in
     before, after = round(_BEFORE_S * rate_hz), round(_AFTER_S * rate_hz)
     samples = parked(configuration, before + after)
     samples[:, i] = course((np.arange(before + after) - before) / rate_hz)
-    closed = alone(configuration, axis, "stage")
-    rows = experiment(with_reference(closed, EXCITED), (before + after) / rate_hz, samples)["axis"][:, i]
+    rows = play(alone(configuration, axis, "stage"), experiment, samples)[:, i]
     t_s = (np.arange(len(rows)) - before) / rate_hz
     stage, reference = (np.asarray(rows[name], dtype=float) for name in ("stage_um", "reference_um"))
     late = t_s > 0.6 * _AFTER_S
@@ -74,8 +73,7 @@ def coupling(configuration: Configuration, experiment: Experiment, axis: str) ->
     count, i = round(_MOVE_S * rate_hz), names.index(axis)
     samples = resting(configuration, axis, count)
     samples[:, i] += _MOVE_UM * np.sin(2 * np.pi * np.arange(count) / count)
-    played = with_reference(alone(configuration, axis, "strain"), EXCITED)
-    rows = experiment(played, _MOVE_S, samples)["axis"]
+    rows = play(alone(configuration, axis, "strain"), experiment, samples)
     seen = {}
     for role in ("strain", "stage"):
         moved = rows[f"{role}_um"]

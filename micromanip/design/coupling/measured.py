@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from micromanip.errors import CheckFailed
 from micromanip.settings.schema.model import Configuration
 
-from ..experiment import EXCITED, Experiment, parked, path_bandwidth, with_axes, with_reference
+from ..experiment import Experiment, parked, path_bandwidth, play, with_axes, within_slew
 from ..response import Measured, Multisine, measure, multisine
 
 Array = NDArray[np.float64]
@@ -83,14 +83,11 @@ def measure_coupling(
     names, rate_hz = tuple(configuration.axes), float(configuration.loop.rate_hz)
     band = min(path_bandwidth(experiment.path(configuration, name), configuration.loop.rate_hz) for name in names)
     cutoff_Hz = min(_RMS_UM[-1][0], 0.4 * rate_hz, band)
-    held = with_reference(with_axes(configuration, mode="strain", actuator=None), EXCITED)
+    held = with_axes(configuration, mode="strain", actuator=None)
     seen: list[tuple[list[Measured], list[Measured]]] = []
     for j, name in enumerate(names):
         say(f"axis {name} moves, the others are held")
-        wave = multisine(
-            tuple((min(upper, cutoff_Hz), rms) for upper, rms in _RMS_UM),
-            _LOW_HZ, cutoff_Hz, rate_hz, seed=seed + j, lead_s=_LEAD_S, periods=3, draws=1,
-        )  # fmt: skip
+        wave = multisine(_RMS_UM, _LOW_HZ, cutoff_Hz, rate_hz, seed=seed + j, lead_s=_LEAD_S, periods=3, draws=1)
         seen.append(_moved(held, experiment, j, wave))
     return assembled(names, [stages for stages, _ in seen], [gauges for _, gauges in seen])
 
@@ -99,13 +96,11 @@ def _moved(
     held: Configuration, experiment: Experiment, j: int, wave: Multisine
 ) -> tuple[list[Measured], list[Measured]]:
     """Each stage, and each gauge, in terms of that of axis number `j`, which is moved."""
-    rate_hz, axes = held.loop.rate_hz, list(held.axes.values())
-    fastest_um_per_s = float(np.abs(np.diff(wave.samples)).max()) * rate_hz
-    allowed = _SLEW_SHARE * 1e3 * axes[j].setpoint.slew_um_per_ms
+    axes = list(held.axes.values())
     samples = parked(held, len(wave.samples))
     samples[:, : len(axes)] = [axis.centre_um for axis in axes]
-    samples[:, j] += min(1.0, allowed / fastest_um_per_s) * wave.samples
-    rows = experiment(held, len(samples) / rate_hz, samples)["axis"]
+    samples[:, j] += within_slew(held, list(held.axes)[j], wave.samples, _SLEW_SHARE)
+    rows = play(held, experiment, samples)
     found = []
     for role in ("stage_um", "strain_um"):
         moved = np.asarray(rows[role][:, : len(axes)], dtype=float)

@@ -5,12 +5,11 @@ harmonics(inverse_operator(model), amplitude, offset)   # (18)-(21): any shaping
 
 from .limit_cycles import LimitCycle, limit_cycles
 from .operator import actuator_operator, inverse_operator
-from .quadrature import Harmonics, gains, harmonics
+from .quadrature import harmonics
 from .sweep import GainMap, Sweep, Verdict, amplitudes_up_to, branch_slopes, gain_map, judge, sweep
 
 __all__ = [
     "GainMap",
-    "Harmonics",
     "LimitCycle",
     "Sweep",
     "Verdict",
@@ -18,7 +17,6 @@ __all__ = [
     "amplitudes_up_to",
     "branch_slopes",
     "gain_map",
-    "gains",
     "harmonics",
     "inverse_operator",
     "judge",

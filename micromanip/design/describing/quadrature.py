@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .operator import Array, Operator
 
@@ -49,11 +48,6 @@ def harmonics(operator: Operator, amplitude: float, centre: float = 0.0) -> Harm
         a1 += float(weight @ (y * np.sin(angle)))
         b1 += float(weight @ (y * np.cos(angle)))
     return Harmonics(mean / (2.0 * np.pi), complex(a1, b1) / (np.pi * amplitude), headroom)
-
-
-def gains(operator: Operator, amplitudes: Array, centre: float = 0.0) -> NDArray[np.complex128]:
-    """``N(A)`` for amplitudes (k,) about one offset."""
-    return np.array([harmonics(operator, float(a), centre).gain for a in amplitudes])
 
 
 def _branch(operator: Operator, u: Array, rising: bool, w0: Array) -> Array:

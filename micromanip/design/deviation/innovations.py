@@ -48,11 +48,6 @@ class Whiteness:
         """Whether none of the lags stands out."""
         return abs(self.correlation) <= self.correlation_bound
 
-    @property
-    def as_stated(self) -> bool:
-        """Whether the variance is the stated one."""
-        return self.nis_bounds[0] <= self.nis <= self.nis_bounds[1]
-
 
 def judge_innovations(innovations: Array, variance_um2: float) -> Whiteness:
     """Of innovations (n,), um, whose variance is stated as `variance_um2`; n above 20."""

@@ -14,7 +14,7 @@ import numpy as np
 from .modal import Array, Modes, decompose
 from .model import delayed
 from .regression import regress, start
-from .subspace import Experiment, compress, dynamics, observability
+from .subspace import Experiment, dynamics, observability
 
 LARGEST_ORDER = 12
 _ENOUGH = 1.02
@@ -132,7 +132,7 @@ def _errors(
     judged = last_quarter_says_much(experiments)
     counts = [len(u) - len(u) // _HELD_OUT if judged else len(u) for u, _ in shifted]
     fitted = [(u[:count], y[:count]) for (u, y), count in zip(shifted, counts, strict=True)]
-    left, _ = observability(compress(fitted, rows))
+    left, _ = observability(fitted, rows)
     errors = {}
     for order in orders:
         modes = modes_of(left, order, fitted, direct)

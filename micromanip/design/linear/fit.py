@@ -10,7 +10,7 @@ from .choice import choose, modes_of
 from .modal import Array, Modes
 from .model import LinearFit, as_columns, delayed
 from .regression import NormalEquations, Start, block, first_answers, join, mixing, real_columns, solve, start
-from .subspace import Experiment, compress, dynamics, kalman_gain, observability
+from .subspace import Experiment, dynamics, observability
 
 _DAMPING, _DAMPING_LIMIT = 1e-3, 1e6
 _GAIN = 1e-4
@@ -145,13 +145,11 @@ def fit_linear(
     late = tuple(int(delay) for delay in delays)
     shifted = [delayed(pair, late) for pair in scaled]
     progress(f"subspace, order {order}")
-    data = compress(shifted, rows)
-    left, values = observability(data)
+    left, values = observability(shifted, rows)
     modes = modes_of(left, order, shifted, direct)
     seen = np.linalg.eigvals(dynamics(left, order, len(scale_y))[0])
     progress("refining")
     modes = refine(modes, shifted, refinements, direct=direct)
-    gain, innovations = kalman_gain(modes, data)
     physical = Modes(modes.poles, modes.B / scale_u, modes.C * scale_y[:, None], modes.D * scale_y[:, None] / scale_u)
     return LinearFit(
         physical,
@@ -159,8 +157,6 @@ def fit_linear(
         late,
         offsets_u,
         offsets_y,
-        gain / scale_y,
-        innovations * np.outer(scale_y, scale_y),
         values,
         tried,
         tuple(complex(pole) for pole in seen[(np.abs(seen) > 1.0) & (seen.imag >= 0.0)]),

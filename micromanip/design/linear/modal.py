@@ -71,34 +71,18 @@ class Modes:
         response += np.einsum("lk,fk,km->flm", np.conj(self.C), twin, np.conj(self.B))
         return np.asarray(response + self.D)
 
-    def real_rows(self, values: Complex) -> Array:
-        """What drives the modes, (k, q), as rows of the real, block-diagonal form, (order, q)."""
-        scaled = values * self._scales[:, None]
-        pairs = zip(scaled, self.weights, strict=True)
-        return np.vstack([np.stack([row.real, row.imag])[: int(weight)] for row, weight in pairs])
-
-    def complex_rows(self, rows: Array) -> Complex:
-        """Inverse of `real_rows`."""
-        first = np.concatenate([[0.0], np.cumsum(self.weights)[:-1]]).astype(int)
-        imaginary = np.where(self.weights[:, None] == 2.0, rows[np.minimum(first + 1, len(rows) - 1)], 0.0)
-        return np.asarray((rows[first] + 1j * imaginary) / self._scales[:, None])
-
     def state_space(self) -> tuple[Array, Array, Array, Array]:
         """Real ``A, B, C, D``, block-diagonal, each mode's gains in and out alike."""
-        blocks, columns = [], []
-        for pole, c, weight in zip(self.poles, (self.C * self.weights / self._scales).T, self.weights, strict=True):
-            if weight == 1.0:
-                blocks.append(np.array([[pole.real]]))
-                columns.append(c.real[:, None])
-            else:
-                blocks.append(np.array([[pole.real, -pole.imag], [pole.imag, pole.real]]))
-                columns.append(np.stack([c.real, -c.imag], axis=1))
-        return np.asarray(block_diag(*blocks)), self.real_rows(self.B), np.hstack(columns), self.D
-
-    @property
-    def _scales(self) -> Array:
         size_in = np.maximum(np.linalg.norm(self.B, axis=1), 1e-300)
-        return np.asarray(np.sqrt(np.maximum(np.linalg.norm(self.C, axis=0), 1e-300) / size_in))
+        scales = np.sqrt(np.maximum(np.linalg.norm(self.C, axis=0), 1e-300) / size_in)
+        parts = zip(self.poles, self.B * scales[:, None], (self.C * self.weights / scales).T, self.weights, strict=True)
+        blocks, rows, columns = [], [], []
+        for pole, b, c, weight in parts:
+            states = int(weight)
+            blocks.append(np.array([[pole.real, -pole.imag], [pole.imag, pole.real]])[:states, :states])
+            rows.append(np.stack([b.real, b.imag])[:states])
+            columns.append(np.stack([c.real, -c.imag], axis=1)[:, :states])
+        return np.asarray(block_diag(*blocks)), np.vstack(rows), np.hstack(columns), self.D
 
 
 def decompose(A: Array, C: Array) -> tuple[Complex, Complex]:

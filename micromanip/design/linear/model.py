@@ -1,4 +1,4 @@
-"""The fitted model: free run, frequency response, errors, and `control.StateSpace` with its Kalman gain."""
+"""The fitted model: free run, errors, and `control.StateSpace`."""
 
 from __future__ import annotations
 
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 class LinearFit:
     """A model in physical units, sampled every `dt` seconds; input i acts `delays[i]` samples late.
 
-    `gain` (k, outputs) drives the modes by the innovations, whose covariance is `innovations` (outputs, outputs);
     `tried` tells for each order that was tried the held-out rms error, percent of the outputs'; `mirrored` are poles
     (k,) that the record has outside the unit circle, and the model inside.
     """
@@ -30,8 +29,6 @@ class LinearFit:
     delays: tuple[int, ...]
     offsets_u: Array
     offsets_y: Array
-    gain: Complex
-    innovations: Array
     singular_values: Array
     tried: dict[int, float]
     mirrored: tuple[complex, ...] = ()
@@ -73,12 +70,6 @@ class LinearFit:
         rms = 100.0 * np.sqrt((error**2).mean(axis=0)) / size
         return 100.0 - rms, rms
 
-    def frequency_response(self, frequency_Hz: Array) -> Complex:
-        """Response (f, outputs, inputs), delays included."""
-        z = np.exp(2j * np.pi * np.asarray(frequency_Hz) * self.dt)
-        late = z[:, None, None] ** -np.array(self.delays, dtype=float)
-        return np.asarray(self.modes.frequency_response(z) * late)
-
     def state_space(self) -> control.StateSpace:
         """The model, its delays as states after those of the dynamics, for `control`."""
         import control
@@ -99,11 +90,6 @@ class LinearFit:
             drive[at + delay - 1, i] = 1.0
             at += delay
         return control.ss(whole, drive, show, direct, self.dt)
-
-    @property
-    def kalman_gain(self) -> Array:
-        """Gain (states, outputs) for `state_space`: ``x+ = A x + B u + K (y - C x - D u)``; delays need none."""
-        return np.vstack([self.modes.real_rows(self.gain), np.zeros((sum(self.delays), self.modes.C.shape[0]))])
 
 
 def as_columns(signal: Array) -> Array:

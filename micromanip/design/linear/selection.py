@@ -9,7 +9,7 @@ import numpy as np
 
 from .choice import last_quarter_says_much, says_much
 from .fit import fit_linear
-from .modal import Array, Complex, Modes
+from .modal import Complex, Modes
 from .model import LinearFit, delayed, strict_errors
 from .subspace import Experiment
 
@@ -204,16 +204,12 @@ def fit_arx1(experiments: Sequence[Experiment], dt: float, delays: tuple[int, ..
 
     Of experiments ``(u (n, inputs), y (n, outputs))``, each with an offset of its own. What is chosen with more care
     must not predict worse.
-
-    It has no Kalman gain: what it leaves is white by assumption, and its state is the output.
     """
     offsets_u = np.concatenate([u for u, _ in experiments]).mean(axis=0)
     offsets_y = np.concatenate([y for _, y in experiments]).mean(axis=0)
     shifted = [delayed((u - offsets_u, y - offsets_y), delays) for u, y in experiments]
     outputs = len(offsets_y)
     poles, driven = np.empty(outputs, complex), np.empty((outputs, len(offsets_u)))
-    covariance = np.zeros((outputs, outputs))
-    left = []
     for o in range(outputs):
         rows = [np.column_stack([y[:-1, o], u[:-1]]) for u, y in shifted]
         table = np.concatenate([row - row.mean(axis=0) for row in rows])
@@ -221,11 +217,7 @@ def fit_arx1(experiments: Sequence[Experiment], dt: float, delays: tuple[int, ..
         found = np.linalg.lstsq(table, target, rcond=None)[0]
         pole = float(np.clip(found[0], -_STABLE, _STABLE))
         poles[o], driven[o] = pole, found[1:]
-        left.append(target - table @ found)
-    covariance = np.atleast_2d(np.cov(np.array(left)))
     # a mode's real form has a real pole; two alike are kept apart by a rounding
     poles = poles - 1e-9 * np.arange(outputs)
     modes = Modes(poles, driven.astype(complex), np.eye(outputs).astype(complex), np.zeros((outputs, len(offsets_u))))
-    gain = np.diag(poles).astype(complex)
-    none: Array = np.zeros(0)
-    return LinearFit(modes, dt, delays, offsets_u, offsets_y, gain, covariance, none, {})
+    return LinearFit(modes, dt, delays, offsets_u, offsets_y, np.zeros(0), {})

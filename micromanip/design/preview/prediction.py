@@ -20,13 +20,7 @@ from numpy.typing import NDArray
 
 from micromanip.design.budget.loop import AxisLaws
 from micromanip.design.budget.tracking import Tracking
-from micromanip.rt.laws.feedforward import (
-    HYSTERESIS_PARAMETERS,
-    HYSTERESIS_STATE,
-    feedforward_voltage,
-    start_feedforward,
-)
-from micromanip.settings.compile.hysteresis import fill_hysteresis
+from micromanip.design.hysteresis import inverse
 from micromanip.settings.schema.axis import Axis
 from micromanip.settings.schema.hysteresis import NoModel
 
@@ -117,10 +111,6 @@ def inverse_voltage(axis: Axis, park_V: float, setpoint_um: Array, rate_hz: floa
     """
     if isinstance(axis.hysteresis, NoModel) or axis.inner.mode == "pid":
         return None
-    p, s = np.zeros(1, HYSTERESIS_PARAMETERS)[0], np.zeros(1, HYSTERESIS_STATE)[0]
-    fill_hysteresis(p, axis.hysteresis, 1.0 / rate_hz)
-    start_feedforward(p, s, axis.setpoint.range_um[0], park_V)
-    approach = np.linspace(axis.setpoint.range_um[0], setpoint_um[0], max(2, round(_APPROACH_S * rate_hz)))
-    for um in approach:
-        feedforward_voltage(p, s, um)
-    return np.array([feedforward_voltage(p, s, um) for um in setpoint_um])
+    begin_um = axis.setpoint.range_um[0]
+    approach = np.linspace(begin_um, setpoint_um[0], max(2, round(_APPROACH_S * rate_hz)))
+    return inverse(axis.hysteresis, np.concatenate([approach, setpoint_um]), 1.0 / rate_hz, park_V)[len(approach) :]

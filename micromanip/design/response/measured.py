@@ -80,7 +80,7 @@ def multisine(
     lines = excited_lines(low_Hz, high_Hz, period, rate_hz)
     hertz, power = lines * rate_hz / period, np.zeros(len(lines))
     for upper_Hz, size in rms:
-        below = hertz <= max(upper_Hz, hertz[0])
+        below = hertz <= max(min(upper_Hz, high_Hz), hertz[0])
         power[below] += size**2 / np.count_nonzero(below)
     lead, pieces = round(lead_s * rate_hz), []
     for _ in range(draws):

@@ -47,7 +47,7 @@ _SHARES = (100.0, 90.0, 80.0, 70.0, 60.0)
 
 
 @dataclass(frozen=True)
-class Undone:
+class InvertedActuator:
     """The section, and the errors of sines (share of their amplitude, rms over ``FREQUENCIES_HZ``) that decided.
 
     `tried` has rms and worst over the plants for what was tried, in that order; `taken` is what was taken of it.
@@ -63,7 +63,7 @@ class Undone:
         return self.taken[-1] if self.taken else "nothing"
 
 
-def undo(
+def invert_actuator(
     dynamics: System,
     delay_cycles: int,
     inner: Inner,
@@ -72,7 +72,7 @@ def undo(
     left_um: float,
     asked_Hz: Sequence[float],
     bears: Callable[[float], bool] = lambda _: True,
-) -> Undone:
+) -> InvertedActuator:
     """What to undo of `dynamics` (V to um), behind so many cycles, under the PID `inner`.
 
     `gauge_us`: how late the gauge is, by its data sheet; `noise_um`: its noise, rms; `left_um`: what the hysteresis
@@ -103,7 +103,7 @@ def undo(
             taken.append(name)
     shares = [percent for percent in _SHARES if percent == _SHARES[0] or bears(0.01 * percent)]
     share = min(shares, key=_cost(system, inner, noise_um, left_um, asked_Hz))
-    return Undone(chosen.model_copy(update={"feedback_percent": share}), tried, tuple(taken))
+    return InvertedActuator(chosen.model_copy(update={"feedback_percent": share}), tried, tuple(taken))
 
 
 def resonances(system: System) -> tuple[Resonance, ...]:
@@ -195,4 +195,4 @@ def _of(root: complex, period_s: float) -> tuple[float, float]:
     return float(abs(rate) / (2 * np.pi)), float(-rate.real / abs(rate))
 
 
-__all__ = ["Undone", "undo"]
+__all__ = ["InvertedActuator", "invert_actuator"]

@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from micromanip.design.commission.at_rest import FLANK_SHARE, STANDS_OUT, look_at_rest, strongest_line, tooth_at_work
+from micromanip.design.commission.quiescent_spectrum import (
+    FLANK_SHARE,
+    STANDS_OUT,
+    look_at_rest,
+    strongest_line,
+    tooth_at_work,
+)
 from micromanip.settings.check import prepare
 from micromanip.virtual.experiment import VirtualExperiment, with_options
 

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from micromanip.design.commission import closing
-from micromanip.design.commission.knobs import Knobs
+from micromanip.design.commission.options import Options
 from micromanip.errors import CheckFailed
 
 
@@ -16,8 +16,8 @@ def proven(monkeypatch):
     def play(predicted_to_Hz, rests_to_Hz, none_below_Hz=0.0):
         tried, learned = [], []
 
-        def close_outer(configuration, experiment, axis, actuator, stage, knobs, *_):
-            hertz = knobs.bandwidth_Hz or 320.0
+        def close_outer(configuration, experiment, axis, actuator, stage, options, *_):
+            hertz = options.bandwidth_Hz or 320.0
             if hertz < none_below_Hz:
                 raise CheckFailed(f"axis {axis}: nothing is stable at {hertz:g} Hz")
             tried.append(hertz)
@@ -30,7 +30,7 @@ def proven(monkeypatch):
         monkeypatch.setattr(closing, "close_outer", close_outer)
         monkeypatch.setattr(closing, "validate", validate)
         monkeypatch.setattr(closing, "with_axis", lambda configuration, *_, **__: configuration)
-        given = (None, None, "x", None, None, Knobs(), None, 1, lambda _: None, learned)
+        given = (None, None, "x", None, None, Options(), None, 1, lambda _: None, learned)
         return (lambda: closing.prove_outer(*given)), tried, learned
 
     return play

@@ -5,9 +5,9 @@ import pytest
 
 from micromanip.control.joints import joints_radius
 from micromanip.control.predictor import output_row, reference_transition, tracker_gain
-from micromanip.design.commission.at_rest import AtRest
 from micromanip.design.commission.predictor import known_deviations
 from micromanip.design.commission.production import in_production
+from micromanip.design.commission.quiescent_spectrum import AtRest
 from micromanip.design.experiment import with_axes
 from micromanip.settings.schema.reference import Hold, Steady
 

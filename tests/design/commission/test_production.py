@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from micromanip.design.commission.at_rest import AtRest
 from micromanip.design.commission.production import in_production, tried
+from micromanip.design.commission.quiescent_spectrum import AtRest
 from micromanip.design.experiment import with_axes, with_axis
 from micromanip.errors import CheckFailed
 from micromanip.settings.load import load

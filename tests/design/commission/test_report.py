@@ -6,10 +6,9 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from micromanip.design.commission.evidence import Evidence
 from micromanip.design.commission.report import write_report
-from micromanip.design.criterion import Criterion
 from micromanip.design.report.model import Curve, Plot, Section, Table
+from micromanip.design.report.verdict import Criterion, Evidence
 
 NASTY = """<script>alert("x")</script> & <b title='y'>"""
 T = np.linspace(0.0, 1.0, 50)

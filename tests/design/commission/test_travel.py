@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from micromanip.design.commission.travel import check_travel, judge_answer, require_centred
+from micromanip.design.commission.stage_sensor_check import check_travel, judge_answer, require_centred
 from micromanip.errors import CheckFailed
 
 RATE_HZ = 10_000

@@ -7,7 +7,7 @@ from scipy.signal import cont2discrete
 
 from micromanip.control.injection import injection
 from micromanip.control.system import System
-from micromanip.design.drift import PlantFigures, commissioned, plant_figures
+from micromanip.design.drift.figures import PlantFigures, commissioned, plant_figures
 from micromanip.design.response import Measured
 
 HERTZ = injection(0.3, 3000.0, 10_000.0, seed=1).frequency_Hz

@@ -6,8 +6,9 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 import pytest
 
-from micromanip.design.drift import Check, PlantFigures, append, judge, read_history
-from micromanip.design.drift.history import COLUMNS, HEADER
+from micromanip.design.drift.figures import PlantFigures
+from micromanip.design.drift.history import COLUMNS, HEADER, Check, append, read_history
+from micromanip.design.drift.trend import judge
 from micromanip.errors import CheckFailed
 from micromanip.settings.schema.accept import Accept
 

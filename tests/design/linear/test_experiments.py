@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import lfilter
 
 from micromanip.design.linear.experiments import load_linear
-from micromanip.design.linear.judged import fit_records
+from micromanip.design.linear.validated import fit_records
 from micromanip.recordings import Wanted
 
 RATE_HZ, SAMPLES = 5000.0, 10000

@@ -1,6 +1,5 @@
 """`fit_linear` on systems that are known: exact without noise, and honest with it."""
 
-import control
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -44,8 +43,6 @@ def test_exact_without_noise():
     assert sorted_poles(model.poles) == pytest.approx(sorted_poles(np.linalg.eigvals(A)), abs=1e-7)
     truth = transfer(A, B, C, D, circle())
     assert of_state_space(model.state_space(), circle()) == pytest.approx(truth, abs=1e-6 * np.abs(truth).max())
-    hertz = np.angle(circle()) / (2 * np.pi * 1e-3)
-    assert model.frequency_response(hertz) == pytest.approx(truth, abs=1e-6 * np.abs(truth).max())
     assert model.singular_values[4] > 1e6 * model.singular_values[5]
     for u, y in experiments(count=5)[3:]:  # the last ones were not fitted to
         assert model.simulate(u, y) == pytest.approx(y, abs=1e-5 * y.std())
@@ -90,33 +87,6 @@ def test_noise_costs_what_it_must():
     assert model.errors(u, moved)[1] == pytest.approx(model.errors(u, y)[1])
 
 
-def test_kalman_gain_is_that_of_the_known_noise():
-    """Innovation form from the data, against the Riccati equation on the system that made them."""
-    A, B, C, D = system(outputs=2)
-    samples, rng, Q, R = 20_000, np.random.default_rng(2), 0.02 * np.eye(5), np.diag([0.4, 0.8])
-    u = rng.normal(size=(samples, 2))
-    process = rng.multivariate_normal(np.zeros(5), Q, samples)
-    sensor = rng.multivariate_normal(np.zeros(2), R, samples)
-    y = response(A, B, C, D, u, None, process, sensor)
-    model = fit_linear([(u, y)], 1e-3, 5)
-    filtering, P, _ = control.dlqe(A, np.eye(5), C, Q, R)
-    truth = transfer(A, filtering, C, np.eye(2), circle())
-    found = model.state_space()
-    gain = model.kalman_gain
-    assert transfer(found.A, gain, found.C, np.eye(2), circle()) == pytest.approx(truth, abs=0.1 * np.abs(truth).max())
-    assert np.abs(np.linalg.eigvals(found.A - gain @ found.C)).max() < 1.0
-    innovations = C @ P @ C.T + R
-    assert model.innovations == pytest.approx(innovations, rel=0.1, abs=0.1 * R.max())
-    # and it predicts better than the free run, to the innovations
-    A, B, C, D = found.A, found.B, found.C, found.D
-    x, error = np.zeros(found.nstates), np.zeros((samples, 2))
-    for k in range(samples):
-        error[k] = (y[k] - model.offsets_y) - C @ x - D @ (u[k] - model.offsets_u)
-        x = A @ x + B @ (u[k] - model.offsets_u) + gain @ error[k]
-    assert np.cov(error[200:].T) == pytest.approx(innovations, rel=0.05, abs=0.05 * R.max())
-    assert (error.std(axis=0) < 0.8 * (y - model.simulate(u, y)).std(axis=0)).all()
-
-
 @settings(max_examples=12)
 @given(st.integers(0, 10_000), st.floats(1e-6, 1e6), st.floats(1e-6, 1e6))
 def test_units_do_not_matter(seed, size_u, size_y):
@@ -155,6 +125,6 @@ def test_an_input_without_effect_and_an_output_of_noise():
     y = response(A, B, C, D, u)
     y += 0.1 * y.std() * rng.normal(size=y.shape)
     model = fit_linear([(np.hstack([u, idle]), np.hstack([y, rng.normal(size=y.shape)]))], 1e-3)
-    size = np.linalg.norm(model.frequency_response(np.linspace(1.0, 400.0, 50)), axis=0)
+    size = np.linalg.norm(of_state_space(model.state_space(), circle()), axis=0)
     assert size[0, 1] < 0.03 * size[0, 0]
     assert model.errors(np.hstack([u, idle]), np.hstack([y, rng.normal(size=y.shape)]))[0][1] < 2.0

@@ -32,7 +32,6 @@ def test_same_system(seed):
     a, b, c, _ = modes.state_space()
     assert np.count_nonzero(a) <= 2 * 4 + 1  # two pairs and a real pole, nothing beside them
     assert np.linalg.norm(b[:2]) == pytest.approx(np.linalg.norm(c[:, :2]) / 2, rel=1e-6) or modes.weights[0] == 1.0
-    assert modes.complex_rows(modes.real_rows(modes.B)) == pytest.approx(modes.B)
     u = np.random.default_rng(seed).normal(size=(200, 2))
     expected = dlsim((A, B, C, D, 1.0), u)[1]
     assert modes.simulate(u) == pytest.approx(expected, abs=1e-7 * np.abs(expected).max())

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from micromanip.design.linear.experiments import load_linear
-from micromanip.design.linear.judged import fit_records
 from micromanip.design.linear.selection import select
+from micromanip.design.linear.validated import fit_records
 from micromanip.recordings import Wanted
 from tests.further import further
 

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING
 
 from micromanip.errors import CheckFailed, sentence
 
-from ..criterion import Criterion
 from ..report.model import Section
-from .evidence import Evidence
+from ..report.verdict import Criterion, Evidence
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -17,7 +17,7 @@ _STALL, _STALL_S = 5.0, 0.005
 """So many of the usual times between samples, and at least so long, without one from any sensor is a stall."""
 
 
-class Watched:
+class GuardedExperiment:
     """An experiment that raises CheckFailed where a fault ended it."""
 
     def __init__(self, experiment: Experiment) -> None:

@@ -74,54 +74,37 @@ def _neighbours(means: Array) -> float:
 
 @dataclass(frozen=True)
 class Difference:
-    """`ratio` of the rms of the second run to that of the first, and the interval it is in with 95 % confidence."""
+    """`value` of the second run beside the first, in `low` to `high` with 95 % confidence; `same` is no change."""
 
-    ratio: float
+    value: float
     low: float
     high: float
+    same: float
 
     @property
     def verdict(self) -> str:
         """What can be said: lower, higher, or that these runs show no difference."""
-        return _verdict(self.low, self.high, 1.0)
+        if self.high < self.same:
+            return LOWER
+        return HIGHER if self.low > self.same else SAME
 
 
-@dataclass(frozen=True)
-class Change:
-    """By how much a mean of the second run is larger, and the interval it is in with 95 % confidence."""
-
-    change: float
-    low: float
-    high: float
-
-    @property
-    def verdict(self) -> str:
-        """As of a `Difference`."""
-        return _verdict(self.low, self.high, 0.0)
-
-
-def _verdict(low: float, high: float, same: float) -> str:
-    if high < same:
-        return LOWER
-    return HIGHER if low > same else SAME
-
-
-def difference(first: Mean, second: Mean) -> Difference:
-    """Of two mean squares, by Welch's test on their logarithms."""
+def ratio(first: Mean, second: Mean) -> Difference:
+    """Of the rms of two mean squares, by Welch's test on their logarithms."""
     if first.value == 0 or second.value == 0:
         same = first.value == second.value
-        return Difference(1.0, 1.0, 1.0) if same else Difference(np.inf, 0.0, np.inf)
+        return Difference(1.0, 1.0, 1.0, 1.0) if same else Difference(np.inf, 0.0, np.inf, 1.0)
     errors = [each.standard_error / each.value for each in (first, second)]
     half = 0.5 * _half_width(errors, first, second)
-    ratio = second.root / first.root
-    return Difference(ratio, ratio * float(np.exp(-half)), ratio * float(np.exp(half)))
+    found = second.root / first.root
+    return Difference(found, found * float(np.exp(-half)), found * float(np.exp(half)), 1.0)
 
 
-def change(first: Mean, second: Mean) -> Change:
-    """Of two means, by Welch's test."""
+def change(first: Mean, second: Mean) -> Difference:
+    """By how much a mean is larger, by Welch's test."""
     half = _half_width([first.standard_error, second.standard_error], first, second)
     found = second.value - first.value
-    return Change(found, found - half, found + half)
+    return Difference(found, found - half, found + half, 0.0)
 
 
 def _half_width(errors: Sequence[float], first: Mean, second: Mean) -> float:

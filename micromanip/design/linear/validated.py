@@ -7,25 +7,28 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.signal import get_window
 
 from micromanip.errors import CheckFailed
 
 from .experiments import LinearRecord, same_rate
 from .fit import fit_linear
-from .frequency import FrequencyResponse, frequency_response
-from .modal import Array
+from .modal import Array, Complex
 from .model import LinearFit, strict_errors
 from .selection import select
 from .subspace import Experiment
 
 _SHOWN_VALUES = 40
+_AVERAGES, _LONGEST = 8, 1 << 14
+"""Segments wanted for each input: with as many as there are inputs the coherence would be 1 whatever the data; samples
+in a segment, at most."""
 _POOR_PERCENT, _GOOD_PERCENT, _COHERENT = 70.0, 20.0, 0.8
 """Rms errors of a model that predicts little, and of one that predicts; coherence of columns that are of one plant."""
 
 
 @dataclass(frozen=True)
-class Judged:
-    """A model, its free run on what was held out, that of ARX(1), and the response measured directly.
+class ValidatedFit:
+    """A model, its free run on what was held out, that of ARX(1), and the coherence (outputs,) of inputs and outputs.
 
     The strict errors (outputs,) are those behind the first tenth of each part, to which state and offset are fitted.
     """
@@ -37,7 +40,7 @@ class Judged:
     strict_percent: Array
     arx1_percent: Array
     validation: dict[str, list[float]] | None
-    measured: FrequencyResponse
+    coherence: Array
     notes: list[str]
 
     def report(self) -> dict[str, Any]:
@@ -59,13 +62,12 @@ class Judged:
             "poles_damping": [float(-value.real / abs(value)) for value in s],
             "singular_values": model.singular_values[:_SHOWN_VALUES].tolist(),
             "tried": {str(order): error for order, error in model.tried.items()},
-            "coherence": self.measured.explained.tolist(),
+            "coherence": self.coherence.tolist(),
             "dt_s": model.dt,
             "A": matrices.A.tolist(),
             "B": matrices.B.tolist(),
             "C": matrices.C.tolist(),
             "D": matrices.D.tolist(),
-            "K": model.kalman_gain.tolist(),
             "offsets_u": model.offsets_u.tolist(),
             "offsets_y": model.offsets_y.tolist(),
             "notes": self.notes,
@@ -78,7 +80,7 @@ def fit_records(
     order: int | None,
     split: float,
     progress: Callable[[str], None] = lambda _: None,
-) -> Judged:
+) -> ValidatedFit:
     """Fit to the first `split` of each record, judge by the free run on the rest, and on `validation`.
 
     Where nothing is left (`split` 1), the validation record, which must be given then, stands for the rest. Errors of
@@ -93,13 +95,13 @@ def fit_records(
     try:
         selected = select(fitted_to, left_out, records[0].dt, order, progress)
         model = selected.model
-        progress("frequency response")
-        measured = frequency_response(_experiments(records), model.dt)
+        progress("coherence")
+        coherence = coherence_of(_experiments(records))
     except ValueError as problem:
         raise CheckFailed(f"{records[0].file}: {problem}") from problem
     progress("free run")
     rms = _rms(model, left_out)
-    if rms.min() > _POOR_PERCENT and measured.explained.min() > _COHERENT:
+    if rms.min() > _POOR_PERCENT and coherence.min() > _COHERENT:
         progress("the other way round")
         _require_driven(records[0], rms, fitted_to, left_out, model.dt)
     strict, arx1 = strict_errors(model, left_out), strict_errors(selected.arx1, left_out)
@@ -112,7 +114,7 @@ def fit_records(
             "rms_error_percent": errors.tolist(),
             "strict_fit_percent": (100.0 - strict_errors(model, unseen)).tolist(),
         }
-    return Judged(model, judged, 100.0 - rms, rms, strict, arx1, other, measured, selected.notes)
+    return ValidatedFit(model, judged, 100.0 - rms, rms, strict, arx1, other, coherence, selected.notes)
 
 
 def _require_driven(
@@ -140,3 +142,41 @@ def _experiments(records: Iterable[LinearRecord]) -> list[Experiment]:
 def _rms(model: LinearFit, experiments: Sequence[Experiment]) -> Array:
     """Rms error of the free run (outputs,), percent, averaged over the experiments."""
     return np.asarray(np.sqrt(np.mean([model.errors(u, y)[1] ** 2 for u, y in experiments], axis=0)))
+
+
+def coherence_of(experiments: Sequence[Experiment]) -> Array:
+    """Multiple coherence over all frequencies (outputs,): the share of an output's power that the inputs explain.
+
+    ``S_yu S_uu^-1 S_uy / S_yy`` of spectra averaged over all experiments ``(u (n, inputs), y (n, outputs))`` by Welch's
+    method; 1 without noise and nonlinearity. Bendat and Piersol, Random Data, chapters 6 and 7. Raises ValueError where
+    not even two segments an input fit in.
+    """
+    inputs, segment = experiments[0][0].shape[1], _LONGEST
+    while segment > 16 and _segments(experiments, segment) < _AVERAGES * inputs:
+        segment //= 2
+    count = _segments(experiments, segment)
+    if count < 2 * inputs:
+        raise ValueError(f"{count} segments of {segment} samples are too few for {inputs} inputs: record longer")
+    window = get_window("hann", segment)
+    spectra = [[_spectra(signal, segment, window) for signal in pair] for pair in experiments]
+    U, Y = (np.concatenate(parts) for parts in zip(*spectra, strict=True))
+    s_uu, s_yu = np.einsum("sfa,sfb->fab", U, U.conj()), np.einsum("sfa,sfb->fab", Y, U.conj())
+    s_yy = np.sum(np.abs(Y) ** 2, axis=0)
+    power = np.trace(s_uu, axis1=1, axis2=2).real / inputs
+    regular = s_uu + 1e-14 * max(float(power.max()), 1e-300) * np.eye(inputs)
+    response = np.linalg.solve(regular.transpose(0, 2, 1), s_yu.transpose(0, 2, 1)).transpose(0, 2, 1)
+    explained: Array = np.einsum("fab,fab->fa", response, s_yu.conj()).real.sum(axis=0) / s_yy.sum(axis=0)
+    return np.clip(explained, 0.0, 1.0)
+
+
+def _segments(experiments: Sequence[Experiment], segment: int) -> int:
+    return sum(max(0, (len(u) - segment) // (segment // 2) + 1) for u, _ in experiments)
+
+
+def _spectra(signal: Array, segment: int, window: Array) -> Complex:
+    """Spectra (segments, f, channels) of a signal (n, channels) without its mean, in segments that overlap by half."""
+    centred = signal - signal.mean(axis=0)
+    if len(centred) < segment:
+        return np.zeros((0, segment // 2, signal.shape[1]), complex)
+    pieces = np.lib.stride_tricks.sliding_window_view(centred, segment, axis=0)[:: segment // 2]
+    return np.asarray(np.fft.rfft(pieces * window, axis=2).transpose(0, 2, 1)[:, 1:])

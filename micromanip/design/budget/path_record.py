@@ -25,6 +25,7 @@ from micromanip.settings.load import validate_document
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.schema.reference import AxisTracker
 from micromanip.settings.text.source import Source
+from micromanip.virtual.experiment import at_limit
 
 from .causes import PREDICTION, TRACKER, Grid, followed_share
 from .loop import AxisLaws
@@ -112,9 +113,8 @@ def tracking_stretch(telemetry: Telemetry, configuration: Configuration, axis: s
     fresh = (columns[f"axis.{place}.fresh"].astype(int) & DEVIATION_FRESH) != 0
     fresh &= (np.arange(len(cycle)) >= rows[0]) & (np.arange(len(cycle)) <= rows[-1])
     age_s = column("deviation_age_ns") * 1e-9
-    settings, voltage, setpoint = configuration.axes[axis], column("voltage_V"), column("setpoint_um")
-    (low_V, high_V), (low_um, high_um) = configuration.outputs[f"voltage_{axis}"].range_V, settings.setpoint.range_um
-    limited = (voltage <= low_V) | (voltage >= high_V) | (setpoint <= low_um) | (setpoint >= high_um)
+    setpoint = column("setpoint_um")
+    limited = at_limit(configuration, axis, column("voltage_V"), setpoint)
     if np.count_nonzero(fresh) < 2:
         raise CheckFailed(f"{telemetry.file}: axis {axis}: no samples of deviation_{axis} came while it tracked")
     return Stretch(

@@ -17,8 +17,7 @@ from scipy.signal import detrend
 from micromanip.errors import CheckFailed
 from micromanip.settings.schema.model import Configuration
 
-from ..experiment import Experiment, parked
-from ..identification import variant
+from ..experiment import Experiment, open_loop, parked, play
 
 Array = NDArray[np.float64]
 
@@ -171,7 +170,7 @@ def check_answer(configuration: Configuration, experiment: Experiment, axis: str
     step = np.concatenate([np.zeros(lift + before), _soft(rise), np.ones(after), 1.0 - _soft(lift)])
     samples = parked(configuration, len(way))
     samples[:, index] += (centre_V - output.park_V) * way + STEP_V * (step - 0.5 * way)
-    rows = experiment(variant(configuration), len(way) / rate_hz, samples)["axis"][:, index]
+    rows = play(open_loop(configuration), experiment, samples)[:, index]
     begin, end = lift + before, lift + before + rise + after
     answer = judge_answer(rows[begin - before : end], before, rate_hz)
     if answer.swing_Hz is not None and answer.swing_Hz < _SWINGS_PER_PATH * path_Hz:

@@ -10,7 +10,7 @@ from micromanip.control.system import System
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.wiring.timing import AT_ONCE
 
-from .experiment import EXCITED, Experiment, alone, path_bandwidth, resting, with_reference
+from .experiment import Experiment, alone, path_bandwidth, play, resting, within_slew
 from .response import Measured, Multisine, measure, multisine
 
 Array = NDArray[np.float64]
@@ -50,13 +50,9 @@ def _excitation(
 ) -> tuple[Multisine, NDArray[np.float64]]:
     rate_hz = configuration.loop.rate_hz
     wide_hz = min(rms[-1][0], _SHARE * rate_hz, path_bandwidth(experiment.path(configuration, axis), rate_hz))
-    parts = tuple((min(upper, wide_hz), size) for upper, size in rms)
-    wave = multisine(parts, _LOW_HZ, wide_hz, rate_hz, seed=seed, lead_s=_LEAD_S)
-    fastest = float(np.abs(np.diff(wave.samples)).max()) * rate_hz
-    slew = _SLEW_SHARE * 1e3 * configuration.axes[axis].setpoint.slew_um_per_ms
-    index = list(configuration.axes).index(axis)
+    wave = multisine(rms, _LOW_HZ, wide_hz, rate_hz, seed=seed, lead_s=_LEAD_S)
     samples = resting(configuration, axis, len(wave.samples))
-    samples[:, index] += min(1.0, slew / fastest) * wave.samples
+    samples[:, list(configuration.axes).index(axis)] += within_slew(configuration, axis, wave.samples, _SLEW_SHARE)
     return wave, samples
 
 
@@ -84,8 +80,7 @@ def _played(
     samples: NDArray[np.float64],
     columns: tuple[str, str],
 ) -> Measured:
-    excited = with_reference(alone(configuration, axis, mode), EXCITED)
-    rows = experiment(excited, len(wave.samples) / wave.rate_hz, samples)["axis"]
+    rows = play(alone(configuration, axis, mode), experiment, samples)
     index = list(configuration.axes).index(axis)
     u, y = (np.asarray(rows[name][:, index], dtype=float) for name in columns)
     return measure(wave, u, y)

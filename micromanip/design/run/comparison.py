@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from .recorded_run import SECTIONS_S, TIMING_PERCENT, BANDS_Hz, RecordedRun
-from .run_confidence import FEWEST, Array, Mean, batch_mean, change, difference
-from .run_figures import RunFigures
-from .run_sums import Sections
+from .confidence import FEWEST, Array, Mean, batch_mean, change, ratio
+from .figures import RunFigures
+from .statistics import SECTIONS_S, TIMING_PERCENT, BANDS_Hz, RecordedRun
+from .sums import Sections
 
 TOO_SHORT = "too short to judge"
 
@@ -25,7 +25,7 @@ ERROR = "error rms"
 
 
 @dataclass(frozen=True)
-class Judged:
+class Compared:
     """A quantity of both runs, in `unit`; B minus A is between `low` and `high` with 95 % confidence.
 
     `axis` is "" for what the whole cell has; without a verdict the run is too short, and `low` and `high` are None.
@@ -45,11 +45,11 @@ class Judged:
         return asdict(self)
 
 
-def judged(runs: Sequence[RecordedRun], figures: Sequence[RunFigures]) -> list[Judged]:
+def compared(runs: Sequence[RecordedRun], figures: Sequence[RunFigures]) -> list[Compared]:
     """Two runs and their figures, compared: each axis that both have, then the timing."""
     shortest_s = min(run.cell.tracked * run.period_s for run in runs)
     section_s = next((each for each in SECTIONS_S if FEWEST * each <= shortest_s * (1.0 + 1e-9)), None)
-    found: list[Judged] = []
+    found: list[Compared] = []
     for axis in (name for name in runs[0].axes if name in runs[1].axes):
         a, b = (run.squares[axis] for run in figures)
         found.append(_rms(axis, ERROR, a.whole, b.whole))
@@ -79,18 +79,18 @@ def _found(sections: Mapping[float, Mapping[str, Sections]], section_s: float | 
     return sections[section_s][name].found if section_s is not None and section_s in sections else np.empty(0)
 
 
-def _rms(axis: str, quantity: str, a: Mean | None, b: Mean | None, both: Sequence[float] = ()) -> Judged:
+def _rms(axis: str, quantity: str, a: Mean | None, b: Mean | None, both: Sequence[float] = ()) -> Compared:
     if a is None or b is None:
-        return Judged(axis, quantity, "um", both[0], both[1], None, None, TOO_SHORT)
-    found = difference(a, b)
+        return Compared(axis, quantity, "um", both[0], both[1], None, None, TOO_SHORT)
+    found = ratio(a, b)
     low, high = (a.root * (bound - 1.0) for bound in (found.low, found.high))
-    return Judged(axis, quantity, "um", a.root, b.root, low, high, found.verdict)
+    return Compared(axis, quantity, "um", a.root, b.root, low, high, found.verdict)
 
 
-def by_section(axis: str, quantity: str, unit: str, series: Sequence[Array], whole: Sequence[float]) -> Judged:
+def by_section(axis: str, quantity: str, unit: str, series: Sequence[Array], whole: Sequence[float]) -> Compared:
     """What was taken of each section of both runs (sections,), its means compared; `whole` are of each run as one."""
     if min(map(len, series)) < FEWEST:
-        return Judged(axis, quantity, unit, whole[0], whole[1], None, None, TOO_SHORT)
+        return Compared(axis, quantity, unit, whole[0], whole[1], None, None, TOO_SHORT)
     one, two = map(batch_mean, series)
     found = change(one, two)
-    return Judged(axis, quantity, unit, one.value, two.value, found.low, found.high, found.verdict)
+    return Compared(axis, quantity, unit, one.value, two.value, found.low, found.high, found.verdict)

@@ -9,11 +9,11 @@ import numpy as np
 
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
 
-from .canvas import drawn, save
-from .describing import inverse_operator
-from .fitting import Fitted
-from .record import Record
-from .report.model import Array, Curve, Plot
+from ..describing import inverse_operator
+from ..fitting import Fitted
+from ..record import Record
+from ..report.model import Array, Curve, Plot
+from .canvas import save
 
 _SHOWN_S = 5.0
 
@@ -60,14 +60,14 @@ def _density(model: PrandtlIshlinskii) -> tuple[Plot, Plot]:
 def draw_fit(result: Fitted, record: Record, held_out: Record | None, folder: Path) -> Iterator[Path]:
     """Draw all of them into `folder`; the files."""
     predicted, kind = result.predict(record.u), f"{result.kind}, rms {result.rms_percent:.2f} % of the stroke"
-    yield save(drawn(_beside(result.burn_in, record, predicted), kind), folder, "figure5_model")
-    yield save(drawn(_residuals(result.burn_in, record, predicted), kind), folder, "residuals")
+    yield save(_beside(result.burn_in, record, predicted), folder, "figure5_model", kind)
+    yield save(_residuals(result.burn_in, record, predicted), folder, "residuals", kind)
     if held_out is not None and result.validation is not None:
         other = result.held_out if result.held_out is not None else result.predict(held_out.u)
         other = other - (other - held_out.y)[result.burn_in :].mean()
         what = f"not fitted to: rms {result.validation['rms_percent']:.2f} % of the stroke"
-        yield save(drawn(_beside(result.burn_in, held_out, other), what), folder, "held_out")
-        yield save(drawn(_residuals(result.burn_in, held_out, other), what), folder, "held_out_residuals")
+        yield save(_beside(result.burn_in, held_out, other), folder, "held_out", what)
+        yield save(_residuals(result.burn_in, held_out, other), folder, "held_out_residuals", what)
     if isinstance(result.settings, PrandtlIshlinskii):
         what = "Thresholds and weights of the play operators"
-        yield save(drawn(_density(result.settings), what), folder, "density")
+        yield save(_density(result.settings), folder, "density", what)

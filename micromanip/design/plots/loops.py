@@ -1,4 +1,4 @@
-"""Plots of an analysis: describing function (figure 7), Bode and Nyquist plots, drawn plants; and their pictures."""
+"""Plots of an analysis: Bode and Nyquist plots of a loop, describing function, drawn plants; and their pictures."""
 
 from __future__ import annotations
 
@@ -9,14 +9,53 @@ import numpy as np
 
 from micromanip.settings.schema.accept import Accept
 
-from .analysis import AxisAnalysis
-from .canvas import drawn, save
-from .loop_plots import loop_plots
-from .loops import Margins, Sample, System
-from .paper_plots import figure_7
-from .report.model import Array, Curve, Plot
+from ..analysis import AxisAnalysis
+from ..loops import Margins, Sample, System, grid, refined
+from ..report.model import Array, Curve, Plot
+from .paper import figure_7
 
-_FAR = 20.0
+_FAR, _HIGHEST = 3.0, 1e4
+_MARKED_HZ = (5, 10, 20, 50, 100, 200, 500, 1000, 2000)
+
+
+def loop_plots(name: str, loop: System, found: Margins) -> tuple[Plot, ...]:
+    """Bode and Nyquist plot of an open loop."""
+    omega, L = refined(
+        loop.response, grid(loop.period_s, np.concatenate([loop.poles, np.linalg.eigvals(loop.closed())]))
+    )
+    # an oscillator in the controller is a pole on the unit circle: its peak would be all that one sees
+    kept = (omega > 2 * np.pi) & (np.abs(L) < _HIGHEST)
+    hertz, L = omega[kept] / (2 * np.pi), L[kept]
+    near = np.abs(L) < _FAR
+    turn = np.exp(1j * np.linspace(0.0, 2 * np.pi, 181))
+    circle = found.modulus * turn - 1.0
+    note = f"Gain margin {found.gain_dB:.1f} dB, phase margin {found.phase_deg:.0f} deg, Ms {found.sensitivity:.2f}."
+    marked = [(each, int(np.argmin(np.abs(hertz - each)))) for each in _MARKED_HZ if hertz[0] < each < hertz[-1]]
+    marked = [(each, k) for each, k in marked if near[k]]
+    at = L[[k for _, k in marked]]
+    nyquist = (
+        Curve("L", np.where(near, L.real, np.nan), np.where(near, L.imag, np.nan)),
+        Curve(f"Ms {found.sensitivity:.2f}: distance to -1", circle.real, circle.imag),
+        Curve("Hz", at.real, at.imag, marks=True, texts=tuple(str(each) for each, _ in marked)),
+        Curve("-1", np.array([-1.0]), np.array([0.0]), marks=True),
+        Curve("unit circle", turn.real, turn.imag, faint=True),
+    )
+    phase = np.degrees(np.angle(L))
+    phase[1:][np.abs(np.diff(phase)) > 180.0] = np.nan
+    return (
+        Plot(f"{name}: gain", "frequency, Hz", "|L|", (Curve("|L|", hertz, np.abs(L)),), note, log_x=True, log_y=True),
+        Plot(
+            f"{name}: phase",
+            "frequency, Hz",
+            "degrees",
+            (Curve("L", hertz, phase),),
+            log_x=True,
+        ),
+        Plot(f"{name}: Nyquist", "real part", "imaginary part", nyquist, note, equal=True),
+    )
+
+
+_MOST_MS = 20.0
 """An Ms above it is drawn there, and that of an unstable plant."""
 
 
@@ -28,7 +67,7 @@ def drawn_plants(samples: tuple[Sample, ...], accept: Accept) -> tuple[Plot, Plo
         for what, stable in ((name, True), (f"{name}, unstable", False)):
             kept = [(s, m) for s, m in found if m.stable is stable]
             if kept:
-                size = _array(min(m.sensitivity, _FAR) if stable else _FAR for _, m in kept)
+                size = _array(min(m.sensitivity, _MOST_MS) if stable else _MOST_MS for _, m in kept)
                 phase = _array(min(m.phase_deg, 90.0) if stable else 0.0 for _, m in kept)
                 label = f"{what}: {len(kept)} of {len(found)}"
                 margins.append(Curve(label, size, phase, marks=True))
@@ -39,7 +78,7 @@ def drawn_plants(samples: tuple[Sample, ...], accept: Accept) -> tuple[Plot, Plo
     places.append(Curve("limit", _array([ends.min(), ends.max()]), limit, faint=True))
     title, what = f"Margins of {len(samples)} drawn plants", "frequency of the flexure's mode over its nominal one"
     return (
-        Plot(title, f"Ms, at most {_FAR:g}", "phase margin, degrees", tuple(margins), log_x=True),
+        Plot(title, f"Ms, at most {_MOST_MS:g}", "phase margin, degrees", tuple(margins), log_x=True),
         Plot("Where they are lost", what, "Ms", tuple(places), log_y=True),
     )
 
@@ -65,6 +104,8 @@ def loops_of(analysis: AxisAnalysis) -> dict[str, tuple[System, Margins]]:
 
 def draw_analysis(analysis: AxisAnalysis, folder: Path, about: str = "") -> Iterator[Path]:
     """Draw what the analysis of one axis has into `folder`; the files. `about` says where it comes from."""
+    from .canvas import save
+
     drawings: dict[str, tuple[Plot, ...]] = {}
     if analysis.inverse is not None:
         drawings["figure7_describing_function"] = figure_7(analysis.inverse)
@@ -73,4 +114,4 @@ def draw_analysis(analysis: AxisAnalysis, folder: Path, about: str = "") -> Iter
     if analysis.samples:
         drawings["drawn_plants"] = drawn_plants(analysis.samples, analysis.settings.accept)
     for name, plots in drawings.items():
-        yield save(drawn(plots), folder, f"{name}_{analysis.axis}", about=about)
+        yield save(plots, folder, f"{name}_{analysis.axis}", about=about)

@@ -8,7 +8,7 @@ from micromanip.settings.schema.axis import Axis
 
 
 @dataclass(frozen=True)
-class Knobs:
+class Options:
     """None leaves a figure to the margins and to what was measured."""
 
     bandwidth_Hz: float | None = None

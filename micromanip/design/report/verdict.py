@@ -1,11 +1,46 @@
-"""PASS, PASS WITH LESS, FAIL or NOT JUDGED: what the criteria of one axis, and of all, come to."""
+"""What was judged: criteria, the evidence of one axis, and PASS, PASS WITH LESS, FAIL or NOT JUDGED of one or all."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from enum import Enum
 
-from .evidence import Evidence
+from .model import Section
+
+
+@dataclass(frozen=True)
+class Criterion:
+    """``name`` of what was judged, whether it ``passed``, the ``value`` found and the ``limit`` in words.
+
+    ``acceptance``: it asks for accuracy alone; an axis that misses it is less good, and no less safe.
+    """
+
+    axis: str
+    name: str
+    passed: bool
+    value: str
+    limit: str
+    acceptance: bool = False
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Everything about one axis."""
+
+    axis: str
+    criteria: tuple[Criterion, ...]
+    sections: tuple[Section, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether no criterion fails."""
+        return all(criterion.passed for criterion in self.criteria)
+
+    @property
+    def proven(self) -> bool:
+        """Whether none fails but for accuracy: such an axis may run."""
+        return all(criterion.passed or criterion.acceptance for criterion in self.criteria)
 
 
 class Verdict(Enum):

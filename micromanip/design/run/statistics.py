@@ -13,7 +13,7 @@ from micromanip.errors import CheckFailed
 from micromanip.recordings import Telemetry
 from micromanip.rt.states import TRACKING
 
-from .run_sums import Array, BlockMeans, Counts, Envelope, Picked, Sections, Spectra
+from .sums import Array, BlockMeans, Counts, Envelope, Picked, Sections, Spectra
 
 BANDS_Hz = ((0.0, 10.0), (10.0, 100.0), (100.0, 1000.0), (1000.0, 5000.0))
 SECTIONS_S = (1.0, 0.5, 0.2, 0.1)

@@ -18,8 +18,8 @@ from scipy.signal import welch
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.schema.reference import Tracker
 
-from ..experiment import EXCITED, Experiment, alone, parked, resting, with_axes, with_reference
-from ..tuning import white_noise
+from ..experiment import Experiment, alone, open_loop, parked, play, resting
+from ..network import white_noise
 
 Array = NDArray[np.float64]
 
@@ -64,8 +64,7 @@ class AtRest:
 def look_at_rest(configuration: Configuration, experiment: Experiment) -> AtRest:
     """Record `REST_S` of every axis in open loop and find what is told above."""
     rate_hz, count = configuration.loop.rate_hz, len(configuration.axes)
-    still = with_reference(with_axes(configuration, mode="voltage"), EXCITED)
-    rows = experiment(still, REST_S, parked(configuration, round(REST_S * rate_hz)))["axis"][:, :count]
+    rows = play(open_loop(configuration), experiment, parked(configuration, round(REST_S * rate_hz)))[:, :count]
     tooth_Hz, tooth_um, clearest = None, 0.0, STANDS_OUT
     tracker_Hz, joints_Hz, heard, seen = None, None, _JOINTS_STAND_OUT, {}
     for i, name in enumerate(configuration.axes):
@@ -89,9 +88,8 @@ def tooth_at_work(configuration: Configuration, experiment: Experiment, axis: st
     Its strain loop is closed, the outer one is not, and the others are parked.
     """
     rate_hz, index = configuration.loop.rate_hz, list(configuration.axes).index(axis)
-    held = with_reference(alone(configuration, axis, "strain"), EXCITED)
-    rows = experiment(held, AT_WORK_S, resting(configuration, axis, round(AT_WORK_S * rate_hz)))["axis"][:, index]
-    found, size_um, ratio = _tooth_line(rows, rate_hz)
+    held, samples = alone(configuration, axis, "strain"), resting(configuration, axis, round(AT_WORK_S * rate_hz))
+    found, size_um, ratio = _tooth_line(play(held, experiment, samples)[:, index], rate_hz)
     return (found, size_um) if ratio > STANDS_OUT else None
 
 

@@ -12,9 +12,9 @@ import yaml
 from micromanip.errors import CheckFailed
 from micromanip.faults import KINDS
 
-from .recorded_run import TIMING_PERCENT, AxisSums, RecordedRun
-from .run_confidence import FEWEST, Array, Mean, batch_mean, mean_square
-from .run_sums import Counts
+from .confidence import FEWEST, Array, Mean, batch_mean, mean_square
+from .statistics import TIMING_PERCENT, AxisSums, RecordedRun
+from .sums import Counts
 
 
 @dataclass(frozen=True)

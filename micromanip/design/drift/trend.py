@@ -1,21 +1,29 @@
-"""What the checks of an axis say: whether a figure drifts, how far it is from the commissioned, where margins go."""
+"""Checks of an axis: which loops one measures, and what many say: whether a figure drifts, where margins go."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import datetime
 
 import numpy as np
 from scipy.stats import linregress
 
+from micromanip.control.system import System
+from micromanip.design.live_margins import judge_running
 from micromanip.design.loops import SPREAD
+from micromanip.design.response import Measured
+from micromanip.errors import CheckFailed
 from micromanip.settings.schema.accept import Accept
+from micromanip.settings.schema.axis import Axis
+from micromanip.settings.schema.model import Configuration
+from micromanip.settings.tuning_hash import tuning_hash
+from micromanip.settings.wiring.timing import FeedbackPath
 
 from .cusum import Cusum, change_point, limit_for
-from .figures import FIGURES, PlantFigures
-from .history import Check
+from .figures import FIGURES, PlantFigures, commissioned, plant_figures
+from .history import MARGINS, Check
 
 FALSE_ALARMS = 1000.0
 """Checks of an axis between two false alarms, unless asked otherwise."""
@@ -35,7 +43,7 @@ known to, and by 5 %."""
 
 
 @dataclass(frozen=True)
-class Watched:
+class WatchedFigure:
     """A figure: the latest, what it is compared with, and `since` when it drifts (None: it doesn't)."""
 
     name: str
@@ -53,16 +61,16 @@ class Watched:
 
 
 @dataclass(frozen=True)
-class Judged:
+class Health:
     """All figures of an axis, and in words what is not as it was; empty where all is."""
 
     axis: str
     checks: int
-    watched: tuple[Watched, ...]
+    watched: tuple[WatchedFigure, ...]
     problems: tuple[str, ...]
 
 
-def judge(checks: Sequence[Check], tuned: PlantFigures, accept: Accept, false_alarms: float = FALSE_ALARMS) -> Judged:
+def judge(checks: Sequence[Check], tuned: PlantFigures, accept: Accept, false_alarms: float = FALSE_ALARMS) -> Health:
     """What `checks` of one axis under one tuning, oldest first, say beside the `tuned` figures of its model."""
     watched, latest = [], checks[-1].figures
     known = [name for name in FIGURES if not math.isnan(latest[name])]
@@ -78,12 +86,14 @@ def judge(checks: Sequence[Check], tuned: PlantFigures, accept: Accept, false_al
             until = change_point(values[: cusum.crossed + 1])
             since = seen[until].time
         before = math.exp(float(np.mean(values[:until])))
-        watched.append(Watched(name, latest[name], before, getattr(tuned, name), len(values), cusum.learning, since))
+        watched.append(
+            WatchedFigure(name, latest[name], before, getattr(tuned, name), len(values), cusum.learning, since)
+        )
     problems = [*_drifts(watched), *_outside(watched, checks), *_margins(checks, accept)]
-    return Judged(checks[-1].axis, len(checks), tuple(watched), tuple(problems))
+    return Health(checks[-1].axis, len(checks), tuple(watched), tuple(problems))
 
 
-def _drifts(watched: Sequence[Watched]) -> Iterator[str]:
+def _drifts(watched: Sequence[WatchedFigure]) -> Iterator[str]:
     for each in watched:
         if each.since is not None:
             yield (
@@ -92,7 +102,7 @@ def _drifts(watched: Sequence[Watched]) -> Iterator[str]:
             )
 
 
-def _outside(watched: Sequence[Watched], checks: Sequence[Check]) -> Iterator[str]:
+def _outside(watched: Sequence[WatchedFigure], checks: Sequence[Check]) -> Iterator[str]:
     for each in watched:
         low, high = DRAWN.get(each.name, (0.0, math.inf))
         known = not math.isnan(each.commissioned)
@@ -128,3 +138,43 @@ def _margins(checks: Sequence[Check], accept: Accept) -> Iterator[str]:
 
 def _least(accept: Accept) -> Mapping[str, float]:
     return {"stage_gain_dB": accept.gain_margin_dB, "stage_phase_deg": accept.phase_margin_deg}
+
+
+DRAWS = 1
+"""Injections for each loop: 5 s; what one tells less than two is told by the checks before."""
+
+
+def closed_loops(axis: Axis, name: str) -> tuple[str, ...]:
+    """The loops of an axis that can be measured; CheckFailed where there is none."""
+    stage = ("stage",) if axis.mode == "stage" and axis.outer is not None else ()
+    strain = ("strain",) if axis.mode != "voltage" and axis.inner.mode != "feedforward" else ()
+    if not stage + strain:
+        raise CheckFailed(
+            f"axis {name}: no loop is closed (mode {axis.mode}, inner.mode {axis.inner.mode}): nothing to measure"
+        )
+    return stage + strain
+
+
+def of_the_model(axis: Axis, period_s: float) -> PlantFigures:
+    """The figures of the model in the configuration; NaN where it has none."""
+    if axis.outer is None:
+        return PlantFigures()
+    A, B, C = (np.array(part) for part in (axis.outer.model.A, axis.outer.model.B, axis.outer.model.C))
+    return commissioned(System(A, B, C, 0.0, period_s))
+
+
+def checked(
+    configuration: Configuration, path: FeedbackPath, axis: str, responses: Mapping[str, Measured], time: datetime
+) -> Check:
+    """The check that `responses`, by the names of their loops, make at `time`."""
+    settings = configuration.axes[axis]
+    tuned = of_the_model(settings, configuration.loop.period_ns * 1e-9)
+    figures = asdict(plant_figures(responses.get("stage"), responses.get("strain"), tuned))
+    figures |= dict.fromkeys(MARGINS, math.nan)
+    deviations: dict[str, float] = {}
+    if "stage" in responses:
+        found = judge_running(configuration, path, axis, "stage", responses["stage"])
+        margins = found.measured[found.nominal]
+        figures |= dict(zip(MARGINS, (margins.gain_dB, margins.phase_deg), strict=True))
+        deviations = dict(zip(MARGINS, found.loop.margin_deviations(), strict=True))
+    return Check(time, axis, tuning_hash(settings), figures, deviations)

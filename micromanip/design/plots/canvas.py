@@ -4,29 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from .report.model import Plot
-from .report.thinning import thinned
+from ..report.model import Plot
+from ..report.thinning import thinned
 
-_SIZE, _DPI = (7.0, 4.5), 130
+_WIDTH, _DPI = 7.0, 130
 
 
-def save(figure: Figure, folder: Path, name: str, dpi: int = _DPI, about: str = "") -> Path:
-    """Write `figure` as SVG, whole or not at all; the file. Raises OSError.
+def save(plots: Sequence[Plot], folder: Path, name: str, title: str = "", columns: int = 1, about: str = "") -> Path:
+    """Write a picture of `plots` as SVG, whole or not at all; the file. Raises OSError.
 
     `about` stands below it in small print: where it comes from.
     """
+    figure = drawn(plots, title, columns)
     if about:
         figure.supxlabel(about, fontsize="x-small", color="dimgrey")
-    lay_out(figure, dpi)
+    lay_out(figure, _DPI)
     file = folder / f"{name}.svg"
     try:
         with rc_context({"svg.hashsalt": "micromanip"}):  # the same figure, the same bytes
-            figure.savefig(file, dpi=dpi, metadata={"Date": None})
+            figure.savefig(file, dpi=_DPI, metadata={"Date": None})
     except OSError:
         file.unlink(missing_ok=True)
         raise
@@ -42,17 +42,10 @@ def lay_out(figure: Figure, dpi: float) -> None:
         figure.set_layout_engine(None)
 
 
-def panels(count: int, title: str, height: float = 1.0) -> tuple[Figure, Any]:
-    """A figure with `count` panels below one another, `height` times the usual height."""
-    figure = Figure(figsize=(_SIZE[0], _SIZE[1] * height), layout="constrained")
-    figure.suptitle(title)
-    return figure, figure.subplots(count, 1, squeeze=False)[:, 0]
-
-
 def drawn(plots: Sequence[Plot], title: str = "", columns: int = 1) -> Figure:
     """The plots below one another, or in several columns."""
     rows = -(-len(plots) // columns)
-    figure = Figure(figsize=((_SIZE[0], 4.6 * columns)[columns > 1], 3.4 * rows), layout="constrained")
+    figure = Figure(figsize=((_WIDTH, 4.6 * columns)[columns > 1], 3.4 * rows), layout="constrained")
     figure.suptitle(title)
     for panel, plot in zip(figure.subplots(rows, columns, squeeze=False).flat, plots, strict=False):
         for curve in plot.curves:

@@ -1,0 +1,1 @@
+"""What design finds as plots, and how these become pictures."""

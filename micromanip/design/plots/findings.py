@@ -1,0 +1,122 @@
+"""Plots of what `analyse` finds beside margins: an error budget, a path, the health of an axis, a running loop."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from micromanip.settings.schema.accept import Accept
+from micromanip.settings.schema.axis import Axis
+
+from ..budget.budget import AxisBudget
+from ..budget.composition import summed_up
+from ..drift.history import COLUMNS, LABELS, MARGINS, Check
+from ..drift.trend import DRAWN, Health
+from ..live_margins import Running
+from ..preview.preview import AxisPreview, Preview
+from ..preview.stretches import ERROR
+from ..report.model import Array, Curve, Plot
+from .canvas import save
+
+
+def draw_budgets(budgets: Sequence[AxisBudget], about: str, folder: Path) -> Iterator[Path]:
+    """A picture of each axis' error budget into `folder`; the files. `about` says where they come from."""
+    for budget in budgets:
+        yield save([summed_up(budget)], folder, f"budget_{budget.axis}", about=about)
+
+
+def draw_previews(found: Preview, axes: Mapping[str, Axis], about: str, folder: Path) -> Iterator[Path]:
+    """A picture of each axis on the path into `folder`; the files."""
+    for axis, left in zip(found.axes, found.left, strict=True):
+        yield save(preview_plots(axis, left, axes[axis.axis]), folder, f"preview_{axis.axis}", about=about)
+
+
+_FAR = 2.5
+"""The Nyquist curve is shown so far from the origin."""
+
+
+def preview_plots(axis: AxisPreview, left: AxisPreview, settings: Axis) -> tuple[Plot, ...]:
+    """One axis on its path, with and without the robot's offset; where it is asked for more than there is."""
+    verdict = "fits" if not axis.stretches else f"asks {len(axis.stretches)} times for more than there is"
+    found, time_s = axis.predicted, np.arange(len(axis.predicted.setpoint_um)) / axis.predicted.rate_Hz
+    both = ((found, "as it is"), (left.predicted, "with the robot's offset"))
+    panels = (
+        ("deviation_um", f"Preview of axis {axis.axis}: {verdict}", "deviation, um", ()),
+        ("setpoint_um", "", "set-point, um", settings.setpoint.range_um),
+        ("error_um", "", "following error, um", (-axis.tolerance_um, axis.tolerance_um)),
+    )
+    plots = []
+    for name, title, label, limits in panels:
+        curves = [Curve(told, time_s, getattr(each, name)) for each, told in both]
+        curves += [_levels("limit", time_s, *limits)] if limits else []
+        over = np.zeros(len(time_s), dtype=bool)
+        for stretch in axis.stretches:
+            if name == ("error_um" if stretch.what == ERROR else "setpoint_um"):
+                over |= (time_s >= stretch.from_s) & (time_s <= stretch.to_s)
+        if over.any():
+            curves.append(Curve("more than there is", time_s, np.where(over, getattr(found, name), np.nan)))
+        plots.append(Plot(title, "s of the path", label, tuple(curves)))
+    return tuple(plots)
+
+
+def health_plots(checks: Sequence[Check], judged: Health, accept: Accept) -> tuple[Plot, ...]:
+    """`checks` of one axis under one tuning, oldest first, beside its model and what is accepted."""
+    found = {each.name: each for each in judged.watched}
+    least = dict(zip(MARGINS, (accept.gain_margin_dB, accept.phase_margin_deg), strict=True))
+    first = checks[0].time
+    days = np.array([(check.time - first).total_seconds() / 86400.0 for check in checks])
+    plots = []
+    for name in COLUMNS:
+        values = np.array([check.figures[name] for check in checks])
+        if np.isnan(values).all():
+            continue
+        curves, title = [Curve("measured", days, values, marks=True)], LABELS[name]
+        if name in least:
+            curves.append(_levels("accepted", days, least[name]))
+        elif not np.isnan(found[name].commissioned):
+            tuned = found[name].commissioned
+            curves.append(_levels("model", days, tuned))
+            curves += (
+                [_levels("judged within", days, *(tuned * share for share in DRAWN[name]))] if name in DRAWN else []
+            )
+        if name in found and (since := found[name].since) is not None:
+            title += f", drifts since {since:%Y-%m-%d %H:%M}"
+        plots.append(Plot(title, f"days since {first:%Y-%m-%d %H:%M}", LABELS[name], tuple(curves)))
+    return tuple(plots)
+
+
+def _levels(label: str, x: Array, *values: float) -> Curve:
+    """Level lines, with a gap between them."""
+    y = np.repeat(np.array(values, dtype=float), 3)
+    y[2::3] = np.nan
+    return Curve(label, np.tile([x[0], x[-1], np.nan], len(values)), y, faint=True)
+
+
+def running_plots(found: Running) -> tuple[Plot, Plot]:
+    """|S| at the measured lines with its confidence, and L around -1; predictions beside them where there are any."""
+    lines = found.loop
+    hertz, L, near = lines.frequency_Hz, lines.measured, np.abs(1.0 + lines.measured)
+    highest = max(found.measured[found.nominal].sensitivity, 1.0)
+    bounds = np.concatenate([near + 2.0 * lines.deviation, [np.nan], np.maximum(near - 2.0 * lines.deviation, 0.05)])
+    sizes = [Curve("measured", hertz, 1.0 / near, marks=True)]
+    sizes.append(Curve("two standard deviations", np.concatenate([hertz, [np.nan], hertz]), 1.0 / bounds, faint=True))
+    turn = np.exp(1j * np.linspace(0.0, 2.0 * np.pi, 200))
+    around = [_shown("measured", L, marks=True), _shown(f"Ms {highest:.2f}", turn / highest - 1.0, faint=True)]
+    if found.predicted is not None:
+        between = np.geomspace(hertz[0], hertz[-1], 2000)
+        predicted = lines.model(2 * np.pi * between)
+        sizes.append(Curve("predicted", between, 1.0 / np.abs(1.0 + predicted)))
+        around.append(_shown("predicted", predicted))
+    around.append(_shown("-1", np.array([-1.0 + 0.0j]), marks=True))
+    title = f"Axis {found.axis}, {lines.name}: measured while it runs"
+    return (
+        Plot(title, "frequency, Hz", "|S|", tuple(sizes), log_x=True, log_y=True),
+        Plot("", "Re L", "Im L", tuple(around), equal=True),
+    )
+
+
+def _shown(label: str, L: np.ndarray, *, marks: bool = False, faint: bool = False) -> Curve:
+    near = np.abs(L) < _FAR
+    return Curve(label, np.where(near, L.real, np.nan), np.where(near, L.imag, np.nan), marks, faint)

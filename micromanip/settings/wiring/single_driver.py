@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 from micromanip.bus.cyclic import CyclicDriver
-from micromanip.bus.driver import BusDriver
+from micromanip.bus.driver import Answer, BusDriver
 from micromanip.bus.registry import driver_class
 from micromanip.errors import ConfigError, UsageError, did_you_mean
 from micromanip.settings.load import validate_section
@@ -48,3 +49,17 @@ def driver_to_probe(file: Path, name: str) -> BusDriver | CyclicDriver:
         return kind(options, file.parent) if issubclass(kind, BusDriver) else kind(options, _PERIOD_NS)
     except ConfigError as problem:
         raise source.error_below(("drivers", name), str(problem)) from problem
+
+
+def discovered(section: Mapping[str, Any], seconds: float) -> tuple[str, Iterator[Answer]]:
+    """The device, and what answers where a driver's section leads whose other keys are an example.
+
+    Raises UsageError where there is nothing to look at.
+    """
+    kind = driver_class(section["driver"])
+    if issubclass(kind, BusDriver):
+        return kind.discover(section, seconds)
+    if kind.probe is CyclicDriver.probe:
+        raise NothingToProbe(f"the driver {section['driver']} has no bus to look at")
+    driver = kind(kind.Options.model_validate({key: value for key, value in section.items() if key != "driver"}), _PERIOD_NS)
+    return driver.device or section["driver"], driver.probe(seconds)

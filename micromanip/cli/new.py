@@ -22,9 +22,10 @@ _LOCAL = {"canbus": "can0", "canopen": "can0", "ethercat": "eth1", "line_binary"
 _ADDRESS = "192.168.0.10"
 _RATE_HZ = {"modbus": 250, "line": 100, "line_binary": 100}
 """Of a bus; the others can do 1000."""
+_ALSO_CALLED = {"can": "canbus", "gcs": "line", "rtu": "modbus", "serial": "line_binary"}
 _IN_THE_LOOP = ("simulated", "udp", "ethercat")
 _FULL_RATE_HZ, _BUS_LOOP_HZ = 10_000, 2000
-_PORTS = {"modbus": 502, "line": 50000}
+_PORTS = {"modbus": 502, "line": 50000, "udp": 4840}
 _PROBE_S = 20.0
 _SENSOR = re.compile(r"\?(stage|tracker) ")
 """What begins a line that is there with such a sensor only."""
@@ -117,17 +118,17 @@ def text_for(
 ) -> str:
     """The configuration; raises UsageError for a driver that has no example to begin with."""
     if driver not in _drivers():
-        near = nearest(driver, _drivers())
+        near = _ALSO_CALLED.get(driver) or nearest(driver, _drivers())
         raise UsageError(
-            f"no driver {driver!r} to begin with{f'; did you mean {near}?' if near else ''} "
-            f"There are {', '.join(_drivers())}"
+            f"no driver {driver!r} to begin with; {f'did you mean {near}? ' if near else ''}"
+            f"there are {', '.join(_drivers())}"
         )
     simulated = driver == "simulated"
     loop_hz = rate_hz or _FULL_RATE_HZ if driver in _IN_THE_LOOP else max(_BUS_LOOP_HZ, rate_hz or 0)
     filled = {
         "axes": ", ".join(axes),
         "rate": f"{rate_hz or _RATE_HZ.get(driver, 1000):g}",
-        **_where(driver, address or _LOCAL.get(driver, _ADDRESS)),
+        **_where(driver, _LOCAL.get(driver, _ADDRESS) if address is None else address),
     }
     template = (shipped("config") / "new" / f"{driver}.yaml").read_text(encoding="utf-8")
     lines = [
@@ -164,12 +165,16 @@ def text_for(
 def _where(driver: str, address: str) -> dict[str, str]:
     """What the address is in a driver's section: a path is a serial port."""
     is_port = address.startswith("/")
-    host, _, port = address.partition(":")
-    tcp = f"tcp: {{host: {host}, port: {port or _PORTS.get(driver, 0)}}}"
+    host, has_port, port = address.partition(":")
+    if not host or (has_port and not port.isdecimal()):
+        raise UsageError(f"--address {address!r}: it takes a host such as 10.0.0.7 or 10.0.0.7:502, or a port's path")
+    port = port or str(_PORTS.get(driver, 0))
     return {
         "address": address,
+        "host": host,
+        "port": port,
         "interface": "slcan" if is_port else "socketcan",
-        "link": f"serial: {{device: {address}, baud: 115200}}" if is_port else tcp,
+        "link": f"serial: {{device: {address}, baud: 115200}}" if is_port else f"tcp: {{host: {host}, port: {port}}}",
     }
 
 

@@ -80,6 +80,20 @@ def test_a_path_is_a_serial_port(driver, wired, printed):
     assert wired in printed("--driver", driver, "--address", "/dev/ttyUSB0")
 
 
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        (("--driver", "gcs"), "did you mean line?"),
+        (("--driver", "modbus", "--axes", "x y"), "'x y' is no name of an axis"),
+        (("--driver", "modbus", "--address", "10.0.0.7:abc"), "10.0.0.7:502"),
+        (("--driver", "simulated", "--probe"), "has no bus to look at"),
+    ],
+)
+def test_what_is_mistyped_is_told_with_what_would_be_right(wrong, said, capsys):
+    assert code_of("new", *wrong) == 64
+    assert said in capsys.readouterr().err
+
+
 def test_what_comes_with_the_program_is_listed(printed):
     text = printed("--list")
     assert text.startswith(f"drivers: {', '.join(DRIVERS)}\n")

@@ -18,6 +18,10 @@ _PERIOD_NS = 100_000
 """Of a cyclic driver that no loop is going to call."""
 
 
+_NOT_COUNTED_ON = {"ms": 100, "rest_ms": 250, "after_power_on": "rest"}
+"""A watchdog for a driver that must have one, where nothing is going to move."""
+
+
 class NothingToProbe(UsageError):  # noqa: N818
     """A driver that has no wire of its own: what answers is computed, or inside a card."""
 
@@ -61,5 +65,6 @@ def discovered(section: Mapping[str, Any], seconds: float) -> tuple[str, Iterato
         return kind.discover(section, seconds)
     if kind.probe is CyclicDriver.probe:
         raise NothingToProbe(f"the driver {section['driver']} has no bus to look at")
-    driver = kind(kind.Options.model_validate({key: value for key, value in section.items() if key != "driver"}), _PERIOD_NS)
+    options = {key: value for key, value in section.items() if key != "driver"} | {"watchdog": _NOT_COUNTED_ON}
+    driver = kind(kind.Options.model_validate(options), _PERIOD_NS)
     return driver.device or section["driver"], driver.probe(seconds)

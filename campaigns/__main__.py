@@ -95,7 +95,7 @@ CAMPAIGNS = {
         command=f"{_MACHINE} namespace",
     ),
     "package": Campaign(
-        "the Debian package from installing to a service that tracks, and back, on such a copy; takes root; three cells",
+        "the Debian package from installing to a service that tracks, and back, with three cells; takes root",
         "50 min",
         command=_PACKAGE + " {only}",
     ),

@@ -6,14 +6,16 @@ import select
 import shutil
 import sys
 import tty
+from pathlib import Path
 
 ends = {}
 for path in sys.argv[1:3]:
     master, slave = os.openpty()
     tty.setraw(slave)  # held open: a port that nobody has open is not gone
-    os.chmod(os.ttyname(slave), 0o660)
-    shutil.chown(os.ttyname(slave), group="dialout")
-    os.symlink(os.ttyname(slave), path)
+    terminal = Path(os.ttyname(slave))
+    terminal.chmod(0o660)
+    shutil.chown(terminal, group="dialout")
+    Path(path).symlink_to(terminal)
     os.set_blocking(master, False)
     ends[master] = path
 here, there = ends

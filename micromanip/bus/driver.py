@@ -14,7 +14,6 @@ thread, may block for a few milliseconds, and says what happened by raising one 
 
 from __future__ import annotations
 
-import contextlib
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -255,15 +254,6 @@ class BusDriver(ABC):
 
     @classmethod
     def discover(cls, section: Mapping[str, Any], seconds: float) -> tuple[str, Iterator[Answer]]:
-        """The device, and what answers where `section` leads, whose other keys are an example; nothing is written to.
-
-        Raises ValidationError.
-        """
+        """The device, and what ``probe`` finds where of its section no more than the way to it is true yet."""
         driver = cls(cls.Options.model_validate(section), Path())
-        return driver.device, _closed_after(driver.probe(seconds), driver)
-
-
-def _closed_after(answers: Iterator[Answer], driver: BusDriver) -> Iterator[Answer]:
-    """They, and then the end of what looked for them."""
-    with contextlib.closing(driver):
-        yield from answers
+        return driver.device, driver.probe(seconds)

@@ -18,14 +18,6 @@ _PERIOD_NS = 100_000
 """Of a cyclic driver that no loop is going to call."""
 
 
-_NOT_COUNTED_ON = {"ms": 100, "rest_ms": 250, "after_power_on": "rest"}
-"""A watchdog for a driver that must have one, where nothing is going to move."""
-
-
-class NothingToProbe(UsageError):  # noqa: N818
-    """A driver that has no wire of its own: what answers is computed, or inside a card."""
-
-
 def driver_to_probe(file: Path, name: str) -> BusDriver | CyclicDriver:
     """The driver that the configuration calls `name`, not opened.
 
@@ -44,7 +36,7 @@ def driver_to_probe(file: Path, name: str) -> BusDriver | CyclicDriver:
     except ConfigError as problem:
         raise source.error(("drivers", name, "driver"), str(problem)) from problem
     if kind.probe is CyclicDriver.probe:
-        raise NothingToProbe(
+        raise UsageError(
             f"{name} is the cyclic driver {entry.driver}: it has no bus to look at; `micromanip run` and `status` show "
             "its signals"
         )
@@ -56,15 +48,13 @@ def driver_to_probe(file: Path, name: str) -> BusDriver | CyclicDriver:
 
 
 def discovered(section: Mapping[str, Any], seconds: float) -> tuple[str, Iterator[Answer]]:
-    """The device, and what answers where a driver's section leads whose other keys are an example.
-
-    Raises UsageError where there is nothing to look at.
-    """
+    """The device, and what answers where a section leads whose other keys are an example. Raises UsageError."""
     kind = driver_class(section["driver"])
     if issubclass(kind, BusDriver):
         return kind.discover(section, seconds)
     if kind.probe is CyclicDriver.probe:
-        raise NothingToProbe(f"the driver {section['driver']} has no bus to look at")
-    options = {key: value for key, value in section.items() if key != "driver"} | {"watchdog": _NOT_COUNTED_ON}
-    driver = kind(kind.Options.model_validate(options), _PERIOD_NS)
+        raise UsageError(f"the driver {section['driver']} has no bus to look at")
+    # it must have a watchdog, whatever that is: nothing moves
+    options = {**section, "watchdog": {"ms": 100, "rest_ms": 250, "after_power_on": "rest"}}
+    driver = kind(kind.Options.model_validate({key: options[key] for key in options if key != "driver"}), _PERIOD_NS)
     return driver.device or section["driver"], driver.probe(seconds)

@@ -43,10 +43,12 @@ cp "$package" "$here/device.dbc" .
 typed 0 dpkg -i micromanip_*.deb
 [ -e /usr/lib/systemd/system/micromanip.service ] || wrong "no unit"
 
-chosen=z device=cell.yaml
+chosen=z device=cell.yaml centre=50 range='15, 100'
 case $cell in
 modbus) new=(--driver modbus --axes z --address 127.0.0.1) after='timeout_ms: 20' ;;
-can) chosen=all new=(--driver canbus --axes x,y,z --stage --tracker) after='bitrate: 1000000' ;;
+can) # the zero of its stage sensors is where the gauges read 66
+    chosen=all new=(--driver canbus --axes x,y,z --stage --tracker) after='bitrate: 1000000' centre=66 range='2, 128'
+    ;;
 slcan)
     new=(--driver canbus --axes z --rate 100 --address /dev/ttyACM0) after='bitrate: 1000000' device=device.yaml
     /usr/bin/python3 "$here/null_modem.py" /dev/ttyACM0 /srv/cell/device &
@@ -59,7 +61,7 @@ micromanip new "${new[@]}" >cell.yaml || wrong new
 typed 78 micromanip check cell.yaml
 # what a person writes: the amplifier's data sheet, and that this one is emulated
 sed -i -e '/^  voltage_/s/}$/, range_V: [-20, 130], slew_V_per_ms: 10}/' \
-    -e 's/^    setpoint: {}.*/    centre_um: 50\n    setpoint: {range_um: [15, 100], slew_um_per_ms: 1}/' \
+    -e "s/^    setpoint: {}.*/    centre_um: $centre\n    setpoint: {range_um: [$range], slew_um_per_ms: 1}/" \
     -e "s/^    $after\$/    watchdog: {ms: 100, rest_ms: 250, after_power_on: rest}\n&\n    simulated: true/" \
     -e 's,database: ,&/srv/cell/,' -e 's/interface: socketcan/interface: micromanip/' -e 's/limits: hardware/limits: simulation/' cell.yaml
 echo 'faults: {axis: {strain: {coast_ms: 300}}} # this machine is shared, and stands still at times' >>cell.yaml

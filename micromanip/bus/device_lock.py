@@ -155,7 +155,7 @@ def _holder(descriptor: int) -> str:
             if kind == "FLOCK" and where == place and Path(f"/proc/{number}").is_dir():
                 uid = Path(f"/proc/{number}").stat().st_uid
                 unit = Path(f"/proc/{number}/cgroup").read_text(encoding="utf-8").strip().rpartition("/")[2]
-                told = f", `systemctl stop {unit}`" if unit.endswith(".service") and not unit.startswith("user@") else ""
+                told = f", `systemctl stop {unit}`" if unit.endswith(".service") else ""
                 return f"process {number}" + ("" if uid == os.geteuid() else f" of user {uid}") + told
     said = os.pread(descriptor, 20, 0).decode(errors="replace").strip()
     return f"process {said}" if said.isdigit() else "another process"

@@ -47,22 +47,16 @@ class Recordings:
 
 
 def play(
-    prepared: Prepared,
-    variant: Configuration,
-    samples: NDArray[np.float64],
-    duration_s: float,
-    socket_path: Path,
-    line: LiveLine,
-    *,
-    process: bool = False,
-    kept: Recordings | None = None,
-) -> NDArray[Any]:
+    prepared: Prepared, variant: Configuration, samples: NDArray[np.float64], duration_s: float, socket_path: Path,
+    line: LiveLine, *, process: bool = False, kept: Recordings | None = None,
+) -> NDArray[Any]:  # fmt: skip
     """Rows, one per cycle, of `duration_s` of TRACKING with `samples` played; the loop arms and stops softly.
 
     Each sample stands at its own time, see `at_own_time`. `process` keeps the machining force of a simulation.
     With `kept`, what a run has left that was broken off is read instead. Raises CheckFailed where a fault ended it, or
     cycles are missing from the recording; with `kept` KeyboardInterrupt where a signal did.
     """
+    from micromanip.host.daemon import Options, serve
     from micromanip.recordings import open_telemetry
 
     armed = variant.model_copy(update={"arm_on_start": True})
@@ -80,8 +74,15 @@ def play(
             asked = (prepared.source.hash, variant.model_dump_json(), f"{duration_s} {process}")
             file = kept.next(*map(str.encode, asked), samples.tobytes())
         if not file.exists():
-            made, planned_s = Path(folder) / "experiment.mcap", arming_s + duration_s + 0.5
-            _record(experiment, made, file, planned_s, socket_path, line, whole=kept is not None)
+            made, line.planned_s = Path(folder) / "experiment.mcap", arming_s + duration_s + 0.5
+            options = Options(socket_path, line.planned_s, made, whole=kept is not None)
+            report = serve(experiment, options, line.say, line.show)
+            if report["faults"]:
+                raise CheckFailed(f"the experiment was ended by a fault: {report['faults'][0]}")
+            recorded = report["recording"]
+            if recorded is not None and recorded["message"] is not None:
+                raise CheckFailed(f"the experiment was not recorded: {recorded['message']}")
+            shutil.move(made, file)
         rows: NDArray[Any] = np.concatenate(list(open_telemetry(file).rows()))
     rows = rows[rows["state"] == TRACKING][: round(duration_s * variant.loop.rate_hz)]
     wanted = np.arange(rows["cycle"][0], rows["cycle"][-1] + 1) if len(rows) else np.arange(0)
@@ -90,28 +91,6 @@ def play(
     # a cycle that an overrun skipped held its output: its row is that of the cycle before
     rows = rows[np.searchsorted(rows["cycle"], wanted, side="right") - 1]
     return at_own_time(rows, variant, prepared.wiring)
-
-
-def _record(
-    experiment: Prepared,
-    recorded: Path,
-    file: Path,
-    planned_s: float,
-    socket_path: Path,
-    line: LiveLine,
-    *,
-    whole: bool,
-) -> None:
-    from micromanip.host.daemon import Options, serve
-
-    line.planned_s = planned_s
-    report = serve(experiment, Options(socket_path, planned_s, recorded, whole=whole), line.say, line.show)
-    if report["faults"]:
-        raise CheckFailed(f"the experiment was ended by a fault: {report['faults'][0]}")
-    recording = report["recording"]
-    if recording is not None and recording["message"] is not None:
-        raise CheckFailed(f"the experiment was not recorded: {recording['message']}")
-    shutil.move(recorded, file)
 
 
 class LiveExperiment:

@@ -46,16 +46,9 @@ _COUNTED = re.compile(r"\{(?:(\d+)\+)?(\d*)([ik])\}")
 @click.option("--list", "lists", is_flag=True, help="Show the drivers and the examples that come with the program.")
 @json_option
 def command(
-    driver: str | None,
-    axes: str,
-    address: str | None,
-    rate_hz: float | None,
-    stage: bool,
-    tracker: bool,
-    probe: bool,
-    lists: bool,
-    as_json: bool,
-) -> None:
+    driver: str | None, axes: str, address: str | None, rate_hz: float | None, stage: bool, tracker: bool, probe: bool,
+    lists: bool, as_json: bool,
+) -> None:  # fmt: skip
     """Print a small configuration of your own cell, untuned.
 
     Registers, messages and channels in it are an example: put those of the device's manual in their place. What only
@@ -110,12 +103,9 @@ def _answers(text: str) -> list[str]:
 
 
 def text_for(
-    driver: str,
-    axes: Sequence[str],
-    address: str | None = None,
-    rate_hz: float | None = None,
+    driver: str, axes: Sequence[str], address: str | None = None, rate_hz: float | None = None,
     sensors: Sequence[str] = (),
-) -> str:
+) -> str:  # fmt: skip
     """The configuration; raises UsageError for a driver that has no example to begin with."""
     if driver not in _drivers():
         near = _ALSO_CALLED.get(driver) or nearest(driver, _drivers())

@@ -136,6 +136,7 @@ def command(
         raise CheckFailed(
             f"{len(failed)} criteria fail, the first: axis {worst.axis}, {worst.name}: {worst.value} "
             f"(wanted: {worst.limit}); the tuning is kept as {folder / REJECTED}, the report is {folder / REPORT}"
+            + (f". {found.stalled}" if found.stalled else "")
         )
 
 

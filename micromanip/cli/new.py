@@ -114,10 +114,12 @@ def text_for(
             f"there are {', '.join(_drivers())}"
         )
     simulated = driver == "simulated"
+    bus_hz = rate_hz or _RATE_HZ.get(driver, 1000)
     loop_hz = rate_hz or _FULL_RATE_HZ if driver in _IN_THE_LOOP else max(_BUS_LOOP_HZ, rate_hz or 0)
     filled = {
         "axes": ", ".join(axes),
-        "rate": f"{rate_hz or _RATE_HZ.get(driver, 1000):g}",
+        "rate": f"{bus_hz:g}",
+        "watchdog_ms": f"{max(20.0, 4e3 / bus_hz):.0f}",
         **_where(driver, _LOCAL.get(driver, _ADDRESS) if address is None else address),
     }
     template = (shipped("config") / "new" / f"{driver}.yaml").read_text(encoding="utf-8")

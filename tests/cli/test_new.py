@@ -72,6 +72,11 @@ def test_stage_sensors_and_a_tracker_are_wired_where_they_are_asked_for(driver, 
     assert code == 0 or all(LEFT.search(line) for line in said.err.splitlines()), said.err
 
 
+@pytest.mark.parametrize(("rate_hz", "watchdog_ms"), [("100", 40), ("1000", 20)])
+def test_a_watchdog_outlasts_writes_that_are_late(rate_hz, watchdog_ms, printed):
+    assert f"watchdog_ms: {watchdog_ms} " in printed("--driver", "canopen", "--rate", rate_hz)
+
+
 @pytest.mark.parametrize(
     ("driver", "wired"),
     [("modbus", "serial: {device: /dev/ttyUSB0,"), ("line", "serial: {device: /dev/ttyUSB0,"), ("canbus", "slcan ")],

@@ -46,13 +46,16 @@ if TYPE_CHECKING:
 @click.option(
     "--validate", type=click.Path(path_type=Path), help="Recording with the same columns that is not fitted to."
 )
+@click.option(
+    "--unstable", is_flag=True, help="A plant within a loop, by its prediction error; poles stay as they are."
+)
 @click.option("--into", type=click.Path(path_type=Path), help="Configuration file to put the model into, with --axis.")
 @click.option("--axis", shell_complete=complete_axis, help="The axis whose outer loop --into gives the model.")
 @json_option
 def command(
     files: tuple[Path, ...], inputs: str, outputs: str, time_name: str | None, cut: tuple[float, float] | None,
     rate_hz: float | None, keep_spikes: bool, dt: float | None, order: int | None, split: float,
-    validate: Path | None, into: Path | None, axis: str | None, as_json: bool,
+    validate: Path | None, unstable: bool, into: Path | None, axis: str | None, as_json: bool,
 ) -> None:  # fmt: skip
     """Fit a linear model to FILE (CSV or other text, .mat, .npy, .npz, HDF5, Parquet), each an experiment.
 
@@ -75,6 +78,8 @@ def command(
         raise UsageError("--split 1 leaves nothing to judge the model by: give --validate FILE, or a smaller split")
     if (into is None) != (axis is None):
         raise UsageError("--into and --axis go together")
+    if into is not None and unstable:
+        raise UsageError("--into takes no model of --unstable: it is for a stage whose loop is open")
     source = None if into is None or axis is None else _source_with(into, axis)
     wanted = Wanted((inputs, outputs), time_name, dt, cut=cut, rate_hz=rate_hz, bridge=not keep_spikes)
     records = [load_linear(file, wanted) for file in files]
@@ -84,7 +89,7 @@ def command(
         require_stage(records[0])
     with steps() as bar:
         bar.say("fitting")
-        found = fit_records(records, held_out, order, split, bar.say)
+        found = fit_records(records, held_out, order, split, bar.say, unstable=unstable)
     report = found.report() | {"into": None if into is None else str(into)}
     if source is not None and axis is not None:
         text = with_model(source, axis, found.model)
@@ -124,8 +129,10 @@ def _print(report: dict[str, Any], outputs: Sequence[str], held_out: str) -> Non
     for where, figures in parts:
         for k, name in enumerate(outputs):
             fit, rms, strict = (figures[f"{key}_percent"][k] for key in ("fit", "rms_error", "strict_fit"))
-            echo(f"{where}, {name}: fit {fit:.2f} %, rms error {rms:.2f} %")
-            echo(f"  started on its first tenth, judged on the rest: fit {strict:.2f} %{_arx1(figures, k)}")
+            ahead = f", {report['foretold_samples']} samples ahead" if report["foretold_samples"] else ""
+            echo(f"{where}, {name}{ahead}: fit {fit:.2f} %, rms error {rms:.2f} %")
+            if not ahead:
+                echo(f"  started on its first tenth, judged on the rest: fit {strict:.2f} %{_arx1(figures, k)}")
     for note in report["notes"]:
         echo(f"note: {note}")
     for name, coherence in zip(outputs, report["coherence"], strict=True):

@@ -85,9 +85,9 @@ def fit_records(
     *,
     unstable: bool = False,
 ) -> Judged:
-    """Fit to the first `split` of each record, judge by the free run on the rest, and on `validation`.
+    """Fit to the first `split` of each record (MOESP, Verhaegen 1994), judge by the free run on the rest.
 
-    Where nothing is left (`split` 1), the validation record, which must be given then, stands for the rest. Errors of
+    So on `validation`, which stands for the rest where nothing is left (`split` 1) and must be given then. Errors of
     several held-out parts are averaged. An `unstable` plant has no free run: it is judged as far ahead as it grows
     e-fold. CheckFailed for data that can't be used.
     """

@@ -20,6 +20,8 @@ _CLOSE = 1.5
 _OTHERS = 3
 _NO_WORSE = 1.0 + 1e-9
 _STABLE = 1.0 - 1e-6
+_SLOWEST, _LINES, _ALL = 4, 8, 0.999
+"""Periods of a sine, lines of the spectrum that it and another have through a window, and their share of the power."""
 _GROWS = 5.0
 """Logarithm of how much an unstable response grows over a record: less may be noise."""
 
@@ -81,8 +83,22 @@ def select(
                 f"order {states}{chosen}: strict error {errors[best]:.3g} % instead of "
                 f"{first:.3g} % on the last quarter of what is fitted to"
             )
-    notes += _of_mirrored(model, experiments)
+    notes += [*_of_one_frequency(experiments, dt), *_of_mirrored(model, experiments)]
     return _no_worse_than_arx1(model, arx1, plain, experiments, held_out, order, again, notes)
+
+
+def _of_one_frequency(experiments: Sequence[Experiment], dt: float) -> list[str]:
+    """What is to be told of inputs that are a sine, or two: most models agree with such a record."""
+    notes = []
+    longest = max((u for u, _ in experiments), key=len)
+    for k, u in enumerate(longest.T, 1):
+        power = np.abs(np.fft.rfft((u - u.mean()) * np.hanning(len(u)))) ** 2
+        peak = int(np.argmax(power))
+        if peak >= _SLOWEST and np.sort(power)[-_LINES:].sum() > _ALL * power.sum():
+            near = np.arange(peak - 2, min(peak + 3, len(power)))
+            hertz = float(near @ power[near] / power[near].sum()) / (len(u) * dt)
+            notes.append(f"input {k} moves at {hertz:.3g} Hz only: what the model says of other frequencies is a guess")
+    return notes
 
 
 def _of_mirrored(model: LinearFit, experiments: Sequence[Experiment]) -> list[str]:

@@ -75,7 +75,7 @@ READ = {  # text, columns and options, what is told
     ),
     "a header on each page": (
         shown([*ROWS[:200], "t,u,y", *ROWS[200:400], "t,u,y", *ROWS[400:]]), {},
-        "line 202: 't,u,y' between rows, which go on evenly behind it, and 1 lines more, left out",
+        "line 202: 't,u,y' between rows, which go on evenly behind it, and 1 line more, left out",
     ),
     "packets": (
         shown([*ROWS[:300], *PACKET, *ROWS[300:]], "LabVIEW Measurement", *PACKET).replace(",", "\t"), {},

@@ -19,13 +19,11 @@ from .model import LinearFit, as_columns, delayed
 from .regression import first_answers, regress
 from .subspace import Experiment
 
-_LAGS, _ROWS, _SAMPLES_A_LAG = 30, 10, 20
-_RIDGE = 1e-7
+_LAGS, _ROWS, _SAMPLES_A_LAG, _RIDGE = 30, 10, 20, 1e-7
 _HELD_OUT, _ENOUGH = 4, 1.02
 """One part in so many tells the order: the smallest whose error there is within this factor of the best."""
-_STEPS = 8
-_SETTLES = 0.05
-"""Share of a part in which the predictor forgets where it began."""
+_STEPS, _SETTLES = 8, 0.05
+"""Of Gauss and Newton; share of a part in which the predictor forgets where it began."""
 
 
 def fit_unstable(
@@ -50,17 +48,19 @@ def fit_unstable(
     lags = min(_LAGS, shortest // (_SAMPLES_A_LAG * channels))
     most = min(LARGEST_ORDER, (min(lags, _ROWS) - 1) * len(size_y))
     if most < (order or 1):
-        raise ValueError(
-            f"a part of {shortest} samples is too short; at least {2 * _SAMPLES_A_LAG * channels} are needed"
-        )
+        least = 2 * _SAMPLES_A_LAG * channels
+        raise ValueError(f"a part of {shortest} samples is too short; at least {least} are needed")
     late = [max(lag - 1, 0) for lag in first_answers(scaled, min(lags, shortest // (4 * channels)))]
     found: dict[tuple[int, int], float] = {}
     for sooner in range(max(late) + 1):
         progress(f"trying delays {', '.join(str(max(each - sooner, 0)) for each in late)}")
         driven = _driven(scaled, late, sooner)
-        states = _states([(z[: -(len(z) // _HELD_OUT)], y[: -(len(y) // _HELD_OUT)]) for z, y in driven], lags)
+        first = [(z[: -(len(z) // _HELD_OUT)], y[: -(len(y) // _HELD_OUT)]) for z, y in driven]
+        states = _states(first, lags)
         for each in range(1, most + 1) if order is None else (order,):
-            found[each, sooner] = _held_out(states, each, driven)
+            modes = _found(states, each, first)
+            errors = [_error(modes, z, y)[-(len(z) // _HELD_OUT) :] for z, y in driven]
+            found[each, sooner] = 100.0 * float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))
     enough = _ENOUGH * min(found.values())
     order, sooner = min((key for key, error in found.items() if error <= enough), key=lambda key: (key[0], found[key]))
     delays = tuple(max(each - sooner, 0) for each in late)
@@ -87,13 +87,6 @@ def _driven(scaled: Sequence[Experiment], late: Sequence[int], sooner: int) -> l
     """Delayed inputs with outputs, and outputs."""
     shifted = (delayed(pair, tuple(max(each - sooner, 0) for each in late)) for pair in scaled)
     return [(np.hstack([u, y]), y) for u, y in shifted]
-
-
-def _held_out(states: Array, order: int, driven: Sequence[Experiment]) -> float:
-    """Error, percent, of one step in the last parts, to which nothing is fitted."""
-    modes = _found(states, order, [(z[: -(len(z) // _HELD_OUT)], y[: -(len(y) // _HELD_OUT)]) for z, y in driven])
-    errors = [_error(modes, z, y)[-(len(z) // _HELD_OUT) :] for z, y in driven]
-    return 100.0 * float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))
 
 
 def _states(driven: Sequence[Experiment], lags: int) -> Array:

@@ -13,7 +13,7 @@ from micromanip.errors import CheckFailed
 from micromanip.files import open_regular
 
 from .arrays import table_of
-from .table import Array, Table
+from .table import Table
 from .text import stamp_s
 
 
@@ -40,8 +40,9 @@ def read_json(file: Path) -> Table:
     units = {name: "s" for row in rows[:1] for name, value in row.items() if _stamp(value) is not None}
     of = {name: _stamp if name in units else _number for row in rows for name in row}
     read = {name: np.array([how(row.get(name)) for row in rows], dtype=float) for name, how in of.items()}
-    columns = {name: each - each[0] if name in units else each for name, each in read.items() if _any(each)}
-    return Table(file, table_of(file, columns), units, lines)
+    columns = {name: each - each[0] if name in units else each for name, each in read.items()}
+    numbers = {name: each for name, each in columns.items() if np.isfinite(each).any()}
+    return Table(file, table_of(file, numbers), units, lines)
 
 
 def _flat(found: dict[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
@@ -62,7 +63,3 @@ def _stamp(value: Any) -> float | None:
 
 def _are_numbers(values: Any) -> bool:
     return isinstance(values, list) and all(_number(each) is not None for each in values)
-
-
-def _any(values: Array) -> bool:
-    return bool(np.isfinite(values).any())

@@ -16,9 +16,9 @@ Flags = NDArray[np.bool_]
 
 _APART = 0.67
 """Where fewer rows are whole than this share of those of the scarcest column, columns were logged apart."""
-_NO_VALUE = (99.0, 999.0, 9999.0, 99999.0, 999999.0, 9.9e37, 9.91e37)
-"""Of either sign: what loggers and instruments write where they have no value, if it is so many strokes away."""
-_FAR = 3.0
+_NINES = (9999.0, 99999.0, 999999.0, 9.9e37, 9.91e37)
+_NO_VALUE, _FAR = (-999.0, *_NINES, *(-nines for nines in _NINES)), 3.0
+"""What is written where there is no value, if it is so many strokes away; 999 may be a true blow."""
 _LONGEST = 5.0
 """Intervals of a column over which it may be filled in."""
 
@@ -109,7 +109,7 @@ def usable(
 
 def _stand_for_none(column: Array) -> Flags:
     """Values (n,) that are nines only, and far from all others."""
-    nines = np.isin(np.abs(column), _NO_VALUE)
+    nines = np.isin(column, _NO_VALUE)
     others = column[np.isfinite(column) & ~nines]
     if not nines.any() or not len(others) or np.ptp(others) == 0.0:
         return np.zeros(len(column), bool)

@@ -94,8 +94,12 @@ def nearest(name: str, known: Iterable[str]) -> str | None:
     return lowered[near[0]] if near else None
 
 
+_MOST_TOLD = 100
+
+
 def did_you_mean(name: str, known: Iterable[str], there: str = "it has") -> str:
     """The end of a message about a `name` that is not `known`: the nearest of them, else what is `there`."""
     known = list(map(str, known))
     near = nearest(name, known)
-    return f"did you mean {near}?" if near else f"{there} {', '.join(known) or 'none'}"
+    others = [f"{len(known) - _MOST_TOLD} more"] if len(known) > _MOST_TOLD else []
+    return f"did you mean {near}?" if near else f"{there} {', '.join([*known[:_MOST_TOLD], *others]) or 'none'}"

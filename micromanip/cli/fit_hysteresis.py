@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from micromanip.errors import CheckFailed, UsageError, system_error
+from micromanip.errors import CheckFailed, MicromanipError
 
-from .axes import complete_axis, require_axis_of
 from .echo import echo
 from .options import Quantity, StrictCommand, emit_json, json_option
 from .progress import steps
-from .recording_options import echo_sources, recording_options
-from .results import Pictures, out_option, require_room
+from .recording_options import Target, echo_sources, recording_options
+from .results import Pictures, out_option
 
 if TYPE_CHECKING:
     from micromanip.design.record import Record
@@ -45,12 +44,7 @@ KINDS = ("pi-affine", "pi-tanh", "pi-free", "rate", "network", "best")
 @click.option("--creep/--no-creep", default=False, show_default=True, help="Add creep operators (best tries both).")
 @click.option("--plays", type=click.IntRange(1, 32), default=10, show_default=True, help="Play operators.")
 @click.option("--seed", type=Quantity("Seed"), default=0, show_default=True, help="Of the starts.")
-@click.option(
-    "--validate", type=click.Path(path_type=Path), help="Recording with the same columns that is not fitted to."
-)
 @out_option("the figures")
-@click.option("--into", type=click.Path(path_type=Path), help="Configuration file to put the model into, with --axis.")
-@click.option("--axis", shell_complete=complete_axis, help="The axis that --into means.")
 @json_option
 def command(
     file: Path, input_name: str, output_name: str, time_name: str | None, cut: tuple[float, float] | None,
@@ -67,13 +61,10 @@ def command(
     from micromanip.design.fitting import Request, fit_record
     from micromanip.design.record import load_record
     from micromanip.recordings import Wanted
+    from micromanip.settings.write import with_hysteresis
 
-    if (into is None) != (axis is None):
-        raise UsageError("--into and --axis go together")
-    range_um = None
-    if into is not None and axis is not None:
-        range_um = _setpoint_range_um(into, axis)
-        require_room(into.parent, f"--into {into}")
+    target = Target.of(into, axis)
+    range_um = None if target is None else target.configuration.axes[target.axis].setpoint.range_um
     untimed = step_s is not None and time_name is None
     wanted = Wanted(
         (input_name, output_name),
@@ -102,11 +93,13 @@ def command(
             pictures.draw(lambda where: draw_fit(result, record, held_out, where))
         written = pictures.put()
     unwritten = None
-    if into is not None and axis is not None:
+    if target is not None:
         try:
-            _put_into(into, axis, result.settings)
-        except OSError as problem:
-            unwritten = system_error(problem, f"--into {into}")
+            # the set-point may go a little further than the record did: the model is continued there
+            whole = result.settings.model_copy(update={"range_um": range_um})
+            target.write(with_hysteresis(target.source.text, target.axis, whole))
+        except MicromanipError as problem:
+            unwritten = problem
     report = result.report() | {"figures": [str(path) for path in written]}
     report["notes"] = [*record.notes, *report["notes"]]
     if as_json:
@@ -116,14 +109,6 @@ def command(
     if unwritten is not None:
         raise unwritten
     pictures.require_written()
-
-
-def _setpoint_range_um(into: Path, axis: str) -> tuple[float, float]:
-    from micromanip.settings.load import load_with_source
-
-    configuration, _ = load_with_source(into)
-    require_axis_of(configuration.axes, axis, into)
-    return configuration.axes[axis].setpoint.range_um
 
 
 def _require_meant(record: Record, range_um: tuple[float, float], where: str) -> None:
@@ -140,16 +125,6 @@ def _require_meant(record: Record, range_um: tuple[float, float], where: str) ->
             f"{range_um[0]:g} to {range_um[1]:g}: too far beyond the record. Record the range that is "
             f"used, or correct the unit, as in {record.output_name}:mm; nothing is written"
         )
-
-
-def _put_into(into: Path, axis: str, model: Any) -> None:
-    from micromanip.settings.load import load_with_source
-    from micromanip.settings.write import with_hysteresis, write_atomically
-
-    configuration, source = load_with_source(into)
-    # the set-point may go a little further than the record did: the model is continued there
-    whole = model.model_copy(update={"range_um": configuration.axes[axis].setpoint.range_um})
-    write_atomically(into, with_hysteresis(source.text, axis, whole))
 
 
 def _print(report: dict[str, Any], notes: list[str], into: Path | None) -> None:

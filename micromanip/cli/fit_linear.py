@@ -5,21 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
-from micromanip.errors import UsageError, system_error
+from micromanip.errors import UsageError
 
-from .axes import complete_axis, require_axis_of
 from .echo import echo
 from .options import Quantity, StrictCommand, emit_json, json_option
 from .progress import steps
-from .recording_options import echo_sources, recording_options
-from .results import require_room
-
-if TYPE_CHECKING:
-    from micromanip.settings.text.source import Source
+from .recording_options import Target, echo_sources, recording_options
 
 
 @click.command(
@@ -44,15 +39,13 @@ if TYPE_CHECKING:
     help="Share of each file, from its start, that is fitted to; the rest is held out. 1 goes with --validate.",
 )  # fmt: skip
 @click.option(
-    "--validate", type=click.Path(path_type=Path), help="Recording with the same columns that is not fitted to."
+    "--unstable", is_flag=True, help="A plant within a loop, by its prediction error; poles stay as they are."
 )
-@click.option("--into", type=click.Path(path_type=Path), help="Configuration file to put the model into, with --axis.")
-@click.option("--axis", shell_complete=complete_axis, help="The axis whose outer loop --into gives the model.")
 @json_option
 def command(
     files: tuple[Path, ...], inputs: str, outputs: str, time_name: str | None, cut: tuple[float, float] | None,
     rate_hz: float | None, keep_spikes: bool, dt: float | None, order: int | None, split: float,
-    validate: Path | None, into: Path | None, axis: str | None, as_json: bool,
+    validate: Path | None, unstable: bool, into: Path | None, axis: str | None, as_json: bool,
 ) -> None:  # fmt: skip
     """Fit a linear model to FILE (CSV or other text, .mat, .npy, .npz, HDF5, Parquet), each an experiment.
 
@@ -66,32 +59,27 @@ def command(
     from micromanip.design.linear.experiments import load_linear
     from micromanip.design.linear.validated import fit_records
     from micromanip.recordings import Wanted
-    from micromanip.settings.write import write_atomically
 
     for option, columns in (("--input", inputs), ("--output", outputs)):
         if not all(name.strip() for name in columns.split(",")):
             raise UsageError(f"{option} {columns}: a name between commas is empty")
     if split == 1.0 and validate is None:
         raise UsageError("--split 1 leaves nothing to judge the model by: give --validate FILE, or a smaller split")
-    if (into is None) != (axis is None):
-        raise UsageError("--into and --axis go together")
-    source = None if into is None or axis is None else _source_with(into, axis)
+    if into is not None and unstable:
+        raise UsageError("--into takes no model of --unstable: it is for a stage whose loop is open")
+    target = Target.of(into, axis)
     wanted = Wanted((inputs, outputs), time_name, dt, cut=cut, rate_hz=rate_hz, bridge=not keep_spikes)
     records = [load_linear(file, wanted) for file in files]
     held_out = load_linear(validate, replace(wanted, cut=None)) if validate else None
     echo_sources([*records, *([held_out] if held_out else [])])
-    if source is not None:
+    if target is not None:
         require_stage(records[0])
     with steps() as bar:
         bar.say("fitting")
-        found = fit_records(records, held_out, order, split, bar.say)
+        found = fit_records(records, held_out, order, split, bar.say, unstable=unstable)
     report = found.report() | {"into": None if into is None else str(into)}
-    if source is not None and axis is not None:
-        text = with_model(source, axis, found.model)
-        try:
-            write_atomically(source.path, text)
-        except OSError as problem:
-            raise system_error(problem, f"--into {into}") from problem
+    if target is not None:
+        target.write(with_model(target.source, target.axis, found.model))
     read = [note for record in records for note in record.notes]
     if as_json:
         emit_json(report | {"notes": [*read, *report["notes"]]})
@@ -99,15 +87,6 @@ def command(
         _print(report, records[0].outputs, "held out" if split < 1.0 else "not fitted to")
         if into is not None:
             echo(f"wrote axes.{axis}.outer.model of {into}: `analyse margins` judges the loop, `commission` tunes it")
-
-
-def _source_with(into: Path, axis: str) -> Source:
-    from micromanip.settings.load import load_with_source
-
-    configuration, source = load_with_source(into)
-    require_axis_of(configuration.axes, axis, into)
-    require_room(into.parent, f"--into {into}")
-    return source
 
 
 def _arx1(figures: dict[str, Any], output: int) -> str:
@@ -124,8 +103,10 @@ def _print(report: dict[str, Any], outputs: Sequence[str], held_out: str) -> Non
     for where, figures in parts:
         for k, name in enumerate(outputs):
             fit, rms, strict = (figures[f"{key}_percent"][k] for key in ("fit", "rms_error", "strict_fit"))
-            echo(f"{where}, {name}: fit {fit:.2f} %, rms error {rms:.2f} %")
-            echo(f"  started on its first tenth, judged on the rest: fit {strict:.2f} %{_arx1(figures, k)}")
+            ahead = f", {report['foretold_samples']} samples ahead" if report["foretold_samples"] else ""
+            echo(f"{where}, {name}{ahead}: fit {fit:.2f} %, rms error {rms:.2f} %")
+            if not ahead:
+                echo(f"  started on its first tenth, judged on the rest: fit {strict:.2f} %{_arx1(figures, k)}")
     for note in report["notes"]:
         echo(f"note: {note}")
     for name, coherence in zip(outputs, report["coherence"], strict=True):

@@ -4,15 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
+from micromanip.errors import UsageError, system_error
+
+from .axes import complete_axis, require_axis_of
 from .echo import echo
 from .options import Quantity
+from .results import require_room
 
 if TYPE_CHECKING:
     from micromanip.recordings import Telemetry
+    from micromanip.settings.schema.model import Configuration
+    from micromanip.settings.text.source import Source
+
+_FILE = click.Path(path_type=Path)
 
 
 class Cut(click.ParamType):  # type: ignore[type-arg]  # generic in newer versions of click only
@@ -36,7 +44,7 @@ class Cut(click.ParamType):  # type: ignore[type-arg]  # generic in newer versio
 
 
 def recording_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """``--time``, ``--cut``, ``--resample`` and ``--keep-spikes``."""
+    """``--time``, ``--cut``, ``--resample``, ``--keep-spikes``, ``--validate``, ``--into`` and ``--axis``."""
     options = (
         click.option(
             "--time", "time_name", metavar="NAME[:unit]",
@@ -45,10 +53,44 @@ def recording_options(command: Callable[..., Any]) -> Callable[..., Any]:
         click.option("--cut", type=Cut(), help="Use this part only, in seconds from the first sample."),
         click.option("--resample", "rate_hz", type=Quantity("Hertz"), help="Rate to bring the recording to, Hz."),
         click.option("--keep-spikes", is_flag=True, help="Bridge no spikes: what is short and high is true."),
+        click.option("--validate", type=_FILE, help="Recording with the same columns that is not fitted to."),
+        click.option("--into", type=_FILE, help="Configuration file to put the model into, with --axis."),
+        click.option("--axis", shell_complete=complete_axis, help="The axis that --into means."),
     )  # fmt: skip
     for option in reversed(options):
         command = option(command)
     return command
+
+
+class Target(NamedTuple):
+    """The axis of a configuration that a model is put into."""
+
+    configuration: Configuration
+    source: Source
+    axis: str
+
+    @classmethod
+    def of(cls, into: Path | None, axis: str | None) -> Target | None:
+        """None without options; what is wrong with them, or with the place, is said before anything is computed."""
+        from micromanip.settings.load import load_with_source
+
+        if (into is None) != (axis is None):
+            raise UsageError("--into and --axis go together")
+        if into is None or axis is None:
+            return None
+        configuration, source = load_with_source(into)
+        require_axis_of(configuration.axes, axis, into)
+        require_room(into.parent, f"--into {into}")
+        return cls(configuration, source, axis)
+
+    def write(self, text: str) -> None:
+        """The file's new text."""
+        from micromanip.settings.write import write_atomically
+
+        try:
+            write_atomically(self.source.path, text)
+        except OSError as problem:
+            raise system_error(problem, f"--into {self.source.path}") from problem
 
 
 def open_recording(file: Path) -> Telemetry:

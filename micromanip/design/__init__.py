@@ -1,17 +1,29 @@
 """Identification, synthesis and evaluation: plain functions on arrays, offline."""
 
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from .fitting import Request, fit_record
     from .linear import LinearFit, fit_linear
+    from .linear.configured import per_cycle
+    from .linear.experiments import load_linear
+    from .linear.validated import fit_records
+    from .record import load_record
+    from .synthesis import tune_outer
 
-__all__ = ["LinearFit", "fit_linear"]
+_PLACES = {"Request": "fitting", "fit_record": "fitting", "LinearFit": "linear", "fit_linear": "linear"}
+_PLACES |= {"per_cycle": "linear.configured", "load_linear": "linear.experiments", "fit_records": "linear.validated"}
+_PLACES |= {"load_record": "record", "tune_outer": "synthesis"}
+
+__all__ = [
+    "LinearFit", "Request", "fit_linear", "fit_record", "fit_records", "load_linear", "load_record", "per_cycle",
+    "tune_outer",
+]  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:
     """Looked up when it is asked for (PEP 562): the half of scipy that it takes is not for all who read a report."""
-    if name not in __all__:
+    if name not in _PLACES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from . import linear
-
-    return getattr(linear, name)
+    return getattr(import_module(f".{_PLACES[name]}", __name__), name)

@@ -133,7 +133,10 @@ class Fitted:
 def fit_record(
     record: Record, held_out: Record | None, request: Request, progress: Callable[[str], None] = lambda _: None
 ) -> Fitted:
-    """Fit what `request` asks for; `held_out` is only ever predicted. CheckFailed where nothing can be fitted."""
+    """Fit the hysteresis model that `request` asks for: displacement, um, by voltage, V, as in equations (1) to (16).
+
+    `held_out` is only ever predicted. CheckFailed where nothing can be fitted.
+    """
     burn_in = record.burn_in(request.burn_in_s)
     if held_out is not None:
         _same_rate(record.step_s, held_out)

@@ -91,9 +91,9 @@ class Record:
 
 
 def load_record(file: Path, wanted: Wanted) -> Record:
-    """Read and judge the two columns of `wanted`, input and output, of a recording of any kind.
+    """Read and judge the two columns of `wanted`, input and output, of a recording of any kind: (n,) in V and um.
 
-    Raises CheckFailed, with what to record instead, for data that can't be used.
+    Raises CheckFailed, with what to record instead, for data that can't be used, UsageError for wrong names.
     """
     taken = take(file, wanted)
     record = _on_the_grid(taken)

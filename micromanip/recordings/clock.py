@@ -21,6 +21,8 @@ _RAGGED = 0.5
 _GAP = 1.5
 """Intervals from which on a step is a gap, not jitter."""
 _HOUR_S, _FASTEST_HZ = 3600.0, 2e6
+_PERIODS_S, _BITS, _LATE = (43_200.0, 86_400.0), (8, 10, 12, 16, 24, 32), 5.0
+"""When clocks and counters begin anew, and how many intervals later at most the next sample comes."""
 _SPREAD, _ENDS, _UNKNOWN = 1.5, 30, 0.05
 """Digits by which rounded times may be off an even clock; stamps at either end by which it is told, to this share."""
 
@@ -68,6 +70,30 @@ def read_clock(
             "--time, cut the file there, or take its rows as even, --time none --dt SECONDS"
         )
     return _rising(name, t, steps, where, any_rate)
+
+
+def unwrapped(name: str, t: Array, unit_s: float, where: Callable[[int], str]) -> tuple[Array, list[str]]:
+    """Times (n,) in `unit_s` that go on where a day, or a counter of some bits, begins anew; and what is told of it.
+
+    As they are where they fall otherwise.
+    """
+    rows = np.flatnonzero(np.isfinite(t))
+    steps = np.diff(t[rows])
+    falls = steps < 0.0
+    if not falls.any() or not np.any(steps > 0.0):
+        return t, []
+    periods = [seconds / unit_s for seconds in _PERIODS_S]
+    periods += [2.0**bits for bits in _BITS if np.all(t[rows] == np.rint(t[rows]))]
+    late = _LATE * float(np.median(steps[steps > 0.0]))
+    for period in periods:
+        behind = steps[falls] + period
+        if np.ptp(t[rows]) < period and np.all((behind > 0.0) & (behind < late)):
+            on = t.copy()
+            on[rows[1:]] += period * np.cumsum(falls)
+            often = f", {falls.sum()} times, first" if falls.sum() > 1 else ""
+            place = where(int(rows[1:][falls][0]))
+            return on, [f"{name} begins anew{often} at {place}: counted on from {period:.10g}"]
+    return t, []
 
 
 def _rising(name: str, t: Array, steps: Array, where: Callable[[int], str], any_rate: bool) -> Clock:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from micromanip.errors import CheckFailed, UsageError
 
-from .clock import Clock, doubts, even, onto_grid, read_clock, resampled
+from .clock import Clock, doubts, even, onto_grid, read_clock, resampled, unwrapped
 from .reading import read_table
 from .rows import Rows, usable
 from .spikes import faults_only, find_spikes
@@ -25,6 +25,8 @@ NO_TIME = "none"
 """A name of a column of time that says: none is to be used."""
 _LATEST_S = 1e11
 """Times beyond, some 3,000 years, are counted in parts of a second, as those since 1970 or since a computer's start."""
+_DAYS, _DAY_S, _ROUND = ((2e4, 8e4), (6e5, 9e5)), 86_400.0, 1e-3
+"""Days of our century from 1900 and from the year 0."""
 _SAME_RATE = 1e-9
 _STROKE_UM = (0.2, 5000.0)
 _SWING_V = 2000.0
@@ -120,7 +122,7 @@ def take(file: Path, wanted: Wanted) -> Recording:
     notes: list[str] = []
     timed = wanted.time or (None if wanted.untimed else table.time_column(names))
     timed = None if timed == NO_TIME and NO_TIME not in table else timed
-    time_name, t, unit_known = _times(table, timed, wanted)
+    time_name, t, unit_known = _times(table, timed, wanted, notes)
     if t is not None and time_name is not None:
         columns = {time_name: t} | columns
     other, samples = next((name, len(values)) for name, values in columns.items())
@@ -128,7 +130,7 @@ def take(file: Path, wanted: Wanted) -> Recording:
         if len(values) != samples:
             raise CheckFailed(f"{file}: {name} has {len(values)} values, {other} {samples}: not one recording")
     stacked = np.column_stack([columns[name] for name in names])
-    rows = usable(table, names, stacked, time_name, t, fill=wanted.rate_hz is not None)
+    rows = usable(table, names, stacked, time_name, t, fill=wanted.rate_hz is not None, clean=wanted.bridge)
     clock = _clock(table, time_name, rows, wanted)
     notes += [] if unit_known or time_name is None else doubts(time_name, len(rows.times), clock.step_s)
     first, last = _part(file, clock, wanted.cut)
@@ -156,12 +158,12 @@ def take(file: Path, wanted: Wanted) -> Recording:
     )
 
 
-def _times(table: Table, timed: str | None, wanted: Wanted) -> tuple[str | None, Array | None, bool]:
+def _times(table: Table, timed: str | None, wanted: Wanted, notes: list[str]) -> tuple[str | None, Array | None, bool]:
     """Name and values, s, of the column of time, None where there is none and the interval is given; unit known?"""
     if timed is None:
         if wanted.step_s is None:
             for name, text in table.texts.items():
-                if called_time(name):
+                if called_time(name) and text:
                     raise CheckFailed(
                         f"{table.file}: {name} has {text[:40]!r}, which is no time known here: 2026-11-24 15:02:10.5, "
                         "2026-11-24T15:02:10+01:00 and 24.11.2026 15:02:10.5 are; or give --dt"
@@ -178,6 +180,8 @@ def _times(table: Table, timed: str | None, wanted: Wanted) -> tuple[str | None,
         _require_seconds(table, name, unit or unknown_unit(name), t)
     if wanted.time is None:
         _require_one_clock(table, name, t)
+    t, told = unwrapped(name, t, 1.0 if scale is None or scale.dimension != "time" else scale.factor, table.where)
+    notes += told
     if scale is not None and scale.dimension == "count":
         if wanted.step_s is None:
             raise CheckFailed(f"{table.file}: {name} counts samples: give their interval, --dt")
@@ -207,11 +211,22 @@ def _require_seconds(table: Table, name: str, stated: str | None, t: Array) -> N
             f"--time '{name}:s', or ms, us, ns"
         )
     latest = float(np.max(np.abs(t[np.isfinite(t)]), initial=0.0))
+    step = float(np.median(np.abs(np.diff(t[np.isfinite(t)]))))
+    if any(low < latest < high for low, high in _DAYS) and not _is_round(step) and _is_round(step * _DAY_S):
+        raise CheckFailed(
+            f"{table.where(0)}: {name} is {t[0]:.10g} and goes on by {step:.3g}: if these are days, as "
+            f"spreadsheets and MATLAB count them, say --time '{name}:days', else '{name}:s'"
+        )
     if latest > _LATEST_S:
         unit = "ms" if latest < 1e14 else "us" if latest < 1e17 else "ns"
         raise CheckFailed(
             f"{table.where(0)}: {name} is {t[0]:.6g}, which can't be in s; say its unit, --time {name}:{unit}"
         )
+
+
+def _is_round(interval: float) -> bool:
+    """Whether an interval, or its rate, has two digits only."""
+    return interval > 0.0 and any(abs(x / float(f"{x:.2g}") - 1.0) < _ROUND for x in (interval, 1.0 / interval))
 
 
 def _require_one_clock(table: Table, name: str, t: Array) -> None:

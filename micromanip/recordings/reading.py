@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from micromanip.files import open_regular
 
 from .arrays import read_npy, read_npz
 from .hdf5 import read_hdf5, read_parquet
+from .json_lines import read_json
 from .matlab import read_matlab
 from .mcap_places import MAGIC
 from .mcap_reading import open_mcap, read_mcap
@@ -17,7 +19,7 @@ from .table import Table
 from .telemetry import Telemetry
 from .text import read_text
 
-KINDS = "CSV or other text, .mat, .npy, .npz, MCAP, HDF5 or Parquet"
+KINDS = "CSV or other text, JSON, .mat, .npy, .npz, MCAP, HDF5 or Parquet"
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _PARTS = 1_000_000_000_000
 """Bytes of a file whose columns are read on their own, in parts: only what is used has to fit into the memory."""
@@ -79,4 +81,6 @@ def _reader(file: Path, head: bytes) -> Callable[[Path], Table]:
         return read_npz
     if head.startswith(b"PAR1"):
         return read_parquet
+    if head.lstrip(b"\xef\xbb\xbf \r\n\t")[:1] == b"{" or re.match(rb"\s*\[\s*\{", head):
+        return read_json
     return read_text

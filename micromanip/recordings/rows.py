@@ -16,6 +16,9 @@ Flags = NDArray[np.bool_]
 
 _APART = 0.67
 """Where fewer rows are whole than this share of those of the scarcest column, columns were logged apart."""
+_NINES = (9999.0, 99999.0, 999999.0, 9.9e37, 9.91e37)
+_NO_VALUE, _FAR = (-999.0, *_NINES, *(-nines for nines in _NINES)), 3.0
+"""What is written where there is no value, if it is so many strokes away; 999 may be a true blow."""
 _LONGEST = 5.0
 """Intervals of a column over which it may be filled in."""
 
@@ -33,12 +36,12 @@ class Rows:
     times: Array
     lacking: Flags
     repeated: Flags
-    filled: str = ""
+    told: tuple[str, ...] = ()
 
     def left_out(self, used: NDArray[np.int64], *, whole: bool) -> list[str]:
         """What is to be told of rows between those that are `used`, or of all."""
         first, last = (0, len(self.lacking)) if whole else (int(used[0]), int(used[-1]) + 1)
-        said = [self.filled] if self.filled else []
+        said = list(self.told)
         for flags, one, many in (
             (self.lacking, "row lacks a number and is", "rows lack a number and are"),
             (self.repeated, "row repeats the one before and is", "rows repeat the one before and are"),
@@ -52,17 +55,33 @@ class Rows:
 
 
 def usable(
-    table: Table, names: Sequence[str], values: Array, time_name: str | None, t: Array | None, *, fill: bool
+    table: Table,
+    names: Sequence[str],
+    values: Array,
+    time_name: str | None,
+    t: Array | None,
+    *,
+    fill: bool,
+    clean: bool,
 ) -> Rows:
     """The rows of `values` (n, k), the columns `names` of `table`, that have all numbers and do not repeat.
 
-    Columns that were logged apart, each at rows of its own, are brought together where `fill`. CheckFailed where they
-    are not to be, and where nothing is left.
+    Columns that were logged apart, each at rows of its own, are brought together where `fill`. A value that stands for
+    none is none where `clean`. CheckFailed where columns are not to be brought together, and where nothing is left.
     """
+    told = []
+    for k, name in enumerate(names if clean else ()):
+        flags = _stand_for_none(values[:, k])
+        if flags.any():
+            values = np.where(flags[:, None] & (np.arange(len(names)) == k), np.nan, values)
+            told.append(
+                f"{name} has {table[name][flags][0]:g} in {flags.sum()} rows, the first at "
+                f"{table.where(int(np.argmax(flags)))}, far from all others: taken as no number (--keep-spikes: as one)"
+            )
     times = np.arange(len(values), dtype=float) if t is None else t
     found = np.isfinite(values)
     whole = found.all(axis=1) & np.isfinite(times)
-    filled = ""
+    filled = False
     counts = [int(column.sum()) for column in found.T]
     if whole.sum() < _APART * min(counts) and min(counts) > 1:
         each = ", ".join(f"{name} in {count}" for name, count in zip(names, counts, strict=True))
@@ -73,7 +92,8 @@ def usable(
         values = np.column_stack([_filled(times, column, known) for column in values.T])
         scarcest = int(np.argmin(counts))
         whole = np.isfinite(values).all(axis=1) & found[:, scarcest] & known
-        filled = f"{apart}, the others are filled in where {names[scarcest]} is, along {time_name}"
+        filled = True
+        told.append(f"{apart}, the others are filled in where {names[scarcest]} is, along {time_name}")
     if not whole.any():
         lacks = [name for name, count in zip(names, counts, strict=True) if count == 0]
         what = f"{lacks[0]} has no number at all" if lacks else f"no row has a number in each of {', '.join(names)}"
@@ -83,9 +103,18 @@ def usable(
     if t is not None:
         again[number[1:]] = _repeated(times[number], values[number])
     number = np.flatnonzero(whole & ~again)
-    return Rows(
-        table.where, number, values[number], times[number], np.zeros_like(whole) if filled else ~whole, again, filled
-    )
+    lacking = np.zeros_like(whole) if filled else ~whole
+    return Rows(table.where, number, values[number], times[number], lacking, again, tuple(told))
+
+
+def _stand_for_none(column: Array) -> Flags:
+    """Values (n,) that are nines only, and far from all others."""
+    nines = np.isin(column, _NO_VALUE)
+    others = column[np.isfinite(column) & ~nines]
+    if not nines.any() or not len(others) or np.ptp(others) == 0.0:
+        return np.zeros(len(column), bool)
+    away = np.abs(column - np.median(others))
+    return np.asarray(nines & (away > _FAR * np.ptp(others)))
 
 
 def _filled(times: Array, column: Array, known: Flags) -> Array:

@@ -123,8 +123,8 @@ class Table(Mapping[str, Array]):
     def time_column(self, names: Sequence[str] = ()) -> str | None:
         """The column of the time of `names`: by its unit, its name, a word of it, or the first that begins with t.
 
-        Of several that are times by unit or name, the one that is in most groups with them; one by a word or a letter
-        must never fall. CheckFailed where they have several topics' clocks.
+        Of several that are times by unit or name, the one that is in most groups with them; one by a letter must
+        never fall, one by a word only if another doesn't. CheckFailed where they have several topics' clocks.
         """
         if clocks := {self._clocks[name]: name for name in names if name in self._clocks}:
             if len(clocks) > 1:
@@ -141,8 +141,9 @@ class Table(Mapping[str, Array]):
         sure = [*(name for name in timed if name in like_t or name.rpartition(".")[2].lower().startswith("t")), *called]
         # of run1.t and run2.t, that of the group in which the columns are
         near = sorted(sure, key=lambda name: -max((_shared(name, each) for each in names), default=0))
-        perhaps = [*(name for name in plain if has_time_word(name)), *like_t]
-        return next(iter([*near, *timed, *(name for name in perhaps if _rises(self[name]))]), None)
+        worded = [name for name in plain if has_time_word(name)]
+        perhaps = [name for name in [*worded, *like_t] if _rises(self[name])]
+        return next(iter([*near, *timed, *perhaps, *worded]), None)
 
 
 def table_line(fields: Iterable[str]) -> str:

@@ -29,17 +29,30 @@ _DIALECTS = (("\t", "."), ("\t", ","), (";", "."), (";", ","), (",", "."), (",",
 _SAMPLED, _LOOKED_AT = 60, 500
 _PREAMBLE_ROWS = 10
 """Rows of numbers that may stand among the lines before a table; more of them are a table of their own."""
-_TOLD_TABLES = 4
-_COMMENT = "#%/*"
+_TOLD_TABLES, _EVEN = 4, 0.01
+_COMMENT, _HEADER_LINES = "#%/*", 12
 _NOTHING = ',;"\t '
 """What a line without values consists of, as spreadsheets leave them behind the last row."""
-_EMPTY = {"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "inf", "-inf", "+inf", "infinity"}
+_EMPTY = re.compile(
+    r"|[-+]?(1\.#(inf|ind|[qs]nan)\d*|\u221e)|n/?a|\(?null\)?|none|nat|missing|-+|\?+|\*+|#(n/a|na|div/0!|value!|num!|ref!)|"
+    r"over(flow|load|range)?|ovld|ol",
+    re.IGNORECASE,
+)
+"""What is written where there is no number, beside nan and inf: by C, spreadsheets, databases, meters."""
+_FORTRAN = re.compile(r"([-+]?[\d.]+)[dD]([-+]?\d+)")
+_TYPES = re.compile(r"(float|double|single|real|u?int|integer|number|numeric|dbl|i|f)(8|16|32|64)?", re.IGNORECASE)
+_ENDED = 0.05
+"""Share of the rows that a column which is empty at the end has to have filled."""
 _NO_TABLE = "not a table of numbers: one row per sample, separated by commas, semicolons, tabs or spaces, is read"
 _TEXT = {9, 10, 11, 12, 13, 27, *range(32, 256)}
+_OF_DAY = re.compile(
+    r"(?:.*[^\d:.,])?(?:(?P<h>\d\d?):(?=\d\d:\d\d)|(?=\d+:\d+[.,]))"
+    r"(?P<m>\d\d?):(?P<s>\d\d(?:[.,]\d+)?)(?: ?(?P<half>[AP])\.?M\.?)?",
+    re.IGNORECASE,
+)
 _DAY_FIRST = re.compile(r"(\d\d?)\.(\d\d?)\.(\d{4})[.,]? ")
 _ZONE = re.compile(r" ?(?:UTC|GMT|([+-]\d\d:?\d*))$")
 _ONE_DIGIT = re.compile(r"(^|[T ])(\d:)")
-_DAY_S = 86_400.0
 _DAY_0 = datetime.datetime(2020, 1, 1, tzinfo=datetime.UTC)
 """Counted from here, seconds of today keep their tenths of a microsecond."""
 
@@ -60,12 +73,13 @@ class _Dialect:
 
     def number(self, field: str) -> float | None:
         """The number that a field is, NaN for an empty one, None for a text."""
+        if self.decimal == ",":
+            field = field.replace(".", " ").replace(",", ".")
         try:
-            if self.decimal == ".":
-                return float(field)
-            return float(field.replace(",", ".")) if "." not in field else None
+            return float(field)
         except ValueError:
-            return np.nan if field.lower() in _EMPTY else None
+            written = _FORTRAN.fullmatch(field)
+            return float("e".join(written.groups())) if written else np.nan if _EMPTY.fullmatch(field) else None
 
 
 def read_text(file: Path) -> Table:
@@ -77,16 +91,16 @@ def read_text(file: Path) -> Table:
     numbers = [number for number, line in enumerate(every, 1) if line.strip()]
     lines = [every[number - 1] for number in numbers]
     dialect = _dialect(file, lines)
-    first, last, kinds, notes = _rows(file, lines, numbers, dialect)
-    lines, numbers = lines[:last], numbers[:last]
-    names, units = _header(file, every[: numbers[first] - 1], dialect, kinds)
-    values = _values(file, lines[first:], numbers[first:], dialect, kinds)
+    used, kinds, notes = _rows(file, lines, numbers, dialect)
+    lines, numbers = [lines[k] for k in used], [numbers[k] for k in used]
+    names, units = _header(file, every[: numbers[0] - 1], dialect, kinds)
+    values = _values(file, lines, numbers, dialect, kinds)
     named = _unlike([name or str(k) for k, name in enumerate(names, 1)])
     kept = [k for k, kind in enumerate(kinds) if kind and (names[k] or np.isfinite(values[k]).any())]
     stated = {named[k]: "s" if kinds[k] == "stamp" else units[k] for k in kept}
-    begin = dialect.fields(lines[first])
+    begin = dialect.fields(lines[0])
     texts = {named[k]: begin[k] for k, kind in enumerate(kinds) if not kind and (begin[k] or names[k])}
-    return Table(file, {named[k]: values[k] for k in kept}, stated, numbers[first:], texts=texts, notes=notes)
+    return Table(file, {named[k]: values[k] for k in kept}, stated, numbers, texts=texts, notes=notes)
 
 
 def _decoded(file: Path, content: bytes) -> str:
@@ -98,7 +112,7 @@ def _decoded(file: Path, content: bytes) -> str:
             raise CheckFailed(
                 f"{file}: neither text nor a format that is known here; save it as CSV, .mat, .npz, HDF5 or Parquet"
             )
-        return content.decode("utf-8")
+        return content.decode("utf-8").replace("\N{MINUS SIGN}", "-")
     except UnicodeDecodeError as problem:
         if problem.encoding.startswith("utf-16"):
             raise CheckFailed(f"{file}: byte {problem.start} is no UTF-16: the file is cut off or damaged") from problem
@@ -137,8 +151,8 @@ def _is_row(fields: Sequence[str], dialect: _Dialect) -> bool:
 
 def _rows(
     file: Path, lines: Sequence[str], numbers: Sequence[int], dialect: _Dialect
-) -> tuple[int, int, list[str], list[str]]:
-    """The first line of numbers and that behind the last; what each column is; notes.
+) -> tuple[list[int], list[str], list[str]]:
+    """Which of the lines are the table's; what each column is; notes.
 
     A column is "number", "stamp" (a date and time), or "" for a text. CheckFailed where there is no table, or a second
     one behind the first.
@@ -148,11 +162,12 @@ def _rows(
     rows = [row for row in rows if len(row) == width]
     kinds = [_kind([row[column] for row in rows], dialect) for column in range(width)]
     empty = [column for column in range(width) if not any(row[column] for row in rows)]
-    for line in lines[:: max(1, len(lines) // _LOOKED_AT)] if empty else []:  # a topic may have ended earlier
-        fields = dialect.fields(line)
-        for column in empty if len(fields) == width and _is_row(fields, dialect) else []:
-            if fields[column] and dialect.number(fields[column]) is not None:
-                kinds[column] = "number"
+    if empty:  # a topic may have ended earlier
+        looked_at = lines[:: max(1, len(lines) // _LOOKED_AT)]
+        rows = [row for row in map(dialect.fields, looked_at) if len(row) == width and _is_row(row, dialect)]
+        for column in empty:
+            filled = sum(bool(row[column]) and dialect.number(row[column]) is not None for row in rows)
+            kinds[column] = "number" if filled > _ENDED * len(rows) else ""
     last = len(lines)
     while (
         last
@@ -163,13 +178,18 @@ def _rows(
         last -= 1
     notes = [f"line {numbers[last]} to {numbers[-1]}: no rows, behind the table, left out"] if last < len(lines) else []
     lines = lines[:last]
-    first = len(lines)
+    first, between = len(lines), []
     for at in range(len(lines) - 1, -1, -1):
         if _fits(dialect.fields(lines[at]), kinds, dialect):
             first = at
             continue
         before = sum(_fits(dialect.fields(line), kinds, dialect) for line in lines[max(0, at - _SAMPLED) : at])
-        if (first < len(lines) and _may_begin(lines[at], dialect)) or before == 0:
+        if first < len(lines) and (at + 1 in between or _may_begin(lines[at], dialect)):
+            if _goes_on(lines[max(0, at - _HEADER_LINES) : first + 2], kinds, dialect):
+                between.append(at)
+                continue
+            break
+        if before == 0:
             break  # else it is a bad row among good ones, which is told when the values are read
     if first == len(lines) or not any(kinds):
         raise CheckFailed(f"{file}: {_NO_TABLE}")
@@ -185,7 +205,27 @@ def _rows(
     if settings:
         end = f" to {numbers[settings[-1]]}" if len(settings) > 1 else ""
         notes.insert(0, f"line {numbers[settings[0]]}{end}: numbers before the table, left out as settings")
-    return first, last, kinds, notes
+    if between := [at for at in between if at > first]:
+        often = (
+            f", and {len(between) - 1} line{'s' * (len(between) > 2)} more, left out"
+            if len(between) > 1
+            else ", left out"
+        )
+        text = lines[between[-1]].strip()[:40]
+        notes.append(f"line {numbers[between[-1]]}: {text!r} between rows, which go on evenly behind it{often}")
+    return sorted({*range(first, last)} - {*between}), kinds, notes
+
+
+def _goes_on(lines: Sequence[str], kinds: Sequence[str], dialect: _Dialect) -> bool:
+    """Whether a column rises evenly from the rows among `lines` to the last two, the first rows behind what is none."""
+    rows = [fields for fields in map(dialect.fields, lines) if _fits(fields, kinds, dialect)][-4:]
+    for column, kind in enumerate(kinds if len(rows) == 4 else ()):
+        read = stamp_s if kind == "stamp" else dialect.number
+        values = [np.nan if (found := read(row[column])) is None else found for row in rows]
+        steps = np.diff(values)
+        if kind and steps[0] > 0.0 and np.ptp(steps) < _EVEN * steps[0]:
+            return True
+    return False
 
 
 def _before(lines: Sequence[str], kinds: Sequence[str], dialect: _Dialect) -> tuple[list[tuple[int, int]], list[int]]:
@@ -195,7 +235,7 @@ def _before(lines: Sequence[str], kinds: Sequence[str], dialect: _Dialect) -> tu
     begin = width = 0
     for at, line in enumerate([*lines, ""]):
         fields = dialect.fields(line)
-        values = all(dialect.number(field) is not None or _stamp_s(field) is not None for field in fields)
+        values = all(dialect.number(field) is not None or stamp_s(field) is not None for field in fields)
         row = len(fields) > 1 and any(fields) and (values or _fits(fields, kinds, dialect))
         now = len(fields) if row else 0
         if now == width:
@@ -214,7 +254,7 @@ def _kind(fields: Sequence[str], dialect: _Dialect) -> str:
         return ""
     if 2 * sum(dialect.number(field) is None for field in fields) <= len(fields):
         return "number"
-    return "stamp" if _stamp_s(fields[-1]) is not None else ""
+    return "stamp" if stamp_s(fields[-1]) is not None else ""
 
 
 def _is_said(line: str, dialect: _Dialect) -> bool:
@@ -225,8 +265,9 @@ def _is_said(line: str, dialect: _Dialect) -> bool:
 
 def _may_begin(line: str, dialect: _Dialect) -> bool:
     """Whether a line that is no row is a header rather than a damaged or empty row: none of its fields is a number."""
-    named = [field for field in dialect.fields(line) if field]
-    return (bool(named) and all(dialect.number(each) is None for each in named)) or line.lstrip()[:1] in _COMMENT
+    numbers = [dialect.number(field) for field in dialect.fields(line) if field]
+    unnumbered = None in numbers and not any(number is not None and np.isfinite(number) for number in numbers)
+    return unnumbered or line.lstrip()[:1] in _COMMENT
 
 
 def _fits(row: Sequence[str], kinds: Sequence[str], dialect: _Dialect) -> bool:
@@ -240,7 +281,10 @@ def _header(file: Path, before: Sequence[str], dialect: _Dialect, kinds: Sequenc
     """Names and units, "" where there are none, from the last lines before the numbers."""
     count, nothing = len(kinds), [""] * len(kinds)
     told = [line.strip("\r\n ").lstrip(_COMMENT).strip(" ") for line in before]
-    lines = [_names(line, dialect, count) for line in told if line.strip(_NOTHING)][-2:]
+    lines = [_names(line, dialect, count) for line in told[-_HEADER_LINES:] if line.strip(_NOTHING)]
+    # an oscilloscope has values in the header, whose names reach beyond the columns
+    lines = [names[:count] if not kinds[-1] and len(names) > count else names for names in lines]
+    lines = [names for names in lines if len(names) != count or not all(map(_TYPES.fullmatch, names))][-2:]
     if not lines or len(lines[-1]) == 1 != count:
         return nothing, nothing
     if len(lines[-1]) != count:
@@ -307,29 +351,26 @@ def _values(
         for column, (field, kind) in enumerate(zip(fields, kinds, strict=True)):
             if not kind:
                 continue
-            found = _stamp_s(field) if kind == "stamp" else dialect.number(field)
+            found = stamp_s(field) if kind == "stamp" else dialect.number(field)
             if found is None:
                 what = "no time as in the other rows" if kind == "stamp" else "no number"
                 raise CheckFailed(f"{file}:{numbers[k]}: {field[:40]!r} is {what}")
             values[column][k] = found
-    return [_from_first_s(each) if kind == "stamp" else each for each, kind in zip(values, kinds, strict=True)]
+    return [each - each[0] if kind == "stamp" else each for each, kind in zip(values, kinds, strict=True)]
 
 
-def _stamp_s(text: str) -> float | None:
-    """Seconds of ``2026-11-24T10:00:00.5+01:00``, ``24.11.2026 10:00:00,5`` or ``10:00:00``; None for anything else."""
+def stamp_s(text: str) -> float | None:
+    """Seconds of ``2026-11-24T10:00:00.5+01:00`` or ``24.11.2026 10:00:00,5``; None for what is no time.
+
+    Of day where the date is none of these, which could be read in two ways: ``11/12/26 10:00:00 PM``, ``10:00.5``.
+    """
     text = _DAY_FIRST.sub(lambda found: f"{found[3]}-{found[2]:0>2}-{found[1]:0>2}T", text).replace("/", "-")
     text = _ZONE.sub(lambda found: found[1] or "Z", _ONE_DIGIT.sub(r"\g<1>0\2", text))
     with contextlib.suppress(ValueError):
         when = datetime.datetime.fromisoformat(text)
         return (when.replace(tzinfo=when.tzinfo or datetime.UTC) - _DAY_0).total_seconds() if ":" in text else None
-    with contextlib.suppress(ValueError):
-        of_day = datetime.time.fromisoformat(text)
-        return of_day.hour * 3600.0 + of_day.minute * 60.0 + of_day.second + 1e-6 * of_day.microsecond
-    return None
-
-
-def _from_first_s(seconds: Array) -> Array:
-    """From the first one on, past midnight too where they are times of day."""
-    if np.all(seconds < _DAY_S):
-        seconds = seconds + _DAY_S * np.concatenate([[0.0], np.cumsum(np.diff(seconds) < -0.5 * _DAY_S)])
-    return np.asarray(seconds - seconds[0], dtype=float)
+    if (of_day := _OF_DAY.fullmatch(text)) is None:
+        return None
+    hour, half = int(of_day["h"] or 0), (of_day["half"] or "").upper()
+    hour = hour % 12 + (12 if half == "P" else 0) if half else hour
+    return 3600.0 * hour + 60.0 * int(of_day["m"]) + float(of_day["s"].replace(",", "."))

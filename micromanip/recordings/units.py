@@ -24,7 +24,7 @@ _UNITS = {
     **_family("length", "um", micrometers=1.0, micrometres=1.0, mikrometer=1.0, millimeters=1e3, nanometers=1e-3),
     **_family("length", "um", inch=25_400.0, inches=25_400.0, mil=25.4, mils=25.4),
     **_family("voltage", "V", V=1.0, mV=1e-3, uV=1e-6, kV=1e3, volt=1.0, volts=1.0),
-    **_family("time", "s", s=1.0, ms=1e-3, us=1e-6, ns=1e-9, min=60.0, h=3600.0, sec=1.0, secs=1.0),
+    **_family("time", "s", s=1.0, ms=1e-3, us=1e-6, ns=1e-9, min=60.0, h=3600.0, sec=1.0, secs=1.0, days=86_400.0),
     **_family("time", "s", second=1.0, seconds=1.0, millisecond=1e-3, milliseconds=1e-3, microseconds=1e-6),
     **_family("time", "s", microsecond=1e-6, nanosecond=1e-9, nanoseconds=1e-9, msec=1e-3, usec=1e-6, nsec=1e-9),
     **_family("time", "s", sekunde=1.0, sekunden=1.0, millisekunden=1e-3, mikrosekunden=1e-6, nanosekunden=1e-9),

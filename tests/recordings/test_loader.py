@@ -55,7 +55,12 @@ def test_a_linear_record_takes_pieces_as_experiments(tmp_path):
     first, second = record.split(0.5)
     assert [[len(u) for u, _ in part.experiments] for part in (first, second)] == [[250], [275]]
     often = written(tmp_path / "often.csv", *without(*range(0, SAMPLES, 20)))
-    with pytest.raises(CheckFailed, match="of 30 parts between gaps the longest has 19 samples, which is too short"):
+    filled = load_linear(often, COLUMNS, 1)
+    assert len(filled.u) == SAMPLES - 1
+    np.testing.assert_allclose(filled.y[:, 0], Y[1:], atol=0.05)
+    assert any("of the missing samples 29, in gaps of at most 3, are filled in" in note for note in filled.notes)
+    written(often, *without(*(k + n for k in range(0, SAMPLES, 20) for n in range(4))))
+    with pytest.raises(CheckFailed, match="of 30 parts between gaps the longest has 16 samples, which is too short"):
         load_linear(often, COLUMNS, 1)
 
 

@@ -49,7 +49,23 @@ def clipped(u: Array, y: Array) -> str | None:
     return None
 
 
-_LEAST_SAMPLES, _LEAST_PIECE = 200, 100
+_LEAP, _QUIET, _FEWEST_LEAPS = 0.5, 0.25, 3
+"""Of the stroke: a leap over the whole of it, and what other steps and the input stay below."""
+
+
+def wrapped(u: Array, y: Array) -> str | None:
+    """How an output `y` (n,) leaps between its ends and goes on, as inputs `u` (n, m) don't; None: it does not."""
+    stroke = float(np.ptp(y))
+    steps = np.diff(y) / stroke
+    leaps = np.abs(steps) > _LEAP
+    on = np.abs(np.abs(steps[leaps]) - 1.0)
+    moved = np.abs(np.diff(u, axis=0))[leaps] / np.ptp(u, axis=0)
+    if leaps.sum() < _FEWEST_LEAPS or leaps.mean() > _QUIET or on.max() > _QUIET or np.median(moved) > _QUIET:
+        return None
+    return None if np.abs(steps[~leaps]).max() > _QUIET else f"leaps {leaps.sum()} times over its whole range"
+
+
+_LEAST_SAMPLES, _LEAST_PIECE, _FILLED = 200, 100, 3
 _SAME_RATE, _WHOLE = 0.01, 0.01
 _COPY = 1e-9
 
@@ -131,6 +147,11 @@ def load_linear(file: Path, wanted: Wanted, inputs: int = LISTS) -> LinearRecord
     thin = _thinning(file, taken.step_s, dt)
     pieces, notes = _pieces(taken)
     notes += _clipping(np.concatenate(pieces), taken.names, inputs)
+    notes += [
+        f"{name} {how} while the input moves little: if it is a counter that wraps, make it go on, numpy.unwrap"
+        for name, y in zip(taken.names[inputs:], taken.values.T[inputs:], strict=True)
+        if (how := wrapped(taken.values[:, :inputs], y)) is not None
+    ]
     if thin > 1:
         # all go through the same filter, which so cancels in the model
         pieces = [np.asarray(decimate(piece, thin, ftype="fir", axis=0)) for piece in pieces]
@@ -147,7 +168,16 @@ def _pieces(taken: Recording) -> tuple[list[Array], list[str]]:
     smooth = np.column_stack(
         [bridged(column, flags) for column, flags in zip(taken.values.T, taken.spikes.T, strict=True)]
     )
-    pieces = [smooth[part] for part in taken.pieces]
+    pieces, index, notes = [smooth[part] for part in taken.pieces], taken.index, list(taken.notes)
+    if sum(len(piece) for piece in pieces if len(piece) >= _LEAST_PIECE) < 0.5 * len(smooth):
+        short_gaps = np.diff(index) <= _FILLED + 1
+        ends = [0, *(np.flatnonzero(~short_gaps) + 1).tolist(), len(index)]
+        grids = [np.arange(index[first], index[last - 1] + 1) for first, last in pairwise(ends)]
+        pieces = [np.column_stack([np.interp(grid, index, column) for column in smooth.T]) for grid in grids]
+        notes.append(
+            f"of the missing samples {sum(map(len, grids)) - len(index)}, in gaps of at most {_FILLED}, are filled in "
+            "along straight lines, as the parts between are too short to be fitted to: fast dynamics are blurred"
+        )
     long = [piece for piece in pieces if len(piece) >= _LEAST_PIECE]
     if sum(len(piece) for piece in long) < _LEAST_SAMPLES:
         raise CheckFailed(
@@ -157,7 +187,7 @@ def _pieces(taken: Recording) -> tuple[list[Array], list[str]]:
         )
     short = len(pieces) - len(long)
     told = [f"{short} of {len(pieces)} parts between gaps are shorter than {_LEAST_PIECE} samples and are left out"]
-    return long, [*taken.notes, *(told if short else [])]
+    return long, [*notes, *(told if short else [])]
 
 
 def _clipping(values: Array, names: Sequence[str], inputs: int) -> list[str]:

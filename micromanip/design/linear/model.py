@@ -21,7 +21,8 @@ class LinearFit:
     """A model in physical units, sampled every `dt` seconds; input i acts `delays[i]` samples late.
 
     `tried` tells for each order that was tried the held-out rms error, percent of the outputs'; `mirrored` are poles
-    (k,) that the record has outside the unit circle, and the model inside.
+    (k,) that the record has outside the unit circle, and the model inside. `gain` (k, outputs) drives the modes by what
+    the output is beside its prediction; None where the model runs free.
     """
 
     modes: Modes
@@ -32,6 +33,7 @@ class LinearFit:
     singular_values: Array
     tried: dict[int, float]
     mirrored: tuple[complex, ...] = ()
+    gain: Complex | None = None
 
     @property
     def order(self) -> int:

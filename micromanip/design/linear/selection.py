@@ -11,6 +11,7 @@ from .choice import last_quarter_says_much, says_much
 from .fit import fit_linear
 from .modal import Complex, Modes
 from .model import LinearFit, delayed, strict_errors
+from .predictor import fit_unstable
 from .subspace import Experiment
 
 _INNER = 0.75
@@ -19,8 +20,10 @@ _CLOSE = 1.5
 _OTHERS = 3
 _NO_WORSE = 1.0 + 1e-9
 _STABLE = 1.0 - 1e-6
-_ARX, _GROWS = 3, 5.0
-"""Lags of an autoregression; logarithm of how much an unstable response grows over a record: less may be noise."""
+_SLOWEST, _LINES, _ALL = 4, 8, 0.999
+"""Periods of a sine, lines of the spectrum that it and another have through a window, and their share of the power."""
+_GROWS = 5.0
+"""Logarithm of how much an unstable response grows over a record: less may be noise."""
 
 
 @dataclass(frozen=True)
@@ -80,16 +83,30 @@ def select(
                 f"order {states}{chosen}: strict error {errors[best]:.3g} % instead of "
                 f"{first:.3g} % on the last quarter of what is fitted to"
             )
-    notes += _of_mirrored(model, experiments)
+    notes += [*_of_one_frequency(experiments, dt), *_of_mirrored(model, experiments)]
     return _no_worse_than_arx1(model, arx1, plain, experiments, held_out, order, again, notes)
 
 
+def _of_one_frequency(experiments: Sequence[Experiment], dt: float) -> list[str]:
+    """What is to be told of inputs that are a sine, or two: most models agree with such a record."""
+    notes = []
+    longest = max((u for u, _ in experiments), key=len)
+    for k, u in enumerate(longest.T, 1):
+        power = np.abs(np.fft.rfft((u - u.mean()) * np.hanning(len(u)))) ** 2
+        peak = int(np.argmax(power))
+        if peak >= _SLOWEST and np.sort(power)[-_LINES:].sum() > _ALL * power.sum():
+            near = np.arange(peak - 2, min(peak + 3, len(power)))
+            hertz = float(near @ power[near] / power[near].sum()) / (len(u) * dt)
+            notes.append(f"input {k} moves at {hertz:.3g} Hz only: what the model says of other frequencies is a guess")
+    return notes
+
+
 def _of_mirrored(model: LinearFit, experiments: Sequence[Experiment]) -> list[str]:
-    """What is to be told of poles outside the unit circle: of those that grow well and an autoregression has too."""
+    """What is to be told of poles outside the unit circle: of those that grow well, and are those of the predictor."""
     samples = max(len(u) for u, _ in experiments)
     grows = [pole for pole in model.mirrored if samples * np.log(abs(pole)) > _GROWS]
-    others = _arx_poles(experiments) if grows else np.zeros(0)
-    grows = [pole for pole in grows if np.abs(others - pole).min() < 0.5 * (abs(pole) - 1.0)]
+    others = _predicted_poles(experiments, model.dt) if grows else np.zeros(0)
+    grows = [pole for pole in grows if np.abs(others - pole).min(initial=np.inf) < 0.5 * (abs(pole) - 1.0)]
     if not grows:
         return []
     worst = max(grows, key=abs)
@@ -97,25 +114,16 @@ def _of_mirrored(model: LinearFit, experiments: Sequence[Experiment]) -> list[st
     return [
         f"the record has an unstable pole, z = {_pole(worst)}, which grows e-fold in "
         f"{model.dt / np.log(abs(worst)):.3g} s: it was mirrored to {_pole(inside)}, so the model is not the plant's. "
-        "An unstable plant can only have been recorded in a closed loop: fit from the loop's set-point, or an injected "
-        "signal, to the output"
+        "An unstable plant can only have been recorded in a closed loop: --unstable fits it as it is, by its "
+        "prediction error; or fit from the loop's set-point, or an injected signal, to the output"
     ]
 
 
-def _arx_poles(experiments: Sequence[Experiment]) -> Complex:
-    """Poles of autoregressions with inputs, one for each output, of a few lags: consistent in a closed loop too."""
-    found = []
-    for o in range(experiments[0][1].shape[1]):
-        rows, targets = [], []
-        for u, y in experiments:
-            y = y - y.mean(axis=0)
-            lags = [y[_ARX - lag : len(y) - lag, o] for lag in range(1, _ARX + 1)]
-            driven = [u[_ARX - lag : len(u) - lag] - u.mean(axis=0) for lag in range(_ARX + 1)]
-            rows.append(np.column_stack([*lags, *driven]))
-            targets.append(y[_ARX:, o])
-        weights = np.linalg.lstsq(np.concatenate(rows), np.concatenate(targets), rcond=None)[0]
-        found.append(np.roots([1.0, *-weights[:_ARX]]))
-    return np.concatenate(found).astype(complex)
+def _predicted_poles(experiments: Sequence[Experiment], dt: float) -> Complex:
+    try:
+        return fit_unstable(experiments, dt).poles
+    except (ValueError, np.linalg.LinAlgError):
+        return np.zeros(0, complex)
 
 
 def _pole(z: complex) -> str:

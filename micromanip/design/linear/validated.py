@@ -15,6 +15,7 @@ from .experiments import LinearRecord, same_rate
 from .fit import fit_linear
 from .modal import Array, Complex
 from .model import LinearFit, strict_errors
+from .predictor import fit_unstable, foretold_errors, horizon
 from .selection import select
 from .subspace import Experiment
 
@@ -31,6 +32,7 @@ class ValidatedFit:
     """A model, its free run on what was held out, that of ARX(1), and the coherence (outputs,) of inputs and outputs.
 
     The strict errors (outputs,) are those behind the first tenth of each part, to which state and offset are fitted.
+    Of an unstable model there is no free run: errors are of what it foretells `ahead` samples, and no strict ones.
     """
 
     model: LinearFit
@@ -42,6 +44,7 @@ class ValidatedFit:
     validation: dict[str, list[float]] | None
     coherence: Array
     notes: list[str]
+    ahead: int | None = None
 
     def report(self) -> dict[str, Any]:
         """The machine-readable result."""
@@ -51,6 +54,7 @@ class ValidatedFit:
         matrices = model.state_space()
         return {
             "order": model.order,
+            "foretold_samples": self.ahead,
             "delay_samples": list(model.delays),
             "fit_percent": self.fit_percent.tolist(),
             "rms_error_percent": self.rms_error_percent.tolist(),
@@ -80,11 +84,14 @@ def fit_records(
     order: int | None,
     split: float,
     progress: Callable[[str], None] = lambda _: None,
+    *,
+    unstable: bool = False,
 ) -> ValidatedFit:
-    """Fit to the first `split` of each record, judge by the free run on the rest, and on `validation`.
+    """Fit to the first `split` of each record (MOESP, Verhaegen 1994), judge by the free run on the rest.
 
-    Where nothing is left (`split` 1), the validation record, which must be given then, stands for the rest. Errors of
-    several held-out parts are averaged. CheckFailed for data that can't be used.
+    So on `validation`, which stands for the rest where nothing is left (`split` 1) and must be given then. Errors of
+    several held-out parts are averaged. An `unstable` plant has no free run: it is judged as far ahead as it grows
+    e-fold. CheckFailed for data that can't be used.
     """
     same_rate([*records, *([validation] if validation else [])])
     parts = [record.split(split) for record in records]
@@ -92,6 +99,8 @@ def fit_records(
     if not judged and validation is not None:
         judged = [validation]
     fitted_to, left_out = _experiments(part for part, _ in parts), _experiments(judged)
+    if unstable:
+        return _judged_ahead(records, validation, order, (fitted_to, left_out), judged, progress)
     try:
         selected = select(fitted_to, left_out, records[0].dt, order, progress)
         model = selected.model
@@ -115,6 +124,33 @@ def fit_records(
             "strict_fit_percent": (100.0 - strict_errors(model, unseen)).tolist(),
         }
     return ValidatedFit(model, judged, 100.0 - rms, rms, strict, arx1, other, coherence, selected.notes)
+
+
+def _judged_ahead(
+    records: Sequence[LinearRecord],
+    validation: LinearRecord | None,
+    order: int | None,
+    parts: tuple[list[Experiment], list[Experiment]],
+    judged: list[LinearRecord],
+    progress: Callable[[str], None],
+) -> ValidatedFit:
+    try:
+        model = fit_unstable(parts[0], records[0].dt, order, progress)
+        coherence = coherence_of(_experiments(records))
+        samples = min(len(u) for u, _ in parts[1])
+        ahead = horizon(model, samples)
+        rms = foretold_errors(model, parts[1], ahead)
+        unseen = None if validation is None else foretold_errors(model, validation.experiments, ahead)
+    except ValueError as problem:
+        raise CheckFailed(f"{records[0].file}: {problem}") from problem
+    grows = samples * np.log(np.abs(model.poles).max()) > 1.0
+    notes = [] if grows else ["no pole grows within the record: without --unstable a free run judges the model"]
+    none = np.full(len(rms), np.nan)
+    other = None
+    if unseen is not None:
+        other = {"fit_percent": (100.0 - unseen).tolist(), "rms_error_percent": unseen.tolist()}
+        other["strict_fit_percent"] = none.tolist()
+    return ValidatedFit(model, judged, 100.0 - rms, rms, none, none, other, coherence, notes, ahead)
 
 
 def _require_driven(

@@ -75,7 +75,9 @@ def tune_outer(
     sample_cycles: int = 1,
     late_cycles: int = 0,
 ) -> OuterDesign:
-    """The outer loop for `model` that leaves least, with at least 6 dB and 35 degrees, or the one of `bandwidth_Hz`.
+    """LQG for `model` (um by um, a step each `period_s`) that leaves least, with at least 6 dB and 35 degrees.
+
+    Or the one of `bandwidth_Hz`: section 4.5 of the paper.
 
     `noise_um` is the sensor's rms; `bandwidth_Hz` the highest crossover of the loop; a sample is seen
     `late_cycles` after it was taken. The stage's step is to stay below `overshoot` (a share of it) and settle within

@@ -56,6 +56,13 @@ class Value(TypedDict):
     minute: Window | None
 
 
+class Swing(TypedDict):
+    """A swing while the reference is held: frequency and amplitude."""
+
+    Hz: float
+    um: float
+
+
 class AxisValues(TypedDict):
     """What an axis does: position of the stage, set-point of the actuator, its gauge, its voltage, the error.
 
@@ -63,7 +70,8 @@ class AxisValues(TypedDict):
     path, at the spindle (the simulation's truth, else by the stage's sensor); gauge, set-point less gauge; None in
     open loop. `tooth_Hz` is where the outer loop has found the tooth's frequency, None where it does not follow it.
     `joints_Hz` is the same of each of the predictor's oscillations, in the order of the configuration. `untuned` is an
-    axis that nobody has tuned yet; `less` what its commissioning did not reach, None where it did or never was.
+    axis that nobody has tuned yet; `less` what its commissioning did not reach, None where it did or never was. `swing`
+    is that of its stage, or in mode strain its gauge, in the last second while its reference was held; None: noise.
     """
 
     position_um: Value
@@ -77,6 +85,7 @@ class AxisValues(TypedDict):
     joints_Hz: list[float | None]
     untuned: bool
     less: str | None
+    swing: Swing | None
 
 
 class SignalFigures(TypedDict):

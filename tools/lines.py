@@ -15,7 +15,7 @@ ROOMS = {  # the first that fits a file has it: pattern of paths, budget, ceilin
     "bus, driver": (r"micromanip/(bus|driver)/", 3000, 4175),
     "settings, control": (r"micromanip/(settings|control)/", 5000, 5905),
     "host": (r"micromanip/host/", 7500, 8720),
-    "design, virtual, replay": (r"micromanip/(design|virtual|replay)/", 13500, 15844),
+    "design, virtual, replay": (r"micromanip/(design|virtual|replay)/", 13500, 15868),
     "recordings": (r"micromanip/recordings/", 1900, 2330),
     "gateway": (r"micromanip/gateway/", 4200, 4732),
     "cli": (r"micromanip/cli/", 4300, 5620),

@@ -129,10 +129,17 @@ def slow_signals(report: Status) -> list[Text]:
 
 
 def tuning(report: Status) -> list[Text]:
-    """Axes that nobody has tuned, and what the commissioning of the others did not reach."""
+    """Axes that nobody has tuned, what the commissioning of the others did not reach, and those that swing."""
     untuned = [name for name, axis in report["axes"].items() if axis["untuned"]]
     told = [f"axis {', '.join(untuned)}: UNTUNED, in open loop: `micromanip commission`"] if untuned else []
-    told += [f"axis {name}: PASS WITH LESS: {axis['less']}" for name, axis in report["axes"].items() if axis["less"]]
+    for name, axis in report["axes"].items():
+        if axis["less"]:
+            told.append(f"axis {name}: PASS WITH LESS: {axis['less']}")
+        if axis["swing"]:
+            told.append(
+                f"axis {name}: SWINGS by {axis['swing']['um']:g} um at {axis['swing']['Hz']:g} Hz, its reference held: "
+                "its loop, or a vibration; `micromanip analyse live` tells which"
+            )
     return [Text(each, style="bold yellow") for each in told]
 
 

@@ -36,8 +36,9 @@ from .synthesis.saturation import Reach, Samples, comes_to_rest
 
 Array = NDArray[np.float64]
 
-SLOPES = (0.75, 1.0, 1.3)
-"""Multiples of the identified slope for which margins must hold in any case: amplitude, place, ageing."""
+SLOPES, _APART = (0.75, 1.0, 1.3), 1.35
+"""Multiples of the identified slope for which margins must hold in any case: amplitude, place, ageing; and how far
+apart, at most, those are that margins are taken at."""
 SMALL_HZ = 20.0
 """Where the response shows the slope of its small swing: below, creep and a lag of the hysteresis add to it."""
 _ADDED = 1.15
@@ -109,8 +110,8 @@ def slopes_of(
 ) -> tuple[float, tuple[float, ...]]:
     """Slope (um/V) of the hysteresis model for a swing about the centre; and the slopes that margins must hold for.
 
-    These are multiples of the identified one, rising: 1, `SLOPES`, and the flattest and steepest of the model's map and
-    branches, and of a branch as recorded, `branch_um_per_V`.
+    These are multiples of the identified one, rising: the flattest and the steepest of `SLOPES`, the model's map and
+    branches and a branch as recorded, `branch_um_per_V`; 1; and some between, as `between` says.
     A model of another class than the actuator may make small swings too flat, and the steepest too many times as steep
     by that: where the response shows more, `seen_um_per_V`, the steepest is a multiple of what was seen.
     """
@@ -122,7 +123,17 @@ def slopes_of(
     um_per_V += [*branch_slopes(model, settings.setpoint.range_um), *([branch_um_per_V] if branch_um_per_V else [])]
     flattest = min([SLOPES[0], *(slope / identified for slope in um_per_V)])
     steepest = max([SLOPES[-1], *(slope / max(identified, seen_um_per_V / _ADDED) for slope in um_per_V)])
-    return identified, (flattest, 1.0, steepest)
+    return identified, between(flattest, steepest)
+
+
+def between(flattest: float, steepest: float) -> tuple[float, ...]:
+    """Slopes from `flattest` by way of 1 to `steepest`, each at most `_APART` times the one before.
+
+    A phase margin is no worse at an end of the range than within it only where nothing resonates.
+    """
+    counts = (int(np.ceil(np.log(wide) / np.log(_APART))) for wide in (1.0 / flattest, steepest))
+    below, above = (np.linspace(0.0, 1.0, count + 1) for count in counts)
+    return *(flattest ** (1.0 - below[:-1])).tolist(), 1.0, *(steepest ** above[1:]).tolist()
 
 
 def analyse_strain(settings: Axis, actuator: Actuator, inverse: Inverse | None) -> Strain:

@@ -16,6 +16,7 @@ from micromanip.rt.states import ARMING, STAGE, VOLTAGE
 from micromanip.status_reply import NO_SIGNAL, AxisValues, Value
 
 from .controller import Controller
+from .swing import Swings
 from .windows import DIGITS, Array, Windows
 
 _QUANTITIES = ("position_um", "setpoint_um", "strain_um", "voltage_V", "headroom_V", "error_um")
@@ -40,11 +41,13 @@ class AxesValues:
         self._controller = controller
         self._names = list(controller.prepared.configuration.axes)
         self._windows = Windows(len(self._names) * len(_QUANTITIES))
+        self._swings = Swings(len(self._names))
 
     def add(self, rows: Any) -> None:
         """Take in rows of the telemetry ring."""
         values = _known(rows, self._parameters).reshape(len(rows), len(self._names) * len(_QUANTITIES))
         self._windows.add(rows["time_ns"], values)
+        self._swings.add(rows)
 
     def report(self, latest: Any | None, now_ns: int) -> dict[str, AxisValues]:
         """Figures by axis at `now_ns`, CLOCK_MONOTONIC; `latest` is the newest row of the ring, None without any."""
@@ -67,6 +70,7 @@ class AxesValues:
                 joints_Hz=[_found_Hz(i, latest, joint) for joint in _JOINTS[: self._oscillations(i)]],
                 untuned=axis.untuned,
                 less=axis.commissioned.less if axis.commissioned else None,
+                swing=self._swings.of(i, axis.mode == "stage", float(np.ptp(axis.setpoint.range_um))),
             )
         return report
 

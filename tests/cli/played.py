@@ -41,6 +41,7 @@ def status(state="TRACKING", faults=(), position=(51.25, None)):
         "joints_Hz": [8.25, None],
         "untuned": False,
         "less": None,
+        "swing": None,
     }
     return {
         "state": state,

@@ -31,10 +31,10 @@ from .closing import ClosedOuter, Say, close_strain, prove_outer
 from .guarded_experiment import GuardedExperiment
 from .limit_cycle import Rest, strain_at_rest
 from .options import Options
-from .polarity import Polarity, check_polarity, check_rest
+from .polarity import Polarity, check_polarity, check_rest, require_quiet
 from .quality import HELD_OUT_PERCENT, Quality, judge_coverage, steepest_branch
 from .quiescent_spectrum import tooth_at_work
-from .stage_sensor_check import check_answer, check_travel, require_centred
+from .stage_sensor_check import BEFORE_S, check_answer, check_travel, require_centred
 from .stop_report import Steps
 from .validation import coupling
 
@@ -130,6 +130,8 @@ def _commission(
     steps.learn(gauge_after_a_step=f"63 % in {answer.rise_ms:.1f} ms")
     if travel is not None:
         require_centred(configuration, axis, travel)
+        way_um = abs(travel.slope) * float(np.ptp(settings.setpoint.range_um))
+        require_quiet(axis, "stage sensor", answer.stage_before_um, way_um, BEFORE_S)
     say("excitation")
     record, held_out = (record_hysteresis(configuration, experiment, axis, each) for each in (seed, seed + 1))
     judge_record(_as_record(axis, record))

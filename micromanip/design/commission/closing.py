@@ -18,7 +18,7 @@ from micromanip.settings.wiring.timing import AT_ONCE
 from ..actuation import DELAYS, ORDERS, Actuator
 from ..closed_loop_response import measure_outer_loop, measure_strain_loop
 from ..experiment import Experiment, with_axis
-from ..judged import analyse_inverse, analyse_strain, slopes_of, small_slope
+from ..judged import analyse_inverse, analyse_strain, between, slopes_of, small_slope
 from ..loops import over_path, stage_loop, strain_loop
 from ..response import Wanted, identify
 from ..sensitivity import Sensitivity, judge_loop
@@ -59,7 +59,7 @@ def close_strain(
         seen_um_per_V, branch_um_per_V = small_slope(actuator.dynamics), actuator.branch_um_per_V
         _, slopes = slopes_of(settings, actuator.swing_um, inverse, seen_um_per_V, branch_um_per_V)
         if by_bus:
-            slopes = (slopes[0], 1.0, max(slopes[-1], BUS_SLOPE))
+            slopes = between(slopes[0], max(slopes[-1], BUS_SLOPE))
         noise_um = polarity.noise_um
         pid = tune_pid(
             settings.inner,

@@ -23,8 +23,10 @@ from ..experiment import Experiment, open_loop, parked, play
 Array = NDArray[np.float64]
 
 REST_S = 0.3
-_PRESENT, _NOISY = 0.5, 0.02
-"""Share of the expected samples that must come; noise at rest, as a share of the set-point's range."""
+_PRESENT, NOISY = 0.5, 0.005
+"""Share of the expected samples that must come; rms at rest, as a share of the sensor's way over the set-points."""
+_HUM = 0.5
+"""Share of that rms which one line must have to be called by its frequency."""
 _FRESH = {"strain": ("strain gauge", 1), "deviation": ("tracker", 4)}
 
 
@@ -48,12 +50,21 @@ def check_rest(configuration: Configuration, experiment: Experiment, axis: str) 
             "faults.axis.strain.identical: null says so. Nothing was moved or closed"
         )
     low, high = configuration.axes[axis].setpoint.range_um
-    noise_um = float(strain.std())
-    if noise_um > _NOISY * (high - low):
+    require_quiet(axis, "strain gauge", strain, high - low, REST_S)
+
+
+def require_quiet(axis: str, sensor: str, at_rest: Array, way_um: float, seconds: float) -> None:
+    """Raise CheckFailed where a sensor's samples (n,) of `seconds` vary too much for the `way_um` to measure."""
+    noise_um = float(at_rest.std()) if len(at_rest) else 0.0
+    if noise_um > NOISY * way_um:
+        power = np.abs(np.fft.rfft(at_rest - at_rest.mean())) ** 2
+        k = int(np.argmax(power))
+        line = power[max(0, k - 1) : k + 2].sum() > _HUM * power.sum()
+        most = f"most of it at {k / seconds:.0f} Hz: hum or a vibration" if line else "an open input or a disturbance"
         raise CheckFailed(
-            f"axis {axis}: at rest the strain gauge moves by {noise_um:.2g} um rms, more than {100 * _NOISY:g} % of "
-            "the set-point's range: an open input or a disturbance; check its cable and shield. Nothing was moved "
-            "or closed"
+            f"axis {axis}: at rest the {sensor} moves by {noise_um:.2g} um rms, {most}; at most {NOISY * way_um:.2g} "
+            f"um, {100 * NOISY:g} % of its way over the set-points, would do: check its cable, shield and ground. "
+            "No loop was closed"
         )
 
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import detrend
 
 from micromanip.errors import CheckFailed
 from micromanip.settings.schema.model import Configuration
@@ -28,7 +29,7 @@ without a new reading; how far the stage may stay behind where the actuator turn
 _OFF_CENTRE = 0.5
 """How far the stage's zero may be from the working point, as a share of the way to the nearer end of the range."""
 _OTHER = 5.0
-STEP_V, _RISE_S, _BEFORE_S, _AFTER_S, _LIFT_S = 5.0, 0.002, 0.1, 0.5, 0.5
+STEP_V, _RISE_S, BEFORE_S, _AFTER_S, _LIFT_S = 5.0, 0.002, 0.1, 0.5, 0.5
 _LATE_S, _SETTLED_S, _PADDED, _TURNS = 0.2, 0.02, 8, 2
 _SWING_SHARE, _SWINGS_PER_PATH = 0.1, 2.0
 """A swing of the stage counts from this share of its step; it must be so many times faster than the path."""
@@ -138,10 +139,14 @@ def _lost_motion(strain: Array, stage: Array, volts: Array) -> float:
 
 @dataclass(frozen=True)
 class Answer:
-    """What a small step shows: until the gauge has made 63 % of its way, and the stage's swing afterwards, if any."""
+    """What a small step shows: until the gauge has made 63 % of its way, and the stage's swing afterwards, if any.
+
+    `stage_before_um`: the stage sensor (n,) in the BEFORE_S before it, without drift.
+    """
 
     rise_ms: float
     swing_Hz: float | None
+    stage_before_um: Array
 
     def slow(self, path_Hz: float) -> str:
         """What is to be said of a gauge that answers slower than the path goes; empty where it does not."""
@@ -159,7 +164,7 @@ def check_answer(configuration: Configuration, experiment: Experiment, axis: str
     rate_hz, index = configuration.loop.rate_hz, list(configuration.axes).index(axis)
     output, path_Hz = configuration.outputs[f"voltage_{axis}"], max(configuration.axes[axis].accept.frequencies_Hz)
     rise_s = max(_RISE_S, 4.0 * STEP_V / output.fastest_V_per_s)
-    parts = (_LIFT_S, _BEFORE_S, rise_s, _AFTER_S, _LIFT_S)
+    parts = (_LIFT_S, BEFORE_S, rise_s, _AFTER_S, _LIFT_S)
     lift, before, rise, after, _ = (round(seconds * rate_hz) for seconds in parts)
     way = np.concatenate([_soft(lift), np.ones(before + rise + after), 1.0 - _soft(lift)])
     step = np.concatenate([np.zeros(lift + before), _soft(rise), np.ones(after), 1.0 - _soft(lift)])
@@ -185,15 +190,16 @@ def judge_answer(rows: NDArray[Any], before: int, rate_hz: float) -> Answer:
     reached = (strain[before:] - rest) / way >= 1.0 - np.exp(-1.0)
     rise_ms = 1e3 * int(np.argmax(reached)) / rate_hz
     after = stage[before + round(_SETTLED_S * rate_hz) :]
-    t = np.arange(len(after)) / rate_hz
-    swing = after - np.polyval(np.polyfit(t, after, 1), t) if np.isfinite(stage).all() else np.zeros(len(after))
+    swing, stage_before = (
+        (detrend(after), detrend(stage[:before])) if np.isfinite(stage).all() else (np.zeros(len(after)), np.zeros(1))
+    )
     if np.ptp(swing) <= _SWING_SHARE * abs(stage[-late:].mean() - stage[:before].mean()):
-        return Answer(rise_ms, None)
+        return Answer(rise_ms, None, stage_before)
     count = _PADDED * len(swing)
     spectrum = np.abs(np.fft.rfft(swing * np.hanning(len(swing)), count))
     slowest = round(_TURNS * count / len(swing))
     k = int(np.argmax(spectrum[slowest:]))  # at the lowest it is a slow answer, not a swing
-    return Answer(rise_ms, float((slowest + k) * rate_hz / count) if k > 0 else None)
+    return Answer(rise_ms, float((slowest + k) * rate_hz / count) if k > 0 else None, stage_before)
 
 
 def _soft(count: int) -> Array:

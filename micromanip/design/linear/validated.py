@@ -151,24 +151,22 @@ def coherence_of(experiments: Sequence[Experiment]) -> Array:
     method; 1 without noise and nonlinearity. Bendat and Piersol, Random Data, chapters 6 and 7. Raises ValueError where
     not even two segments an input fit in.
     """
-    inputs, outputs, segment = experiments[0][0].shape[1], experiments[0][1].shape[1], _LONGEST
+    inputs, segment = experiments[0][0].shape[1], _LONGEST
     while segment > 16 and _segments(experiments, segment) < _AVERAGES * inputs:
         segment //= 2
     count = _segments(experiments, segment)
     if count < 2 * inputs:
         raise ValueError(f"{count} segments of {segment} samples are too few for {inputs} inputs: record longer")
-    window, bins = get_window("hann", segment), segment // 2
-    s_uu, s_yu = np.zeros((bins, inputs, inputs), complex), np.zeros((bins, outputs, inputs), complex)
-    s_yy = np.zeros((bins, outputs))
-    for U, Y in ([_spectra(signal, segment, window) for signal in pair] for pair in experiments):
-        s_uu += np.einsum("sfa,sfb->fab", U, U.conj())
-        s_yu += np.einsum("sfa,sfb->fab", Y, U.conj())
-        s_yy += np.sum(np.abs(Y) ** 2, axis=0)
+    window = get_window("hann", segment)
+    spectra = [[_spectra(signal, segment, window) for signal in pair] for pair in experiments]
+    U, Y = (np.concatenate(parts) for parts in zip(*spectra, strict=True))
+    s_uu, s_yu = np.einsum("sfa,sfb->fab", U, U.conj()), np.einsum("sfa,sfb->fab", Y, U.conj())
+    s_yy = np.sum(np.abs(Y) ** 2, axis=0)
     power = np.trace(s_uu, axis1=1, axis2=2).real / inputs
     regular = s_uu + 1e-14 * max(float(power.max()), 1e-300) * np.eye(inputs)
     response = np.linalg.solve(regular.transpose(0, 2, 1), s_yu.transpose(0, 2, 1)).transpose(0, 2, 1)
-    explained = np.einsum("fab,fab->fa", response, s_yu.conj()).real
-    return np.asarray(np.clip(explained.sum(axis=0) / s_yy.sum(axis=0), 0.0, 1.0))
+    explained: Array = np.einsum("fab,fab->fa", response, s_yu.conj()).real.sum(axis=0) / s_yy.sum(axis=0)
+    return np.clip(explained, 0.0, 1.0)
 
 
 def _segments(experiments: Sequence[Experiment], segment: int) -> int:

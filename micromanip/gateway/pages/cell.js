@@ -68,6 +68,7 @@ function showAxes(axes) {
       element("h2", {}, element("b", {}, name), axis.untuned ? "UNTUNED, open loop" : axis.error_of ? `${axis.error_of} error` : "open loop"),
       element("div", { className: "error" }, known ? figure(second.rms) : "–", element("small", {}, " µm rms, 1 s")),
       element("div", { className: known ? "faint" : "unknown" }, known ? `peak ${figure(second.peak)} µm in 1 s, ${figure(axis.error_um.minute?.rms)} µm rms in 1 min` : axis.error_um.unknown ?? ""),
+      ...(axis.swing ? [element("div", { className: "unknown" }, `swings by ${figure(axis.swing.um)} µm at ${figure(axis.swing.Hz, 1)} Hz, reference held`)] : []),
       element("table", {}, ...QUANTITIES.filter(([, key]) => !axis[key].unknown?.startsWith("no signal")).map(([said, key, unit, digits]) => {
         const value = axis[key];
         const tight = key === "headroom_V" && value.latest !== null && value.latest < TIGHT_V;

@@ -154,7 +154,9 @@ def _holder(descriptor: int) -> str:
             _, kind, _, _, number, where, *_ = line.replace("->", "").split()
             if kind == "FLOCK" and where == place and Path(f"/proc/{number}").is_dir():
                 uid = Path(f"/proc/{number}").stat().st_uid
-                return f"process {number}" + ("" if uid == os.geteuid() else f" of user {uid}")
+                unit = Path(f"/proc/{number}/cgroup").read_text(encoding="utf-8").strip().rpartition("/")[2]
+                told = f", `systemctl stop {unit}`" if unit.endswith(".service") else ""
+                return f"process {number}" + ("" if uid == os.geteuid() else f" of user {uid}") + told
     said = os.pread(descriptor, 20, 0).decode(errors="replace").strip()
     return f"process {said}" if said.isdigit() else "another process"
 

@@ -251,3 +251,9 @@ class BusDriver(ABC):
         shows the wrong device too. The newest Answer of a name replaces those before. Raises what ``open`` does.
         """
         raise NotImplementedError
+
+    @classmethod
+    def discover(cls, section: Mapping[str, Any], seconds: float) -> tuple[str, Iterator[Answer]]:
+        """The device, and what ``probe`` finds where of its section no more than the way to it is true yet."""
+        driver = cls(cls.Options.model_validate(section), Path())
+        return driver.device, driver.probe(seconds)

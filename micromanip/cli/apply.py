@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from micromanip.client import Client
-from micromanip.errors import CheckFailed, MicromanipError, PermissionDenied, UsageError, system_error
+from micromanip.errors import CheckFailed, ConfigError, MicromanipError, PermissionDenied, UsageError, system_error
 
 from .echo import echo
 from .options import StrictCommand, emit_json, json_option, socket_option
@@ -55,7 +55,11 @@ def command(tuned: Path | None, service: str | None, back: bool, yes: bool, sock
     before = prepared(Source.parse(file, running))
     new = _newest_backup(file) if tuned is None else tuned
     # as it will be read in its new place: what it names lies beside it there
-    after = prepared(Source.parse(file, Source.read(new).text))
+    text = Source.read(new).text
+    try:
+        after = prepared(Source.parse(file, text))
+    except ConfigError as problem:
+        raise ConfigError(str(problem).replace(f"{file}:", f"{new}:")) from problem
     changed, restarts = _changes(before, after)
     if not as_json:
         for each in changed:

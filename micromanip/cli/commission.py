@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import datetime
 import getpass
 import os
+import shutil
 import time
+from collections.abc import Iterator
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
@@ -31,6 +34,9 @@ if TYPE_CHECKING:
     from micromanip.settings.check import Prepared
     from micromanip.settings.schema.model import Configuration
 
+    from .live_experiment import Recordings
+
+_EXPERIMENTS = ".experiments"
 _BUDGET_S, _COHERENCE_S = 4.0, 1.0
 """Virtual time that is played for the error budget; for how long its bound takes phases to be known."""
 
@@ -85,12 +91,13 @@ def command(
             _ask(prepared, chosen, real[0])
         began = time.monotonic()
         with (
+            _resumed(folder / _EXPERIMENTS) as resumed,
             run_folder(folder, only, wanted=REPORT) as run,
             steps(planned(chosen)) as bar,
         ):
             copyfile(config, run / PREVIOUS)
             played = (
-                partial(_live, prepared, socket_path)
+                partial(_live, prepared, socket_path, resumed)
                 if live or not prepared.wiring.virtual
                 else partial(_virtual, prepared)
             )
@@ -129,6 +136,7 @@ def command(
         raise CheckFailed(
             f"{len(failed)} criteria fail, the first: axis {worst.axis}, {worst.name}: {worst.value} "
             f"(wanted: {worst.limit}); the tuning is kept as {folder / REJECTED}, the report is {folder / REPORT}"
+            + (f". {found.stalled}" if found.stalled else "")
         )
 
 
@@ -146,10 +154,30 @@ def _virtual(prepared: Prepared, *, process: bool) -> Experiment:
     return VirtualExperiment(prepared, process=process)
 
 
-def _live(prepared: Prepared, socket_path: Path, *, process: bool) -> Experiment:
+def _live(prepared: Prepared, socket_path: Path, kept: Recordings, *, process: bool) -> Experiment:
     from .live_experiment import LiveExperiment
 
-    return LiveExperiment(prepared, socket_path, process=process)
+    return LiveExperiment(prepared, socket_path, kept, process=process)
+
+
+@contextlib.contextmanager
+def _resumed(folder: Path) -> Iterator[Recordings]:
+    """The experiments of this run, which stay only where it is broken off."""
+    from .live_experiment import Recordings
+
+    kept = Recordings(folder)
+    if kept.left:
+        echo(f"goes on where a run was broken off: {kept.left} experiments of it are in {folder}", err=True)
+    try:
+        yield kept
+    except KeyboardInterrupt:
+        if kept.asked:
+            echo("broken off, outputs at rest; within the hour the same command goes on from here", err=True)
+        raise
+    except BaseException:
+        shutil.rmtree(folder)
+        raise
+    shutil.rmtree(folder)
 
 
 def _as_written(prepared: Prepared, configuration: Configuration) -> Configuration:

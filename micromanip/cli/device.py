@@ -72,24 +72,14 @@ def _print_drivers(found: list[Inspected]) -> None:
 def probe(config: Path, driver: str, seconds: float, as_json: bool) -> None:
     """Show what answers on the bus of DRIVER, as CONFIG names it, with live values; nothing is moved.
 
-    A simulated cell has no bus: what its sensors say at rest is computed instead. Refused (exit code 69) while a
-    controller has the device, and where no value can be read, whatever else answers. Ctrl-C ends it early.
+    Refused (exit code 69) while a controller has the device, and where no value can be read, whatever else answers.
+    Ctrl-C ends it early.
     """
     from micromanip.bus.device_lock import DeviceLocks
     from micromanip.bus.driver import BusDriver
-    from micromanip.settings.wiring.single_driver import NothingToProbe, driver_to_probe
+    from micromanip.settings.wiring.single_driver import driver_to_probe
 
-    try:
-        chosen = driver_to_probe(config, driver)
-    except NothingToProbe as refusal:
-        answer = _simulated(config, driver, seconds, refusal)
-        if as_json:
-            emit_json(_found_document(driver, driver, seconds, {driver: answer}))
-        elif sys.stdout.isatty():
-            _print_simulated(answer)
-        else:
-            _plain({driver: answer})
-        return
+    chosen = driver_to_probe(config, driver)
     if type(chosen).probe is BusDriver.probe:
         raise UsageError(f"driver {driver} has no probe: what answers on its bus can't be seen without moving it")
     with DeviceLocks(_devices(chosen)):
@@ -124,33 +114,6 @@ def _devices(driver: BusDriver | CyclicDriver) -> tuple[str, ...]:
 
     owned = (driver.device,) if isinstance(driver, BusDriver) else driver.devices
     return owned or (_device(driver),)
-
-
-def _simulated(config: Path, driver: str, seconds: float, refusal: UsageError) -> Answer:
-    """What the signals of a simulated cell are after so many seconds of virtual time at rest."""
-    from micromanip.bus.driver import Answer
-    from micromanip.settings.check import prepare
-    from micromanip.virtual.experiment import VirtualExperiment
-
-    prepared = prepare(config)
-    if not (prepared.wiring.drivers[driver].virtual and prepared.wiring.virtual):
-        raise refusal
-    cell = VirtualExperiment(prepared, process=True).cell(prepared.configuration, prepared.samples)
-    cell.run(seconds)
-    names = [name for name, signal in prepared.configuration.signals.items() if signal.driver == driver]
-    found = cell.signals[[prepared.wiring.signal(name) for name in names]]
-    values = {
-        name: float(each["value"]) if each["sequence"] and not each["status"] else f"{each['value']:.6g}, not good"
-        for name, each in zip(names, found, strict=True)
-    }
-    return Answer(driver, values, f"um; simulated, at rest, {seconds:g} s of virtual time")
-
-
-def _print_simulated(answer: Answer) -> None:
-    from .tables import print_table
-
-    rows = ((name, _shown(value)) for name, value in answer.values.items())
-    print_table(("signal", "value, um"), rows, f"{answer.name}: {answer.note.removeprefix('um; ')}")
 
 
 def _found_document(driver: str, device: str, seconds: float, answers: dict[str, Answer]) -> dict[str, Any]:

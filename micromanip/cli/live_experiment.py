@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
+import shutil
 import tempfile
+import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -22,29 +25,44 @@ from micromanip.virtual.own_time import at_own_time
 
 from .live import LiveLine
 
+_RESUMED_S = 3600.0
+"""What a run left that was broken off longer ago is of another day's stage."""
+
+
+class Recordings:
+    """The recordings of a run's experiments, in their order: those of a run that was broken off are not made again."""
+
+    def __init__(self, folder: Path) -> None:
+        if folder.is_dir() and time.time() - folder.stat().st_mtime > _RESUMED_S:
+            shutil.rmtree(folder)
+        folder.mkdir(exist_ok=True)
+        self._folder, self.asked = folder, 0
+        self.left = len(list(folder.glob("*.mcap")))
+        """How many such a run has left."""
+
+    def next(self, *asked: bytes) -> Path:
+        """Where that of the next experiment belongs, of which `asked` is all that it follows from."""
+        self.asked += 1
+        return self._folder / f"{self.asked:03}-{hashlib.sha256(b'|'.join(asked)).hexdigest()[:16]}.mcap"
+
 
 def play(
-    prepared: Prepared,
-    variant: Configuration,
-    samples: NDArray[np.float64],
-    duration_s: float,
-    socket_path: Path,
-    line: LiveLine,
-    *,
-    process: bool = False,
-) -> NDArray[Any]:
+    prepared: Prepared, variant: Configuration, samples: NDArray[np.float64], duration_s: float, socket_path: Path,
+    line: LiveLine, *, process: bool = False, kept: Recordings | None = None,
+) -> NDArray[Any]:  # fmt: skip
     """Rows, one per cycle, of `duration_s` of TRACKING with `samples` played; the loop arms and stops softly.
 
     Each sample stands at its own time, see `at_own_time`. `process` keeps the machining force of a simulation.
-    Raises CheckFailed where a fault ended it, or cycles are missing from the recording.
+    With `kept`, what a run has left that was broken off is read instead. Raises CheckFailed where a fault ended it, or
+    cycles are missing from the recording; with `kept` KeyboardInterrupt where a signal did.
     """
     from micromanip.host.daemon import Options, serve
     from micromanip.recordings import open_telemetry
 
     armed = variant.model_copy(update={"arm_on_start": True})
     drivers = prepared.wiring.drivers
-    kept = {name: driver if process else driver.without_process() for name, driver in drivers.items()}
-    wiring = replace(prepared.wiring, drivers=kept)
+    at_rest_drivers = {name: driver if process else driver.without_process() for name, driver in drivers.items()}
+    wiring = replace(prepared.wiring, drivers=at_rest_drivers)
     experiment = replace(
         prepared, configuration=armed, wiring=wiring, samples=samples, parameters=compile_cell(armed, wiring)
     )
@@ -52,13 +70,19 @@ def play(
     arming_s = int(planned_cycles(experiment.parameters[0], at_rest)) * variant.loop.period_ns * 1e-9
     with tempfile.TemporaryDirectory(prefix="micromanip-") as folder:
         file = Path(folder) / "experiment.mcap"
-        line.planned_s = arming_s + duration_s + 0.5
-        report = serve(experiment, Options(socket_path, line.planned_s, file), line.say, line.show)
-        if report["faults"]:
-            raise CheckFailed(f"the experiment was ended by a fault: {report['faults'][0]}")
-        recorded = report["recording"]
-        if recorded is not None and recorded["message"] is not None:
-            raise CheckFailed(f"the experiment was not recorded: {recorded['message']}")
+        if kept is not None:
+            asked = (prepared.source.hash, variant.model_dump_json(), f"{duration_s} {process}")
+            file = kept.next(*map(str.encode, asked), samples.tobytes())
+        if not file.exists():
+            made, line.planned_s = Path(folder) / "experiment.mcap", arming_s + duration_s + 0.5
+            options = Options(socket_path, line.planned_s, made, whole=kept is not None)
+            report = serve(experiment, options, line.say, line.show)
+            if report["faults"]:
+                raise CheckFailed(f"the experiment was ended by a fault: {report['faults'][0]}")
+            recorded = report["recording"]
+            if recorded is not None and recorded["message"] is not None:
+                raise CheckFailed(f"the experiment was not recorded: {recorded['message']}")
+            shutil.move(made, file)
         rows: NDArray[Any] = np.concatenate(list(open_telemetry(file).rows()))
     rows = rows[rows["state"] == TRACKING][: round(duration_s * variant.loop.rate_hz)]
     wanted = np.arange(rows["cycle"][0], rows["cycle"][-1] + 1) if len(rows) else np.arange(0)
@@ -72,9 +96,9 @@ def play(
 class LiveExperiment:
     """Experiments through the running loop, one start of the controller each; see `micromanip.design.experiment`."""
 
-    def __init__(self, prepared: Prepared, socket_path: Path, *, process: bool = False) -> None:
+    def __init__(self, prepared: Prepared, socket_path: Path, kept: Recordings, *, process: bool = False) -> None:
         """`process` keeps the machining force, which an experiment is normally free of."""
-        self._prepared, self._socket_path, self._process = prepared, socket_path, process
+        self._prepared, self._socket_path, self._kept, self._process = prepared, socket_path, kept, process
 
     def __call__(
         self,
@@ -86,8 +110,9 @@ class LiveExperiment:
         """Rows, one in `every` cycles, of the `seconds` after tracking began."""
         played = np.zeros((1, MAX_AXES)) if samples is None else samples
         with LiveLine() as line:
-            kept, path = self._process, self._socket_path
-            return play(self._prepared, configuration, played, seconds, path, line, process=kept)[::every]
+            kept, path, process = self._kept, self._socket_path, self._process
+            rows = play(self._prepared, configuration, played, seconds, path, line, process=process, kept=kept)
+            return rows[::every]
 
     def path(self, configuration: Configuration, axis: str) -> FeedbackPath:
         """What the sensors and the output of `axis` take."""

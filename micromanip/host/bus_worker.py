@@ -132,7 +132,8 @@ class BusWorker:
                 say(f"driver {self.name}: {text}")
             self._opening = self._is_slow = True
             return
-        self.said = text
+        if document["event"] != "rights":
+            self.said = text
         if document["event"] in ("latched", "lost") and self.image.ask(EPOCH) == 0:
             return  # it is said once, where `first_link` gives up
         if document["event"] == "latched":

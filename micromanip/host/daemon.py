@@ -68,6 +68,8 @@ class Options:
     recordings: Path | None = None
     trips: Path | None = None
     kept_trips: int = KEPT
+    whole: bool = False
+    """Ended by a signal before that, it raises KeyboardInterrupt once it has ended in an orderly way."""
 
 
 class Daemon:
@@ -185,6 +187,8 @@ class Daemon:
             self._boxes.announce(last=True)
             await self._end_recording()
             self._exhaustion.judge()
+            if self._options.whole and self._stop.is_set():
+                raise KeyboardInterrupt
             return self._report()
         finally:
             if not ended.done():  # an error: nobody leaves while the loop still drives the outputs

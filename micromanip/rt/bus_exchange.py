@@ -5,22 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from .bus_image import (
-    ALIVE_NS,
-    AT_REST,
-    AWAY,
-    DOWN,
-    EPOCH,
-    EPOCH_SEEN,
-    FOLLOWING,
-    LINK,
-    LINK_UP,
-    OUTPUT_STATE,
-    OUTPUT_TURN,
-    TAKEN,
-    TRIES,
-    WRITTEN_NS,
-)
+from . import bus_image as im
 from .intrinsics import fence, load_acquire, store_release
 from .jit import compiled
 from .record import Record
@@ -42,18 +27,18 @@ def end_turn(words: Any, index: int) -> None:
 @compiled
 def leave_outputs(c: Record, outputs: Any, now_ns: int) -> None:
     """The loop leaves its `outputs`, decided at `now_ns`."""
-    begin_turn(c["words"], OUTPUT_TURN)
+    begin_turn(c["words"], im.OUTPUT_TURN)
     for i in range(c["outputs"]):
         c["value"][i] = outputs[i]
-    c["words"][WRITTEN_NS] = now_ns
-    end_turn(c["words"], OUTPUT_TURN)
+    c["words"][im.WRITTEN_NS] = now_ns
+    end_turn(c["words"], im.OUTPUT_TURN)
 
 
 @compiled
 def take_inputs(c: Record, inputs: Any, now_ns: int) -> None:
     """The loop takes what has come; a sample taken after `now_ns`, this cycle's deadline, counts as taken then."""
     for i in range(c["inputs"]):
-        for _ in range(TRIES):
+        for _ in range(im.TRIES):
             turn = load_acquire(c["input_turn"], i)
             if turn & 1 != 0:
                 continue
@@ -71,12 +56,19 @@ def take_inputs(c: Record, inputs: Any, now_ns: int) -> None:
 
 @compiled
 def link_is_up(c: Record, now_ns: int) -> bool:
-    """Whether the link was up without a break since the cycle before, and its worker is alive."""
-    words = c["words"]
-    up = load_acquire(words, LINK) == LINK_UP and now_ns - load_acquire(words, ALIVE_NS) <= c["silent_ns"]
-    epoch = load_acquire(words, EPOCH)
-    same = epoch == words[EPOCH_SEEN]
-    words[EPOCH_SEEN] = epoch
+    """Whether the link was up without a break since the cycle before, and its worker is alive.
+
+    For how long it gave no sign of life counts while the loop itself ran: what has made the loop stand still may have
+    done that to the worker, and such a pause is half of what is allowed, however long it was.
+    """
+    words, alive_ns = c["words"], load_acquire(c["words"], im.ALIVE_NS)
+    pause_ns = min(now_ns - words[im.LOOKED_NS], c["silent_ns"] // 2)
+    words[im.SILENT_NS] = words[im.SILENT_NS] + pause_ns if alive_ns == words[im.ALIVE_SEEN] else 0
+    words[im.LOOKED_NS], words[im.ALIVE_SEEN] = now_ns, alive_ns
+    up = load_acquire(words, im.LINK) == im.LINK_UP and words[im.SILENT_NS] <= c["silent_ns"]
+    epoch = load_acquire(words, im.EPOCH)
+    same = epoch == words[im.EPOCH_SEEN]
+    words[im.EPOCH_SEEN] = epoch
     return up and same
 
 
@@ -98,10 +90,10 @@ def exchange_image(c: Record, outputs: Any, inputs: Any, now_ns: int) -> int:
     leave_outputs(c, outputs, now_ns)
     take_inputs(c, inputs, now_ns)
     if not link_is_up(c, now_ns):
-        return DOWN
+        return im.DOWN
     if c["outputs"] == 0:
         return 0
-    if load_acquire(c["words"], OUTPUT_STATE) != FOLLOWING:
-        return TAKEN
+    if load_acquire(c["words"], im.OUTPUT_STATE) != im.FOLLOWING:
+        return im.TAKEN
     put_back(c, outputs, now_ns)
-    return 0 if load_acquire(c["words"], AT_REST) != 0 else AWAY
+    return 0 if load_acquire(c["words"], im.AT_REST) != 0 else im.AWAY

@@ -17,6 +17,8 @@ one tries again, a bounded number of times, and otherwise keeps what it had. The
     OUTPUT_STATE   worker       whether the outputs follow the loop, see OUTPUT_NAMES
     AT_REST        worker       1 where the device has taken the safe value of every voltage, and is given no other next
     EPOCH_SEEN     loop         newest epoch that the loop has met
+    ALIVE_SEEN     loop         newest sign of life that it has met; LOOKED_NS: when it looked
+    SILENT_NS      loop         for how long it has seen no newer one
 """
 
 from __future__ import annotations
@@ -26,6 +28,7 @@ import numpy as np
 from .records import MAX_OUTPUTS, MAX_SIGNALS, SIGNAL
 
 OUTPUT_TURN, WRITTEN_NS, LINK, EPOCH, ALIVE_NS, SENT_TURN, SENT_NS, OUTPUT_STATE, EPOCH_SEEN, AT_REST = range(10)
+ALIVE_SEEN, LOOKED_NS, SILENT_NS = range(10, 13)
 _WORDS = 16
 
 LINK_DOWN, LINK_UP, LINK_LATCHED = range(3)

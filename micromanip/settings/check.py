@@ -236,8 +236,8 @@ def _safety(configuration: Configuration, wiring: Wiring) -> Iterator[Finding]:
         if wiring.drivers[name].watchdog is None and not configuration.drivers[name].without_watchdog:
             yield (
                 ("drivers", name),
-                "this hardware has no watchdog that covers a dead loop; if it is covered otherwise, "
-                "say without_watchdog: true",
+                "nothing covers a dead loop: say here what the device does by itself (watchdog: {ms, rest_ms, "
+                "after_power_on}), or without_watchdog: true if it is covered otherwise",
             )
     for name, bridge in wiring.buses.items():
         keys, rates = bridge.bus.silence, [task.rate_hz for task in bridge.bus.tasks if task.outputs]

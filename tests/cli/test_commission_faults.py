@@ -146,6 +146,25 @@ def test_a_host_that_stood_still_is_told_as_that(tmp_path):
     assert "stood still meanwhile: no sensor said anything for 40 ms" in str(refused.value)
 
 
+def test_a_host_that_stood_still_once_is_told_at_the_end_of_all(tmp_path):
+    prepared = prepare(cell(tmp_path))
+    experiment = Recorded(prepared)
+    watched, gaps = Watched(experiment), iter((range(1000, 1400), range(0), range(1000, 1100)))
+
+    def once_stalled(*given):
+        rows = Recorded.__call__(experiment, *given)
+        rows["axis"]["fresh"][next(gaps)] = 0
+        return rows
+
+    watched._experiment = once_stalled
+    assert watched.ever_stalled == ""
+    told = []
+    for _ in range(3):
+        watched(prepared.configuration, 0.3)
+        told.append(re.findall(r"(\d+) ms", watched.stalled + watched.ever_stalled))
+    assert told == [["40", "40"], ["40"], ["10", "40"]]
+
+
 def test_a_fault_on_the_way_ends_it(tmp_path):
     class Faulty(Recorded):
         def __call__(self, configuration, seconds, samples=None, every=1):

@@ -1,8 +1,6 @@
 """``micromanip device probe``: what answers on a bus, and a clear word where it can't be looked at."""
 
-import json
 from functools import partial
-from pathlib import Path
 
 import pytest
 from conformance.example import UdpPeer, UdpStage
@@ -10,7 +8,6 @@ from conformance.example import UdpPeer, UdpStage
 from micromanip.bus import device_lock
 from micromanip.bus.device_lock import DeviceLocks
 from micromanip.bus.driver import Answer, BusDriver
-from micromanip.settings.check import prepare
 
 from .command import code_of
 
@@ -107,17 +104,3 @@ def test_what_cannot_be_looked_at(driver, code, message, config, capsys):
     shown = capsys.readouterr().err
     assert message in shown
     assert len(shown.strip().splitlines()) == 1
-
-
-def test_a_simulated_cell_shows_what_its_sensors_say_at_rest(capsys):
-    simulated = Path(__file__).parents[2] / "config" / "simulated.yaml"
-    assert ended(simulated, "cell", "--seconds", "0.5", "--json") == 0
-    document = json.loads(capsys.readouterr().out)
-    (answer,) = document["answers"]
-    assert set(answer["values"]) == set(prepare(simulated).configuration.signals)
-    assert abs(answer["values"]["strain_x"]) < 2.0, "the gauges rest at 0 V"
-    assert answer["values"]["stage_x"] == "-300, not good", "beyond the sensor's range"
-    assert ended(simulated, "cell", "--seconds", "0.5") == 0
-    shown = capsys.readouterr().out
-    assert f"strain_x         {answer['values']['strain_x']:.6g}" in shown, "the same seed, the same values"
-    assert "0.5 s of virtual time" in shown

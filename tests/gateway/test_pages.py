@@ -25,6 +25,16 @@ from .test_recording_history import opened as filed
 
 pytestmark = [pytest.mark.live, pytest.mark.skipif(PROGRAM is None, reason="chromium is not installed")]
 DO = "d" * 24
+MIXED = """(() => {
+    const canvas = document.querySelector('#plots canvas'), { width, height } = canvas;
+    const { data } = canvas.getContext('2d').getImageData(0, 0, width, height);
+    const at = (y, x) => 4 * (y * width + x), columns = [...Array(width).keys()];
+    const count = (y, is) => columns.filter((x) => is(data[at(y, x)], data[at(y, x) + 2])).length;
+    const rows = [...Array(height).keys()].map((y) => [count(y, (red, blue) => blue > red + 60), y]);
+    const [blue, y] = rows.reduce((best, one) => (one[0] > best[0] ? one : best));
+    return count(y, (red, blue) => red > blue + 60) / blue;
+})()"""
+"""Orange pixels to a blue one, in the row that has the most of these."""
 SINE_HZ, SINE_UM, EDGE_CYCLE = 66.0, 3.0, 77_777
 
 
@@ -97,6 +107,19 @@ def test_a_wrong_token_is_told_and_the_right_one_opens(browser, address):
         )
         browser.until(then)
     browser.until("document.querySelector('#state b').textContent === 'TRACKING'")
+    in_order(browser, address)
+
+
+def test_a_page_follows_the_system_to_dark_and_light_unless_one_was_chosen(browser, address):
+    signed_in(browser, address, "/scope")
+    shown = "document.documentElement.dataset.theme"
+    for theme in ("dark", "light"):
+        browser("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": theme}])
+        browser.until(f"{shown} === '{theme}'")
+    browser.value("document.getElementById('theme').click()")
+    browser("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": "light"}])
+    assert browser.value(shown) == "dark"
+    browser.value("localStorage.removeItem('theme')")
     in_order(browser, address)
 
 
@@ -199,6 +222,7 @@ def test_a_recording_is_seen_whole_and_down_to_a_millisecond_without_a_token(bro
         assert browser.value("document.querySelector('dialog[open]') === null")
         browser.until("document.getElementById('summary').textContent.includes('overview so far 0 %')")
         fill(open_telemetry(file).pieces(), source.fields, source.history.overview)
+        assert browser.value(MIXED) < 0.1, "the set-point, 0, lies above the gauge's noise"
         fault = browser.until("document.querySelector('#marks .fault')?.textContent")
         browser.until("!document.getElementById('summary').textContent.includes('overview so far')")
         assert "STRAIN_INVALID" in fault

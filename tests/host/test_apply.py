@@ -82,6 +82,7 @@ def test_a_wrong_file_touches_nothing(cell, apply):
     wrong.write_text(before.replace("K_V_per_um: 0.6", "K_V_per_um: fast"))
     code, _, err = apply(wrong)
     assert code == 78
+    assert err.startswith(f"micromanip: {wrong}:"), "the file that is to be mended"
     assert "inner.K_V_per_um" in err
     assert cell.config.read_text() == before
 

@@ -177,8 +177,20 @@ def test_a_silent_worker_is_a_lost_link():
     image = new(silent_ns=1000)
     up(image, 100)
     exchange(image, 200)
-    assert exchange(image, 1100)[0] == 0
-    assert exchange(image, 1101)[0] == im.DOWN
+    assert [exchange(image, now_ns)[0] for now_ns in range(300, 1300, 100)] == [0] * 10
+    assert exchange(image, 1201)[0] == im.DOWN
+
+
+def test_a_loop_that_stood_still_gives_the_worker_time_to_come_back():
+    """What held up the one may have held up the other: this computer stood still, and no link is lost."""
+    image = new(silent_ns=1000)
+    up(image, 100)
+    exchange(image, 200)
+    assert exchange(image, 90_200)[0] == 0
+    assert exchange(image, 90_700)[0] == 0
+    assert exchange(image, 90_701)[0] == im.DOWN, "it has not come back"
+    ProcessImage(image).tell(im.ALIVE_NS, 90_750)
+    assert exchange(image, 90_800)[0] == 0
 
 
 def test_a_link_that_came_back_between_two_cycles_was_lost_all_the_same():

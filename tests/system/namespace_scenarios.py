@@ -230,8 +230,8 @@ def test_one_controller_a_device(service):
     second = done(PROGRAM, "run", str(CONFIG), "--socket", "/tmp/second.sock", user="cell-operator")
     assert second.returncode == 69
     assert second.stderr == (
-        f"micromanip: device bench is in use by another controller (process {service.host}, or the loop that it left); "
-        "stop it first\n"
+        f"micromanip: device bench is in use by another controller (process {service.host}, `systemctl stop "
+        "micromanip.service`, or the loop that it left); stop it first\n"
     )
     refused = done(PROGRAM, "park", str(CONFIG), user="cell-operator")
     assert refused.returncode == 1

@@ -26,7 +26,7 @@ from micromanip.driver import (
 )
 
 from .database import Database, switches_bitrate
-from .link import CanLink
+from .link import CanLink, LinkOptions
 from .options import CanBusOptions
 from .received_message import ReceivedMessage
 from .sent_message import SentMessage
@@ -171,6 +171,11 @@ class CanBus(BusDriver):
 
     def probe(self, seconds: float) -> Iterator[Answer]:
         return sniff(CanLink(self.options), self._database.by_identifier(), seconds)
+
+    @classmethod
+    def discover(cls, section: Mapping[str, Any], seconds: float) -> tuple[str, Iterator[Answer]]:
+        options = LinkOptions.of(section)
+        return options.device, sniff(CanLink(options), {}, seconds)
 
     def _listen(self, for_ns: int) -> None:
         """Wait for a first frame of the devices. Raises LinkError if none comes."""

@@ -20,6 +20,7 @@ import select
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import can
@@ -27,6 +28,7 @@ from can.interfaces.socketcan import SocketcanBus
 
 from micromanip.driver import BusError, LinkError, Load, StillOpening, TransientError
 
+from ..line.serial_port import no_such_device
 from . import socketcan, threaded_bus
 from .link_options import LinkOptions
 from .threaded_bus import Stuck, ThreadedBus
@@ -122,6 +124,8 @@ class CanLink:
             if why := socketcan.trouble(str(options.channel), options.bitrate, options.data_bitrate):
                 raise LinkError(f"{options.device}: {why}")
             arguments["can_filters"] = _filters(self._identifiers)
+        if options.device.startswith("/") and not Path(options.device).exists():
+            raise LinkError(f"{options.device} can't be opened: {no_such_device()}")
         # without python-can's own configuration files and environment variables: nothing is set behind our back
         opens = partial(can.Bus, options.channel, options.interface, ignore_config=True, **arguments)
         if options.interface not in _DIRECT:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from collections.abc import Mapping
+from typing import Annotated, Any
 
 import can
 from pydantic import Field, field_validator, model_validator
@@ -52,6 +53,11 @@ class LinkOptions(BusOptions):
         if self.data_bitrate is not None and self.data_bitrate < self.bitrate:
             raise ValueError(f"data_bitrate {self.data_bitrate} is below bitrate {self.bitrate}: CAN FD data is faster")
         return self
+
+    @classmethod
+    def of(cls, section: Mapping[str, Any]) -> LinkOptions:
+        """Of a driver's section, whatever else is in it. Raises ValidationError."""
+        return cls.model_validate({key: value for key, value in section.items() if key in LinkOptions.model_fields})
 
     @property
     def fd(self) -> bool:

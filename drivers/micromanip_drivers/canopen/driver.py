@@ -16,6 +16,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from micromanip.driver import (
     Answer,
@@ -32,7 +33,7 @@ from micromanip.driver import (
     Watchdog,
 )
 
-from ..canbus.link import CanLink
+from ..canbus.link import CanLink, LinkOptions
 from ..canbus.tables import Tables
 from .boot import boot
 from .options import CanOpenOptions
@@ -176,7 +177,12 @@ class CanOpen(BusDriver):
         return counts
 
     def probe(self, seconds: float) -> Iterator[Answer]:
-        return probe(self._options, seconds)
+        return probe(self._options, {node.node_id: name for name, node in self._options.nodes.items()}, seconds)
+
+    @classmethod
+    def discover(cls, section: Mapping[str, Any], seconds: float) -> tuple[str, Iterator[Answer]]:
+        options = LinkOptions.of(section)
+        return options.device, probe(options, {}, seconds)
 
     @property
     def _sync_task(self) -> int:

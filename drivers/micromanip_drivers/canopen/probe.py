@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import can
 from canopen.sdo.exceptions import SdoAbortedError
 
 from micromanip.driver import Answer, TransientError
 
-from ..canbus.link import CanLink
+from ..canbus.link import CanLink, LinkOptions
 from .dictionary import number
-from .options import CanOpenOptions
 
 _UPLOAD = 0x40
 _EXPEDITED = 0x43
@@ -22,8 +21,11 @@ _ASKED = {"device_type": (0x1000, 0), "vendor_id": (0x1018, 1), "product_code": 
 _PAUSE_NS = 1_000_000
 
 
-def probe(options: CanOpenOptions, seconds: float) -> Iterator[Answer]:
-    """Ask all 127 node numbers, one after the other; nothing is written. Raises LinkError."""
+def probe(options: LinkOptions, configured: Mapping[int, str], seconds: float) -> Iterator[Answer]:
+    """Ask all 127 node numbers, one after the other; nothing is written. Raises LinkError.
+
+    `configured` are the names of the nodes that the configuration has.
+    """
     link = CanLink(options)
     link.open_fully()
     try:
@@ -36,7 +38,6 @@ def probe(options: CanOpenOptions, seconds: float) -> Iterator[Answer]:
                 _ask(link, node_id, index, subindex)
                 _listen(link, min(end_ns, time.monotonic_ns() + _PAUSE_NS), found, refusals)
             _listen(link, min(end_ns, time.monotonic_ns() + 100 * _PAUSE_NS), found, refusals)
-        configured = {node.node_id: name for name, node in options.nodes.items()}
         for node_id, values in sorted(found.items()):
             note = (
                 f"{configured[node_id]} in the configuration" if node_id in configured else "not in the configuration"

@@ -56,7 +56,7 @@ class SerialLine(Port):
     def _connect(self, deadline_ns: int) -> int:  # noqa: ARG002 (a line is there at once, or not)
         options = self._options
         if not Path(options.device).exists():
-            raise OSError(errno.ENOENT, f"there is no such device; serial ports here: {_found()}")
+            raise OSError(errno.ENOENT, no_such_device())
         try:
             line = serial.Serial(
                 options.device,
@@ -133,11 +133,12 @@ def _let_empty_mean_gone(descriptor: int) -> None:
     termios.tcsetattr(descriptor, termios.TCSANOW, attributes)
 
 
-def _found() -> str:
+def no_such_device() -> str:
+    """What to say where a port is not there."""
     folder = Path("/dev/serial/by-id")
     named = sorted(str(path) for path in folder.iterdir()) if folder.is_dir() else []
     others = sorted(str(path) for kind in ("ttyUSB*", "ttyACM*") for path in Path("/dev").glob(kind))
-    return ", ".join(named or others) or "none with a USB adapter"
+    return f"there is no such device; serial ports here: {', '.join(named or others) or 'none with a USB adapter'}"
 
 
 class Echo:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from micromanip.driver import Answer as Found
 from micromanip.driver import (
@@ -37,7 +37,7 @@ from .exchange import Exchange
 from .hello import greet
 from .options import ModbusOptions
 from .plan import TaskPlan, plan_tasks
-from .probe import probe
+from .probe import discover, probe
 from .timing import Timing
 
 _READ_COILS, _READ_HOLDING_REGISTERS = 1, 3
@@ -183,6 +183,11 @@ class Modbus(BusDriver):
 
     def probe(self, seconds: float) -> Iterator[Found]:
         return probe(self._options, self._client, seconds)
+
+    @classmethod
+    def discover(cls, section: Mapping[str, Any], seconds: float) -> tuple[str, Iterator[Found]]:
+        driver = cls(ModbusOptions.model_validate(section), Path())
+        return driver.device, discover(driver._options, driver._client, seconds)
 
     def _finish(self, inbox: Inbox) -> None:
         """Take the answer to the request that is out. Raises what that brings."""

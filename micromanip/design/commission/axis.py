@@ -32,6 +32,7 @@ from .guarded_experiment import GuardedExperiment
 from .limit_cycle import Rest, strain_at_rest
 from .options import Options
 from .polarity import Polarity, check_polarity, check_rest, require_quiet
+from .prices import Price
 from .quality import HELD_OUT_PERCENT, Quality, judge_coverage, steepest_branch
 from .quiescent_spectrum import tooth_at_work
 from .stage_sensor_check import BEFORE_S, check_answer, check_travel, require_centred
@@ -76,6 +77,7 @@ class Commissioned:
     """What was measured, found wanting and done again, in sentences."""
     tooth_Hz: float | None = None
     """Tooth-passing frequency that was seen while the axis stood where it works; None: not looked for, or none."""
+    strain_prices: tuple[Price, ...] = ()
 
 
 def commission_axis(
@@ -165,7 +167,7 @@ def _commission(
     )
     say("strain PID")
     left_um = 0.01 * percent[chosen.structure.name] * tanh.stroke_um
-    actuator, pid, strain_closed = close_strain(
+    actuator, pid, strain_closed, strain_prices = close_strain(
         tuned, experiment, axis, actuator, polarity, left_um, seed, say, learned
     )
     tuned = with_axis(tuned, axis, inner=pid.inner)
@@ -215,7 +217,7 @@ def _commission(
     return Commissioned(
         axis, tuned, polarity, triangle, record, held_out, quality, tanh, affine, percent, actuator, pid, strain_closed,
         strain_rest, outer, without, coupling(tuned, experiment, axis), undone, tuple(learned),
-        None if tooth is None else tooth[0],
+        None if tooth is None else tooth[0], strain_prices,
     )  # fmt: skip
 
 

@@ -136,6 +136,8 @@ class CommissionedCell:
     """How it goes to production; None where that was not asked for, or an axis was stopped."""
     coupled: Coupled | None = None
     """What the axes see of each other; None where not all of the cell, or only one, were commissioned."""
+    stalled: str = ""
+    """For how long this computer or a device stood still in an experiment, in a sentence; empty if never."""
 
     @property
     def passed(self) -> bool:
@@ -213,8 +215,9 @@ def commission_cell(
     if coupled is not None:
         stories = [with_coupling(story, coupled) for story in stories]
     return CommissionedCell(
-        configuration, tuple(found), tuple(analyses), tuple(stories), stopped, rest, production, coupled
-    )
+        configuration, tuple(found), tuple(analyses), tuple(stories), stopped, rest, production, coupled,
+        watched.ever_stalled,
+    )  # fmt: skip
 
 
 def within_reach(configuration: Configuration) -> Configuration:

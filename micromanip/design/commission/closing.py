@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,7 @@ from .borne import Borne
 from .limit_cycle import Held
 from .options import Options
 from .polarity import Polarity
+from .prices import Price, outer_prices, strain_prices
 from .validation import Validation, validate
 
 Array = NDArray[np.float64]
@@ -47,8 +49,11 @@ def close_strain(
     seed: int,
     say: Say,
     learned: list[str],
-) -> tuple[Actuator, PidDesign, Sensitivity]:
-    """PID for `actuator`, closed, and measured; once more from what was measured where it is not what was predicted."""
+) -> tuple[Actuator, PidDesign, Sensitivity, tuple[Price, ...]]:
+    """PID for `actuator`, closed, and measured; once more from what was measured where it is not what was predicted.
+
+    And what more bandwidth would cost.
+    """
     by_bus = actuator.path != AT_ONCE
     for again in (False, True):
         settings = configuration.axes[axis]
@@ -61,16 +66,20 @@ def close_strain(
         if by_bus:
             slopes = between(slopes[0], max(slopes[-1], BUS_SLOPE))
         noise_um = polarity.noise_um
-        pid = tune_pid(
+        tune = partial(
+            tune_pid,
             settings.inner,
-            seen,
-            slopes,
             careful=by_bus,
-            radius=None if by_bus else actuator.found.radius_at,
             gain_dB=settings.accept.gain_margin_dB,
             phase_deg=settings.accept.phase_margin_deg,
-            residual=float(np.clip(noise_um / max(left_um, 1e-6), 0.03, 0.5)),
         )
+        given: dict[str, Any] = {
+            "actuator": seen,
+            "slopes": slopes,
+            "radius": None if by_bus else actuator.found.radius_at,
+            "residual": float(np.clip(noise_um / max(left_um, 1e-6), 0.03, 0.5)),
+        }
+        pid = tune(**given)
         say("sensitivity of the strain loop")
         closed = with_axis(configuration, axis, inner=pid.inner)
         measured = measure_strain_loop(closed, experiment, axis, seed + 10 + again)
@@ -78,7 +87,7 @@ def close_strain(
         period_s = configuration.loop.period_ns * 1e-9
         loop = judge_loop("strain loop", measured, actuator.system, strain_loop(pid.inner, seen), nominal)
         if loop.agrees or by_bus:
-            return actuator, pid, loop
+            return actuator, pid, loop, strain_prices(tune, given, actuator)
         learned.append(loop.sentence)
         actuator = replace(actuator, found=identify(measured, period_s, Wanted(ORDERS, DELAYS)))
     raise CheckFailed(
@@ -97,7 +106,7 @@ def close_outer(
     seed: int,
     say: Say,
     learned: list[str],
-) -> tuple[StageModel, OuterDesign, Sensitivity]:
+) -> tuple[StageModel, OuterDesign, Sensitivity, tuple[Price, ...]]:
     """The same for the outer loop, at last as it is: whether that will do is for who asks to say.
 
     Raises CheckFailed where no design is to be had.
@@ -111,13 +120,10 @@ def close_outer(
         hertz = stage.found.measured.frequency_Hz
         relative = stage.found.radius / np.maximum(np.abs(stage.found.at(hertz)), 1e-12)
         by_bus = actuator.path.stage_cycles > 1 or actuator.path.stage_late > 0
-        outer = tune_outer(
+        tune = partial(
+            tune_outer,
             stage.linear,
             period_s,
-            stage.noise_um if knobs.noise_um is None else knobs.noise_um,
-            unsure=partial(_interpolated, hertz=hertz, values=relative),
-            bears=Borne(stage.linear, strain.side, actuator, period_s, settings.accept, strain.slopes),
-            reach=Reach.of(settings, period_s),
             gain_dB=settings.accept.gain_margin_dB,
             phase_deg=settings.accept.phase_margin_deg,
             overshoot=0.01 * settings.accept.overshoot_percent,
@@ -127,6 +133,13 @@ def close_outer(
             sample_cycles=actuator.path.stage_cycles,
             late_cycles=actuator.path.stage_late,
         )
+        given: dict[str, Any] = {
+            "noise_um": stage.noise_um if knobs.noise_um is None else knobs.noise_um,
+            "unsure": partial(_interpolated, hertz=hertz, values=relative),
+            "bears": Borne(stage.linear, strain.side, actuator, period_s, settings.accept, strain.slopes),
+            "reach": Reach.of(settings, period_s),
+        }
+        outer = tune(**given)
         say("sensitivity of the outer loop")
         closed = with_axis(configuration, axis, outer=outer.outer)
         measured = measure_outer_loop(closed, experiment, axis, seed + 20 + again)
@@ -137,7 +150,7 @@ def close_outer(
             break
         learned.append(loop.sentence)
         stage = with_response(stage, measured, period_s)
-    return stage, outer, loop
+    return stage, outer, loop, outer_prices(tune, given, outer)
 
 
 def _interpolated(omega: Array, hertz: Array, values: Array) -> Array:
@@ -150,12 +163,16 @@ _RUNGS, _CALMER = 3, 0.5
 
 @dataclass(frozen=True)
 class ClosedOuter:
-    """The outer loop of an axis: the stage's model, the design, the loop as measured, what fresh experiments say."""
+    """The outer loop of an axis: the stage's model, the design, the loop as measured, what fresh experiments say.
+
+    `prices`: what more bandwidth would cost.
+    """
 
     stage: StageModel
     design: OuterDesign
     loop: Sensitivity
     validation: Validation
+    prices: tuple[Price, ...]
 
 
 def prove_outer(
@@ -177,7 +194,7 @@ def prove_outer(
     reasons: list[str] = []
     for _ in range(_RUNGS):
         try:
-            model, designed, loop = close_outer(
+            model, designed, loop, prices = close_outer(
                 configuration, experiment, axis, actuator, stage, knobs, seed, say, learned
             )
         except CheckFailed as problem:
@@ -187,7 +204,7 @@ def prove_outer(
             say("validation")
             check = validate(with_axis(configuration, axis, outer=designed.outer), experiment, axis, inner)
             if not check.rest.swings:
-                return ClosedOuter(model, designed, loop, check)
+                return ClosedOuter(model, designed, loop, check, prices)
             reason = f"it swings at rest: {check.rest.told}"
         else:
             reason = f"it is not what was predicted: {loop.sentence}"

@@ -21,17 +21,17 @@ class GuardedExperiment:
     """An experiment that raises CheckFailed where a fault ended it."""
 
     def __init__(self, experiment: Experiment) -> None:
-        self._experiment, self._silent_s = experiment, 0.0
+        self._experiment, self._silent_s, self._longest_s = experiment, 0.0, 0.0
 
     @property
     def stalled(self) -> str:
         """Of the last experiment, in a sentence: for how long all sensors were silent at once; empty if never."""
-        if not self._silent_s:
-            return ""
-        return (
-            "But this computer or the device stood still meanwhile: no sensor said anything for "
-            f"{1e3 * self._silent_s:.0f} ms. Try again on a quieter machine before you look for a cause elsewhere"
-        )
+        return _told(self._silent_s)
+
+    @property
+    def ever_stalled(self) -> str:
+        """The same of all of them."""
+        return _told(self._longest_s)
 
     def __call__(
         self, configuration: Configuration, seconds: float, samples: Array | None = None, every: int = 1
@@ -41,6 +41,7 @@ class GuardedExperiment:
         rows = self._experiment(configuration, seconds, samples, every)
         if every == 1:
             self._silent_s = _stall_s(rows, len(configuration.axes), configuration.loop.period_ns * 1e-9)
+        self._longest_s = max(self._longest_s, self._silent_s)
         faults = rows["fault"][rows["fault"] != 0]
         if len(faults):
             kind = KINDS[int(faults[0])]
@@ -53,6 +54,15 @@ class GuardedExperiment:
     def path(self, configuration: Configuration, axis: str) -> FeedbackPath:
         """What the sensors and the output of `axis` take."""
         return self._experiment.path(configuration, axis)
+
+
+def _told(silent_s: float) -> str:
+    if not silent_s:
+        return ""
+    return (
+        "But this computer or the device stood still meanwhile: no sensor said anything for "
+        f"{1e3 * silent_s:.0f} ms. Try again on a quieter machine before you look for a cause elsewhere"
+    )
 
 
 def _stall_s(rows: NDArray[np.void], axes: int, period_s: float) -> float:

@@ -11,6 +11,7 @@ from ..plots.paper import figure_2, figure_5, figure_7, figure_8, figure_9
 from ..report.model import Curve, Plot, Section
 from ..report.verdict import Evidence
 from ..tuning import StageModel
+from . import prices
 from .acceptance import acceptance
 from .axis import Commissioned
 from .closing import ClosedOuter
@@ -19,7 +20,11 @@ from .validation import Validation, asked
 
 def evidence(found: Commissioned, analysis: AxisAnalysis, runs: list[Run], index: int) -> Evidence:
     """The whole of it for one axis; `runs` are its sines, in whose rows it is axis number `index`."""
+    loops = {"strain": (found.pid.limited_by, found.strain_prices)}
+    if found.outer is not None:
+        loops["outer"] = found.outer.design.limited_by, found.outer.prices
     sections = (
+        prices.section(loops),
         _first_move(found),
         _hysteresis(found),
         _inverse(analysis),

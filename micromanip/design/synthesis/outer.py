@@ -41,7 +41,8 @@ _CONTROL_WEIGHTS, _BETWEEN = np.geomspace(0.1, 1000.0, 9), (10.0**-0.25, 10.0**0
 class OuterDesign:
     """The tuning with its margins; `tried` has (weight, bandwidth_Hz, gain margin dB, phase margin deg) per design.
 
-    `step` is what the model makes of the stage's step; `limited_by` says in words what stands in the way of more.
+    `step` is what the model makes of the stage's step; `limited_by` says in words what stands in the way of more;
+    `obstacle` is what bolder designs failed by most often, empty where none did.
     """
 
     outer: Outer
@@ -50,6 +51,7 @@ class OuterDesign:
     tried: tuple[tuple[float, float, float, float], ...]
     step: StepAnswer
     limited_by: str
+    obstacle: str = ""
 
 
 def _any(_: Outer, __: OuterGains) -> bool:
@@ -115,11 +117,12 @@ def tune_outer(
         raise CheckFailed(_refused(search, asked, gain_dB, phase_deg))
     _, candidate, found, step = best
     crossover = highest_Hz(found.crossovers_Hz, oscillation_Hz)
-    limited = _limited(step, excess(step) <= 1.0, search.obstacles)
-    return OuterDesign(candidate.outer, found, crossover, tuple(search.tried), step, limited)
+    most = max(set(search.obstacles), key=search.obstacles.count, default="")
+    limited = _limited(step, excess(step) <= 1.0, most)
+    return OuterDesign(candidate.outer, found, crossover, tuple(search.tried), step, limited, most)
 
 
-def _limited(step: StepAnswer, good: bool, obstacles: list[str]) -> str:
+def _limited(step: StepAnswer, good: bool, most: str) -> str:
     """What stands in the way of more, and what would help."""
     if not good:
         return (
@@ -127,9 +130,8 @@ def _limited(step: StepAnswer, good: bool, obstacles: list[str]) -> str:
             f"overshoot and {1e3 * step.settling_s:.0f} ms: a stiffer or better damped flexure, or less delay, would "
             "allow more"
         )
-    if not obstacles:
+    if not most:
         return "nothing limits it: faster loops would only pass on more of the sensor's noise"
-    most = max(set(obstacles), key=obstacles.count)
     helps = {
         UNKNOWN: "a response measured with less noise",
         FRAGILE: "more damping of the flexure's mode, less delay",

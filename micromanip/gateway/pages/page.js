@@ -22,11 +22,11 @@ export function notice(text, bad = false) {
 
 export function themeButton(changed = () => {}) {
   by("theme").addEventListener("click", () => {
-    const root = document.documentElement.dataset;
-    root.theme = root.theme === "dark" ? "light" : "dark";
-    localStorage.setItem("theme", root.theme);
+    localStorage.setItem("theme", document.documentElement.dataset.theme === "dark" ? "light" : "dark");
+    document.documentElement.dataset.theme = localStorage.getItem("theme");
     changed();
   });
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => changed());
 }
 
 export function swatch({ colour }) {

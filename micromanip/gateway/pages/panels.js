@@ -48,8 +48,8 @@ export class Panels {
     }
     const units = [...new Set(fields.map((field) => field.unit))];
     units.forEach((unit, i) => {
-      const own = fields.filter((field) => field.unit === unit);
-      if (this.hasLegend) this.place.append(legend(own));
+      const own = fields.filter((field) => field.unit === unit).reverse();  // a set-point comes first: above a noisy gauge
+      if (this.hasLegend) this.place.append(legend([...own].reverse()));
       const plot = new uPlot(this.options(own, unit, i === units.length - 1, units.length), [[], ...own.map(() => [])], this.place);
       this.listen(plot);
       this.plots.push({ plot, own, unit, xs: [], ys: own.map(() => []) });

@@ -1,6 +1,6 @@
-// Before anything is drawn: dark or light, as was chosen here, else as the system has it.
+// Before anything is drawn, and where the system changes: dark or light, as was chosen here, else as the system has it.
 (() => {
-  const chosen = localStorage.getItem("theme");
-  const dark = chosen ? chosen === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
-  document.documentElement.dataset.theme = dark ? "dark" : "light";
+  const root = document.documentElement, system = matchMedia("(prefers-color-scheme: dark)");
+  system.onchange = () => (root.dataset.theme = localStorage.getItem("theme") ?? (system.matches ? "dark" : "light"));
+  system.onchange();
 })();

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 from micromanip.bus.cyclic import CyclicDriver
-from micromanip.bus.driver import BusDriver
+from micromanip.bus.driver import Answer, BusDriver
 from micromanip.bus.registry import driver_class
 from micromanip.errors import ConfigError, UsageError, did_you_mean
 from micromanip.settings.load import validate_section
@@ -15,10 +16,6 @@ from micromanip.settings.text.source import Source
 
 _PERIOD_NS = 100_000
 """Of a cyclic driver that no loop is going to call."""
-
-
-class NothingToProbe(UsageError):  # noqa: N818
-    """A driver that has no wire of its own: what answers is computed, or inside a card."""
 
 
 def driver_to_probe(file: Path, name: str) -> BusDriver | CyclicDriver:
@@ -39,7 +36,7 @@ def driver_to_probe(file: Path, name: str) -> BusDriver | CyclicDriver:
     except ConfigError as problem:
         raise source.error(("drivers", name, "driver"), str(problem)) from problem
     if kind.probe is CyclicDriver.probe:
-        raise NothingToProbe(
+        raise UsageError(
             f"{name} is the cyclic driver {entry.driver}: it has no bus to look at; `micromanip run` and `status` show "
             "its signals"
         )
@@ -48,3 +45,16 @@ def driver_to_probe(file: Path, name: str) -> BusDriver | CyclicDriver:
         return kind(options, file.parent) if issubclass(kind, BusDriver) else kind(options, _PERIOD_NS)
     except ConfigError as problem:
         raise source.error_below(("drivers", name), str(problem)) from problem
+
+
+def discovered(section: Mapping[str, Any], seconds: float) -> tuple[str, Iterator[Answer]]:
+    """The device, and what answers where a section leads whose other keys are an example. Raises UsageError."""
+    kind = driver_class(section["driver"])
+    if issubclass(kind, BusDriver):
+        return kind.discover(section, seconds)
+    if kind.probe is CyclicDriver.probe:
+        raise UsageError(f"the driver {section['driver']} has no bus to look at")
+    # it must have a watchdog, whatever that is: nothing moves
+    options = {**section, "watchdog": {"ms": 100, "rest_ms": 250, "after_power_on": "rest"}}
+    driver = kind(kind.Options.model_validate({key: options[key] for key in options if key != "driver"}), _PERIOD_NS)
+    return driver.device or section["driver"], driver.probe(seconds)

@@ -9,6 +9,8 @@ from micromanip.cli.main import main
 
 from .played import played
 
+NEW = ("new", "--driver", "modbus", "--axes", "x", "--probe")
+
 
 @pytest.fixture
 def unit(tmp_path, monkeypatch):
@@ -17,9 +19,9 @@ def unit(tmp_path, monkeypatch):
         yield it
 
 
-def probed(capsys, *arguments):
+def typed(capsys, *arguments):
     try:
-        main(["device", "probe", *map(str, arguments)])
+        main([*map(str, arguments)])
     except SystemExit as end:
         return end.code, capsys.readouterr()
     return 0, capsys.readouterr()
@@ -27,7 +29,7 @@ def probed(capsys, *arguments):
 
 def test_a_register_under_every_order(unit, capsys):
     unit.order('{"device": "offset", "signal": "strain_x", "value": 12.3456}')
-    code, said = probed(capsys, unit.file, "modbus", "--seconds", "0.1", "--json")
+    code, said = typed(capsys, "device", "probe", unit.file, "modbus", "--seconds", "0.1", "--json")
     assert code == 0
     answers = {answer["name"]: answer for answer in json.loads(said.out)["answers"]}
     strain = answers["cell.strain_x"]
@@ -45,3 +47,20 @@ def test_a_register_under_every_order(unit, capsys):
     assert set(answers["cell.voltage_x"]["values"]) == {"address", "type", "on the wire", "bytes big", "bytes little"}
     assert "exchange, status" in " ".join(answers)
     assert unit.do(unit.devices.report)["outputs"]["voltage_x"]["samples"] == 0
+
+
+def test_what_answers_is_found_without_knowing_it(unit, capsys):
+    """Its unit and its registers come with the configuration to begin with; nothing is written."""
+    code, said = typed(capsys, *NEW, "--address", f"127.0.0.1:{unit.port}")
+    first, *text = said.out.splitlines()
+    assert code == 0
+    assert first.startswith("# found: unit 1, holding registers: 0-7 ")
+    assert any(line.startswith("schema_version: 2") for line in text)
+    assert unit.do(unit.devices.report)["outputs"]["voltage_x"]["samples"] == 0
+
+
+def test_where_nothing_answers_no_configuration_is_made(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(device_lock, "FOLDER", tmp_path / "locks")
+    code, said = typed(capsys, *NEW, "--address", "127.0.0.1:1")
+    assert (code, said.out) == (69, "")
+    assert "127.0.0.1:1 can't be opened: Connection refused" in said.err

@@ -149,7 +149,7 @@ def test_a_host_that_stood_still_is_told_as_that(tmp_path):
 def test_a_host_that_stood_still_once_is_told_at_the_end_of_all(tmp_path):
     prepared = prepare(cell(tmp_path))
     experiment = Recorded(prepared)
-    watched, gaps = Watched(experiment), iter((range(1000, 1400), range(0), range(1000, 1100)))
+    watched, gaps = GuardedExperiment(experiment), iter((range(1000, 1400), range(0), range(1000, 1100)))
 
     def once_stalled(*given):
         rows = Recorded.__call__(experiment, *given)

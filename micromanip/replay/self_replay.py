@@ -1,4 +1,4 @@
-"""The recorded run once more, row by row, until one differs or something is missing; how rows are compared."""
+"""The recorded run once more, row by row, until one differs or something is missing; which commands that took."""
 
 from __future__ import annotations
 
@@ -13,10 +13,27 @@ from micromanip.errors import CheckFailed
 from micromanip.recordings import Telemetry
 from micromanip.recordings.file_header import sources_of_cycle
 from micromanip.rt.records import CELL_PARAMETERS, MAX_OUTPUTS, MAX_SIGNALS, SIGNAL
-from micromanip.rt.states import COMMAND_NAMES, NO_COMMAND
-from micromanip.rt.telemetry import ROW
+from micromanip.rt.states import (
+    ARM,
+    ARMING,
+    BEGIN_PART,
+    COMMAND_NAMES,
+    DISARM,
+    END_PART,
+    FAULT,
+    HOLD,
+    HOLDING,
+    NO_COMMAND,
+    NO_FAULT,
+    OFF,
+    RAMPING,
+    READY,
+    RESET,
+    STOP,
+    TRACKING,
+)
+from micromanip.rt.telemetry import PART_RUNS, PART_TURN, ROW
 
-from .commands import infer_commands
 from .kernel import NO_SWAP, NOTHING_DIFFERS, SWAP_AFTER, SWAP_BEFORE, replay_rows
 from .recorded import Recorded
 
@@ -235,3 +252,40 @@ class Run:
             "the same sources compute something else here: a row was changed, or another processor or mathematical "
             "library rounds differently"
         )
+
+
+_ALWAYS = {
+    (READY, ARMING): ARM,
+    (HOLDING, ARMING): ARM,
+    (FAULT, READY): RESET,
+    (READY, OFF): STOP,
+    (FAULT, OFF): STOP,
+    (RAMPING, OFF): STOP,
+}
+_WITHOUT_A_NEW_FAULT = {
+    (TRACKING, HOLDING): HOLD,
+    (ARMING, HOLDING): HOLD,
+    (TRACKING, RAMPING): DISARM,
+    (ARMING, RAMPING): DISARM,
+    (HOLDING, RAMPING): DISARM,
+}
+
+
+def infer_commands(rows: NDArray[Any], before: Any, wired: bool) -> NDArray[np.int64]:
+    """The command (n,) of each of the `rows` (n,); `before` is the cell's state before them.
+
+    `wired`: a signal says which part is made, not a command.
+    """
+    commands = np.full(len(rows), NO_COMMAND, np.int64)
+    states, faults = np.append(before["state"], rows["state"]), np.append(before["fault"], rows["fault"])
+    for k in np.flatnonzero(np.diff(states)):
+        change = (int(states[k]), int(states[k + 1]))
+        commands[k] = _ALWAYS.get(change, NO_COMMAND)
+        if faults[k + 1] in (NO_FAULT, faults[k]):
+            commands[k] = _WITHOUT_A_NEW_FAULT.get(change, commands[k])
+    if not wired:
+        runs = np.append(before["part"] != 0, rows["lines"] & PART_RUNS != 0)
+        turn = np.append(before["parts"] % 2 != 0, rows["lines"] & PART_TURN != 0)
+        commands[runs[:-1] & ~runs[1:] & (states[1:] == TRACKING)] = END_PART
+        commands[turn[:-1] != turn[1:]] = BEGIN_PART
+    return commands

@@ -15,9 +15,8 @@ from micromanip.rt.laws.tooth import FOLLOWS
 from micromanip.rt.outrun import AT_ONCE, REMEMBERED, UNSEEN
 from micromanip.rt.states import READY, STAGE, TRACKING
 
-from .commands import infer_commands
 from .recorded import Recorded
-from .self_replay import Run
+from .self_replay import Run, infer_commands
 
 LEAST_S = 0.5
 """A shorter piece says nothing of a tuning."""

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from micromanip.replay.commands import infer_commands
+from micromanip.replay.self_replay import infer_commands
 from micromanip.rt.records import CELL_STATE
 from micromanip.rt.states import BEGIN_PART, END_PART, NO_COMMAND, TRACKING
 from micromanip.rt.telemetry import PART_RUNS, PART_TURN, ROW

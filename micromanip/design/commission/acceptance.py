@@ -15,8 +15,7 @@ from ..step import RISE_S, STEP_UM
 from ..tuning import OUTER_DELAY
 from .axis import FOLLOWED, Commissioned
 from .quality import COHERENCE, COVERAGE, HELD_OUT_PERCENT, STAGE_FIT_PERCENT
-from .tracking import asked
-from .validation import Validation
+from .validation import Validation, asked
 
 _COUPLING = 0.05
 _SIGMA, _NOISE, _PATH, _PATH_NOISE = 0.01, 1.25, 0.01, 3.0

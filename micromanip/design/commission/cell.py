@@ -22,7 +22,7 @@ from .production import Budgeted, Production, in_production, tried
 from .quiescent_spectrum import AtRest, look_at_rest
 from .report_sections import evidence
 from .stop_report import Stopped
-from .tracking import follow
+from .validation import follow
 
 # At the speed that the spindle has while it is commissioned following can only cost. So the trial is played once more
 # with a frequency that is wrong by what an operator or a load brings about, fixed and followed. Who follows must be

@@ -15,8 +15,7 @@ from . import prices
 from .acceptance import acceptance
 from .axis import Commissioned
 from .closing import ClosedOuter
-from .tracking import asked
-from .validation import Validation
+from .validation import Validation, asked
 
 
 def evidence(found: Commissioned, analysis: AxisAnalysis, runs: list[Run], index: int) -> Evidence:

@@ -6,6 +6,6 @@ fitted.rms_percent, fitted.predict(other_voltage_V), fitted.model
 
 from .choice import Candidate, candidates, choose
 from .fit import HysteresisFit, fit, structure_of
-from .response import inverse
+from .kernel import inverse
 
 __all__ = ["Candidate", "HysteresisFit", "candidates", "choose", "fit", "inverse", "structure_of"]

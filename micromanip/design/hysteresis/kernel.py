@@ -1,4 +1,4 @@
-"""Prandtl-Ishlinskii model (6) with its exact sensitivities, in one compiled pass over a record.
+"""Prandtl-Ishlinskii model (6) with its exact sensitivities, and the loop's inverse, each in one compiled pass.
 
 A play that slips moves with its input (derivative 1) and against its threshold (derivative -1 or +1); one that
 rests keeps the derivatives it had. So forward sensitivities cost one comparison a play and sample, and the gradient
@@ -14,6 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.rt.jit import Compiler
+from micromanip.rt.laws.feedforward import (
+    HYSTERESIS_PARAMETERS,
+    HYSTERESIS_STATE,
+    feedforward_voltage,
+    start_feedforward,
+)
+from micromanip.settings.compile.hysteresis import fill_hysteresis
+from micromanip.settings.schema.hysteresis import Network, PrandtlIshlinskii
 
 compiled = Compiler(__file__, allocates=True)
 Array = NDArray[np.float64]
@@ -150,3 +158,20 @@ def respond(
         result.by_start,
     )
     return result
+
+
+@compiled
+def _invert(p: Any, s: Any, y: Any, v0: float, v: Any) -> None:
+    start_feedforward(p, s, y[0], v0)
+    for k in range(len(y)):
+        v[k] = feedforward_voltage(p, s, y[k])
+
+
+def inverse(
+    model: PrandtlIshlinskii | Network, displacement_um: Array, step_s: float = 1e-4, start_V: float = 0.0
+) -> Array:
+    """Voltage (n,) that the loop's feedforward gives for `displacement_um` (n,), taken over at `start_V`."""
+    v, state, record = np.empty(len(displacement_um)), np.zeros(1, HYSTERESIS_STATE), np.zeros(1, HYSTERESIS_PARAMETERS)
+    fill_hysteresis(record[0], model, step_s)
+    _invert(record[0], state[0], np.ascontiguousarray(displacement_um, dtype=float), start_V, v)
+    return v

@@ -12,9 +12,10 @@ from __future__ import annotations
 
 import math
 
+from micromanip.rt.laws.digital_input import is_missing
 from micromanip.rt.laws.minimum_jerk import minimum_jerk
 from micromanip.rt.laws.reference import SIGNAL
-from micromanip.rt.laws.sensor import is_missing, is_silent, may_be_at_end
+from micromanip.rt.laws.sensor import is_silent, may_be_at_end
 
 from .jit import compiled
 from .phases import CHECKING_GAUGE, CHECKING_STAGE, CLOSED, LIFTING, PARKED, SWEEPING
@@ -60,6 +61,14 @@ CHECK_STATE = record(
 """What a check gathers; its place among the axes that are checked in this arming (1 is the first, 0: it is not due);
 what it found last, and whether that was as expected and still counts. During the lift: the voltage that the gauge shows
 at least, and for how many cycles it has not fitted."""
+ARMING_STATE = record(
+    ("refused", "i8"),
+    ("lift_turn", "i8"),
+    ("lifted", "i8"),
+    ("strain_check", CHECK_STATE),
+    ("stage_check", CHECK_STATE),
+)
+"""Of an axis: why arming was refused; its place in the lift, and whether that has come; its checks."""
 _SHOWS = 3.0
 """A lift that is so many times as far as its gauge may stray shows whether the gauge follows the voltage."""
 
@@ -83,25 +92,25 @@ def refuse(p: Record, s: Record) -> bool:
         reasons |= OUTPUTS_MISSING
     s["refused"] = reasons
     for i in range(p["axes"]):
-        axis, a = p["axis"][i], s["axis"][i]
-        a["refused"] = 0
+        axis, a, refused = p["axis"][i], s["axis"][i], 0
         if axis["mode"] != VOLTAGE and (
             a["strain"]["bad"] > 0 or a["strain"]["identical"] >= axis["watch"]["strain_identical"]
         ):
-            a["refused"] |= STRAIN_MISSING
+            refused |= STRAIN_MISSING
         if axis["mode"] == STAGE and stage_loss(axis, a, 1, resuming) != NO_FAULT:
-            a["refused"] |= STAGE_MISSING
+            refused |= STAGE_MISSING
         if axis["reference"]["kind"] == SIGNAL and (
             a["reference"]["time_ns"] == 0 or a["reference"]["silent"] >= axis["watch"]["stale_cycles"]
         ):
-            a["refused"] |= REFERENCE_MISSING
+            refused |= REFERENCE_MISSING
         if is_missing(axis["amplifier_ok"], a["amplifier_ok"]):
-            a["refused"] |= AMPLIFIER_MISSING
+            refused |= AMPLIFIER_MISSING
         if is_missing(axis["temperature_ok"], a["temperature_ok"]):
-            a["refused"] |= TEMPERATURE_MISSING
-        if resuming and a["frozen"] != 0:
-            a["refused"] |= NOT_RESUMABLE
-        reasons |= a["refused"]
+            refused |= TEMPERATURE_MISSING
+        if resuming and s["watch"][i]["frozen"] != 0:
+            refused |= NOT_RESUMABLE
+        s["arming"][i]["refused"] = refused
+        reasons |= refused
     return reasons != 0
 
 
@@ -125,28 +134,29 @@ def plan_checks(p: Record, s: Record) -> None:
     """Give each loop that is to be closed, and whose check does not count (any more), its turn in this arming."""
     s["probes"] = s["bumps"] = s["lifts"] = 0
     for i in range(p["axes"]):
-        axis, a = p["axis"][i], s["axis"][i]
-        mode, a["lifted"], a["lift_turn"] = axis["mode"], 0, 0
-        start_check(a["strain_check"])
-        start_check(a["stage_check"])
+        axis, own = p["axis"][i], s["arming"][i]
+        mode, own["lifted"], own["lift_turn"] = axis["mode"], 0, 0
+        start_check(own["strain_check"])
+        start_check(own["stage_check"])
         if p["check_cycles"] > 0 and mode != VOLTAGE:
-            a["lift_turn"] = s["lifts"]
+            own["lift_turn"] = s["lifts"]
             s["lifts"] += 1
-            if abs(lift_target(axis, a) - a["strain"]["value"]) < _SHOWS * axis["strain_check"]["slack"]:
-                a["strain_check"]["passed"] = 0
-        if p["check_cycles"] > 0 and mode != VOLTAGE and a["strain_check"]["passed"] == 0:
+            far_um = abs(lift_target(axis, s["axis"][i]) - s["axis"][i]["strain"]["value"])
+            if far_um < _SHOWS * axis["strain_check"]["slack"]:
+                own["strain_check"]["passed"] = 0
+        if p["check_cycles"] > 0 and mode != VOLTAGE and own["strain_check"]["passed"] == 0:
             s["probes"] += 1
-            a["strain_check"]["turn"] = s["probes"]
-        if p["check_cycles"] > 0 and mode == STAGE and a["stage_check"]["passed"] == 0:
+            own["strain_check"]["turn"] = s["probes"]
+        if p["check_cycles"] > 0 and mode == STAGE and own["stage_check"]["passed"] == 0:
             s["bumps"] += 1
-            a["stage_check"]["turn"] = s["bumps"]
+            own["stage_check"]["turn"] = s["bumps"]
 
 
 @compiled
 def lift_target(axis: Record, a: Record) -> float:
     """Where a lift ends: the working point, or where the axis' own reference begins."""
     follows = axis["mode"] == STAGE or axis["reference"]["kind"] == SIGNAL
-    return axis["centre_um"] if follows else a["ahead_um"]
+    return axis["centre_um"] if follows else a["reference"]["ahead_um"]
 
 
 @compiled
@@ -156,9 +166,9 @@ def lifting_cycles(p: Record, s: Record) -> int:
 
 
 @compiled
-def lift_fraction(p: Record, s: Record, axis: Record, place: float) -> float:
-    """How far (0..1) an axis is at `place` (0..1) of the lift of all; below 0 before its turn."""
-    return (place * lifting_cycles(p, s) - axis["lift_turn"] * p["lift_turn_cycles"]) / p["lift_cycles"]
+def lift_fraction(p: Record, s: Record, i: int, place: float) -> float:
+    """How far (0..1) axis `i` is at `place` (0..1) of the lift of all; below 0 before its turn."""
+    return (place * lifting_cycles(p, s) - s["arming"][i]["lift_turn"] * p["lift_turn_cycles"]) / p["lift_cycles"]
 
 
 @compiled

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from .arming import plan_checks, refuse
-from .axis import start_axis
+from .axis_order import hold_here
+from .bumpless import start_axis
 from .faults import forget
 from .jit import compiled
 from .part import begin_part, end_part
@@ -36,11 +37,12 @@ def begin_arming(p: Record, s: Record) -> None:
     if s["resumed"] == 0:
         plan_checks(p, s)
         for i in range(p["axes"]):
+            s["order"][i]["start_V"] = s["axis"][i]["voltage_V"]
             start_axis(p["axis"][i], s["axis"][i])
     for i in range(p["axes"]):
-        a = s["axis"][i]
-        a["closed"] = 0
-        a["figures"]["error"] = a["figures"]["innovation"] = a["figures"]["feedback"] = 0.0
+        hold_here(s, i)
+        figures = s["figures"][i]
+        figures["error"] = figures["innovation"] = figures["feedback"] = 0.0
     enter(s, ARMING)
 
 

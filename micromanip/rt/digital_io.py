@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from micromanip.rt.laws.sensor import read_line
+from micromanip.rt.laws.digital_input import read_line
 
 from .jit import compiled
 from .record import Record

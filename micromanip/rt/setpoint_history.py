@@ -15,8 +15,11 @@ is the same number.
 
 from __future__ import annotations
 
+import math
+
 from micromanip.rt.laws.estimator import INPUT_HISTORY
 from micromanip.rt.laws.motion import position
+from micromanip.rt.laws.saturation import attainable, hold_back
 
 from .jit import compiled
 from .record import Record
@@ -24,6 +27,21 @@ from .record import Record
 _MASK = INPUT_HISTORY - 1
 _GENTLY = 0.01
 """Share of the time that passes by which what is ahead, or awaited, may change."""
+
+
+@compiled
+def move_setpoint(p: Record, s: Record, behind: int, demand_um: float) -> bool:
+    """Set-point inside the attainable range and the slew limit; False, and unmoved, if not finite.
+
+    Where its device is behind it goes no further.
+    Where it starts outside the range (an actuator at rest) it stays until the demand leads it in: no jump.
+    """
+    if not math.isfinite(demand_um):
+        return False
+    step, before_um = p["setpoint_slew_um"], s["setpoint_um"]
+    inside_um = attainable(p["setpoint_low_um"], p["setpoint_high_um"], before_um, demand_um)
+    s["setpoint_um"] = hold_back(behind, before_um, max(before_um - step, min(before_um + step, inside_um)))
+    return True
 
 
 @compiled
@@ -55,6 +73,8 @@ def start_times(p: Record, s: Record) -> None:
 @compiled
 def ease_times(p: Record, s: Record) -> None:
     """Lead the times in force to those of the parameters; the set-point is a little faster, or slower, meanwhile."""
+    if s["preview_s"] == p["preview_s"] and s["awaited_cycles"] == p["awaited_cycles"]:
+        return
     period_s = 1e-9 / p["cycles_per_ns"]
     s["preview_s"] = _nearer(s["preview_s"], p["preview_s"], _GENTLY * period_s)
     s["awaited_cycles"] = _nearer(s["awaited_cycles"], p["awaited_cycles"], _GENTLY)

@@ -15,10 +15,9 @@ from micromanip.rt.laws.estimator import remember
 from micromanip.rt.laws.pid import unwind
 
 from .axis import axis_cycle
+from .bumpless import swap_cell
 from .faults import note
 from .jit import compiled
-from .outrun import forget_unseen
-from .phases import CLOSED
 from .record import Record
 from .states import (
     CONFIRMED,
@@ -32,7 +31,6 @@ from .states import (
     VOLTAGE,
     WARN,
 )
-from .swap import swap_cell
 from .watch import following_error
 
 _WITHDRAWN = -1
@@ -64,7 +62,7 @@ def promote(p: Record, s: Record) -> bool:
     s["trial_cycles"] = s["trial_judged"] = s["trial_rest"] = 0
     s["trial_overruns"] = s["overruns"]
     for i in range(p["axes"]):
-        s["trial_before"][i] = s["trial_now"][i] = s["axis"][i]["figures"]["error"]
+        s["trial_before"][i] = s["trial_now"][i] = s["figures"][i]["error"]
     return True
 
 
@@ -107,7 +105,7 @@ def takes_back(p: Record, s: Record) -> bool:
             s["trial_now"][i] += p["trial_step"] * (error_um * error_um - s["trial_now"][i])
         rms_um = math.sqrt(s["trial_now"][i])
         allowed_um = p["trial_factor"] * math.sqrt(s["trial_before"][i]) + p["trial_floor"]
-        if not worse and (rms_um > allowed_um or a["watch"]["fallback"] != 0):
+        if not worse and (rms_um > allowed_um or s["watch"][i]["fallback"] != 0):
             worse, axis, value, limit = True, i, rms_um, allowed_um
         elif axis < 0 and rms_um > share * allowed_um:
             share, value, limit = rms_um / allowed_um, rms_um, allowed_um
@@ -131,21 +129,16 @@ def shadow_cycle(p: Record, candidate: Record, s: Record, shadow: Record, sample
         return
     if s["cycle"] == s["tracking_cycle"]:  # a candidate from before: it begins anew, where the active tuning is
         start_shadow(p, candidate, s, shadow)
-    t_s = (s["cycle"] - s["tracking_cycle"]) * p["period_ns"] * 1e-9
     for i in range(candidate["axes"]):
         axis, a, b = candidate["axis"][i], s["axis"][i], shadow["axis"][i]
         if axis["mode"] == VOLTAGE:
             continue
         b["strain"], b["stage"], b["reference"] = a["strain"], a["stage"], a["reference"]
-        b["decoupling"] = a["decoupling"]
-        b["waits"] = a["waits"]
-        b["strain_cycles"] += 1
-        forget_unseen(b, s["missed"])
-        b["voltage_V"] = a["voltage_V"]
-        axis_cycle(axis, b, s["cycle"], now_ns, t_s, samples, CLOSED, 1.0)
+        b["decoupling"], b["voltage_V"] = a["decoupling"], a["voltage_V"]
+        axis_cycle(axis, b, s["order"][i], s["cycle"], now_ns, samples)
         unwind(axis["pid"], b["pid"], b["voltage_V"] - a["voltage_V"])
         remember(b["estimator"], a["setpoint_um"] - axis["centre_um"] - a["decoupling"]["added_um"])
-        figures, step = b["figures"], candidate["figures_step"]
+        figures, step = shadow["figures"][i], candidate["figures_step"]
         added_V = a["voltage_V"] - b["hysteresis"]["output_V"]
         figures["innovation"] += step * (b["estimator"]["innovation_um"] ** 2 - figures["innovation"])
         figures["feedback"] += step * (added_V * added_V - figures["feedback"])

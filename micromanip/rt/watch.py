@@ -10,8 +10,10 @@ from __future__ import annotations
 
 import math
 
+from micromanip.rt.laws.digital_input import is_missing
 from micromanip.rt.laws.reference import SAMPLES, SIGNAL
-from micromanip.rt.laws.sensor import is_missing, is_silent
+from micromanip.rt.laws.saturation import beyond
+from micromanip.rt.laws.sensor import is_silent
 from micromanip.rt.laws.tooth import FOLLOWS, tooth_Hz
 
 from .faults import axis_fault, warn
@@ -86,6 +88,7 @@ WATCH_PARAMETERS = record(
 """Limits of the fault detection of one axis; times in cycles."""
 WATCH_STATE = record(
     ("raised", "i8"),
+    ("frozen", "i8"),
     ("coast", "i8"),
     ("degraded", "i8"),
     ("innovation", "f8"),
@@ -133,7 +136,7 @@ def condition(code: int, active: bool) -> int:
 def watch_strain(p: Record, s: Record, i: int, active: bool) -> int:
     """Strain gauge silent, unusable or stuck: on the feedforward alone for a few ms; then the fault."""
     limits, a = p["axis"][i]["watch"], s["axis"][i]
-    w, sensor = a["watch"], a["strain"]
+    w, sensor = s["watch"][i], a["strain"]
     bad = active and sensor["bad"] >= limits["strain_samples"]
     stuck = active and sensor["identical"] >= limits["strain_identical"]
     coast = lasting(w["coast"], bad or stuck)
@@ -148,10 +151,10 @@ def watch_strain(p: Record, s: Record, i: int, active: bool) -> int:
 def watch_stage(p: Record, s: Record, i: int, active: bool) -> int:
     """Capacitive sensor unusable or stuck: on the model's prediction for a while (degraded), then the fault.
 
-    When it is back in time the outer loop goes on at once, by calm gains where its demand is far away (``outrun.py``).
+    When it is back in time the outer loop goes on at once, by calm gains where it is far away (``supervisor.py``).
     """
     limits, a = p["axis"][i]["watch"], s["axis"][i]
-    w, sensor = a["watch"], a["stage"]
+    w, sensor = s["watch"][i], a["stage"]
     bad = active and sensor["bad"] >= limits["stage_samples"]
     stuck = active and sensor["identical"] >= limits["stage_identical"]
     degraded = lasting(w["degraded"], bad or stuck)
@@ -167,7 +170,7 @@ def watch_innovation(p: Record, s: Record, i: int, active: bool) -> int:
     Nobody knows which of the two is wrong: a hold keeps the voltage, not the set-point.
     """
     limits, a = p["axis"][i]["watch"], s["axis"][i]
-    w, sensor = a["watch"], a["stage"]
+    w, sensor = s["watch"][i], a["stage"]
     if not active:
         w["innovation"] = 1.0
     elif sensor["fresh"] and w["degraded"] == 0:
@@ -175,7 +178,7 @@ def watch_innovation(p: Record, s: Record, i: int, active: bool) -> int:
         w["innovation"] += limits["innovation_step"] * (square - w["innovation"])
     disagree = active and w["innovation"] > limits["innovation_ratio"]
     if disagree and limits["reaction"][DISAGREEMENT] == HOLDS:
-        a["frozen"] = 1
+        w["frozen"] = 1
     return condition(DISAGREEMENT, disagree)
 
 
@@ -187,7 +190,7 @@ def watch_drift(p: Record, s: Record, i: int, active: bool) -> int:
     the outer loop's closing. A hold keeps the voltage, as above.
     """
     axis, a = p["axis"][i], s["axis"][i]
-    limits, w = axis["watch"], a["watch"]
+    limits, w = axis["watch"], s["watch"][i]
     if active and a["stage"]["fresh"] and w["degraded"] == 0 and w["coast"] == 0:
         answered_um = a["strain"]["value"] - axis["centre_um"] - a["decoupling"]["added_um"]
         apart_um = a["stage"]["value"] - limits["drift_gain"] * answered_um
@@ -200,7 +203,7 @@ def watch_drift(p: Record, s: Record, i: int, active: bool) -> int:
         w["settling"], w["apart_um"], w["drift_um"] = 0, 0.0, 0.0
     over = active and abs(w["drift_um"]) > limits["drift_um"]
     if over and limits["reaction"][STAGE_DRIFT] == HOLDS:
-        a["frozen"] = 1
+        w["frozen"] = 1
     return condition(STAGE_DRIFT, over)
 
 
@@ -221,7 +224,7 @@ def following_error(p: Record, a: Record) -> float:
 def watch_following(p: Record, s: Record, i: int, active: bool) -> int:
     """Following error above its limit for some cycles; unknown while its sensor is unusable."""
     limits, a = p["axis"][i]["watch"], s["axis"][i]
-    w = a["watch"]
+    w = s["watch"][i]
     known = active and w["degraded"] == 0 and w["coast"] == 0
     following = lasting(w["following"], known and abs(following_error(p["axis"][i], a)) > limits["following_um"])
     w["following"] = following
@@ -232,8 +235,8 @@ def watch_following(p: Record, s: Record, i: int, active: bool) -> int:
 def watch_voltage(p: Record, s: Record, i: int, active: bool) -> int:
     """Voltage at an end of its range: reported after a short time, a fault after a long one."""
     limits, limiter, a = p["axis"][i]["watch"], p["axis"][i]["limiter"], s["axis"][i]
-    w = a["watch"]
-    at_end = active and (a["request_V"] > limiter["high_V"] or a["request_V"] < limiter["low_V"])
+    w = s["watch"][i]
+    at_end = active and beyond(limiter, a["request_V"]) != 0
     cycles = lasting(w["saturated"], at_end)
     w["saturated"] = cycles
     found = condition(SATURATING, cycles >= limits["saturating_cycles"])
@@ -255,7 +258,7 @@ def watch_oscillation(p: Record, s: Record, i: int, active: bool) -> int:
     answers it. The filters take the gauge's samples, not the cycles between: a held one would look like a swing.
     """
     axis, a = p["axis"][i], s["axis"][i]
-    limits, w = axis["watch"], a["watch"]
+    limits, w = axis["watch"], s["watch"][i]
     if not active:
         start_section(limits["tooth_notch"], w["error_notch"], start_section(limits["band_pass"], w["error_band"], 0.0))
         asked_um = start_section(limits["band_pass"], w["asked_band"], a["setpoint_um"])
@@ -294,7 +297,7 @@ def watch_reference(p: Record, s: Record, i: int, active: bool) -> int:
 def watch_amplifier(p: Record, s: Record, i: int, active: bool) -> int:
     """Status signals of the amplifier; one that is hot gets less to do before the fault."""
     axis, a = p["axis"][i], s["axis"][i]
-    limits, w = axis["watch"], a["watch"]
+    limits, w = axis["watch"], s["watch"][i]
     hot = lasting(w["hot"], active and is_missing(axis["temperature_ok"], a["temperature_ok"]))
     w["hot"] = hot
     found = condition(AMPLIFIER_FAULT, active and is_missing(axis["amplifier_ok"], a["amplifier_ok"]))
@@ -312,7 +315,7 @@ def is_excited(axis: Record, a: Record) -> bool:
 def watch_axis(p: Record, s: Record, i: int, moving: bool, enabled: bool) -> None:
     """Watch axis `i` by what it did in the cycle before: its loops while `moving`, its amplifier while `enabled`."""
     axis, phase = p["axis"][i], s["phase"]
-    lifts = phase == LIFTING and s["axis"][i]["lifted"] != 0
+    lifts = phase == LIFTING and s["arming"][i]["lifted"] != 0
     driven = moving and (phase == CLOSED or lifts or phase in (CHECKING_STAGE, SWEEPING))
     inner = driven and axis["mode"] != VOLTAGE
     outer = moving and axis["mode"] == STAGE and phase == CLOSED
@@ -325,11 +328,11 @@ def watch_axis(p: Record, s: Record, i: int, moving: bool, enabled: bool) -> Non
     found |= watch_following(p, s, i, tracking and axis["mode"] != VOLTAGE)
     found |= watch_voltage(p, s, i, inner)
     found |= watch_oscillation(p, s, i, inner and axis["feedback"] != 0)
-    found |= condition(OUTRUN, outer and s["axis"][i]["far"] > 0)
+    found |= condition(OUTRUN, outer and s["axis"][i]["supervisor"]["calm_left"] > 0)
     found |= condition(LIMIT_CYCLE, watch_swing(p, s, i, driven))
     found |= watch_reference(p, s, i, tracking)
     found |= watch_amplifier(p, s, i, enabled)
-    if (found ^ s["axis"][i]["watch"]["raised"]) & _WATCHED_BITS != 0:
+    if (found ^ s["watch"][i]["raised"]) & _WATCHED_BITS != 0:
         tell_changes(p, s, i, found)
 
 
@@ -349,7 +352,7 @@ def tell_changes(p: Record, s: Record, i: int, found: int) -> None:
 def measured(p: Record, s: Record, i: int, code: int) -> tuple[float, float]:
     """What was measured for a condition of axis `i`, and its limit."""
     axis, a = p["axis"][i], s["axis"][i]
-    limits, w = axis["watch"], a["watch"]
+    limits, w = axis["watch"], s["watch"][i]
     if code in (COASTING, STRAIN_SILENT, STRAIN_INVALID, STRAIN_STUCK):
         sensor, samples, identical = a["strain"], limits["strain_samples"], limits["strain_identical"]
         lost = sensor["bad"] if sensor["bad"] >= samples else sensor["identical"]
@@ -373,7 +376,7 @@ def measured(p: Record, s: Record, i: int, code: int) -> tuple[float, float]:
     if code in (FALLBACK, OSCILLATION):
         return swing_um(w), limits["band_um"]
     if code == LIMIT_CYCLE:
-        return swings_for(axis, a, s["cycle"]) * p["period_ns"] * 1e-9, float(limits["swings"])
+        return swings_for(axis, a, w, s["cycle"]) * p["period_ns"] * 1e-9, float(limits["swings"])
     if code in (REFERENCE_STALE, REFERENCE_LOST):
         cycles = limits["stale_cycles"] if code == REFERENCE_STALE else limits["lost_cycles"]
         return float(a["reference"]["silent"]), float(cycles)

@@ -161,7 +161,7 @@ def test_hold_with_a_frozen_voltage_is_not_resumed():
     cell.run(0.1)
     cell.cell.run(0.0001, command=ARM)
     assert cell.s["state"] == HOLDING
-    assert cell.s["axis"]["refused"][X] & NOT_RESUMABLE
+    assert cell.s["arming"]["refused"][X] & NOT_RESUMABLE
 
 
 def test_a_small_step_of_the_gauge_is_taken_for_a_disturbance():

@@ -103,7 +103,7 @@ def control_scheme() -> Figure:
     s.sum(68, 33)
     s.box(78, 33, 12, 6, "PID (17)\npid.py")
     s.sum(91, 38)
-    s.box(101, 38, 10, 6, "limiter\nlimiter.py")
+    s.box(101, 38, 10, 6, "limiter\nsaturation.py")
     s.box(40, 24, 9, 6, "$K$\nlqg.py")
     s.box(22, 14, 24, 9, "Kalman filter, each\nsample at its own age\nestimator.py")
     s.box(106, 23, 20, 7, "amplifier, piezo stack:\nhysteresis, creep", PLANT)

@@ -43,7 +43,7 @@ from micromanip.rt.laws import (
 
 _C_TYPES = {"float64": "double", "int64": "int64_t", "int32": "int32_t"}
 _ENUMERATIONS = (record, records, states, phases, estimator)
-_REASONS = ("DEMAND_AHEAD", "MISSING", "GAUGE_LOST", "STAGE_LOST", "DEVICE_BEHIND", "INNER_CALM")
+_REASONS = ("DEMAND_AHEAD", "MISSING", "GAUGE_LOST", "STAGE_LOST", "DEVICE_BEHIND", "INNER_CALM", "FOUND")
 _SINGLE = (
     (reference, ("SIGNAL", "JOG", "MAX_MODES", "REFERENCE_STATES", "STOOD_STILL")),
     (steady, ("SURE_NATS", "LOST_NATS", "ANEW_NATS", "FAR_SIGMA")),

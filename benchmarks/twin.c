@@ -560,6 +560,15 @@ static void watch_axis(const struct axis_parameters *axis, struct axis_state *a,
     if (a->stage.fresh && w->degraded == 0)
         w->innovation += p->innovation_step * (square(a->estimator.innovation_um) / p->innovation_variance - w->innovation);
     condition(w, DISAGREEMENT, w->innovation > p->innovation_ratio);
+    if (a->stage.fresh && known) {
+        double answered_um = a->strain.value - axis->centre_um - a->decoupling.added_um;
+        double apart_um = a->stage.value - p->drift_gain * answered_um;
+        if (p->drift_step * (double)w->settling < 1.0)
+            w->apart_um += (apart_um - w->apart_um) / (double)++w->settling;
+        else
+            w->drift_um += p->drift_step * (apart_um - w->apart_um - w->drift_um);
+    }
+    condition(w, STAGE_DRIFT, fabs(w->drift_um) > p->drift_um);
     w->following = lasting(w->following, known && fabs(a->stage_error_um) > p->following_um);
     condition(w, FOLLOWING_ERROR, w->following >= p->following_cycles);
     w->saturated = lasting(w->saturated, a->request_V > limiter->high_V || a->request_V < limiter->low_V);
@@ -616,7 +625,7 @@ static void give_order(const struct cell_parameters *p, struct cell_state *s, in
     const struct watch_state *w = &s->watch[i];
     s->order[i] = (struct axis_order){
         .phase = CLOSED, .missed = missed, .behind = s->order[i].behind, .level = 1.0, .held_share = 1.0, .followed = 1,
-        .reasons = (w->coast > 0 ? GAUGE_LOST : 0) | (w->degraded > 0 ? STAGE_LOST : 0),
+        .reasons = w->raised & FOUND,
         .held_since = s->order[i].held_since, .authority = p->axis[i].authority, .start_V = s->order[i].start_V,
         .time_s = (double)((s->cycle - s->tracking_cycle) * p->period_ns) * 1e-9, .part_begun = -1,
     };

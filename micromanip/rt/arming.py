@@ -17,30 +17,10 @@ from micromanip.rt.laws.minimum_jerk import minimum_jerk
 from micromanip.rt.laws.reference import SIGNAL
 from micromanip.rt.laws.sensor import is_silent, may_be_at_end
 
+from . import states
 from .jit import compiled
 from .phases import CHECKING_GAUGE, CHECKING_STAGE, CLOSED, LIFTING, PARKED, SWEEPING
 from .record import Record, record
-from .states import (
-    AMPLIFIER_MISSING,
-    ENABLE_MISSING,
-    HOLDING,
-    INTERLOCK_MISSING,
-    LATCHED,
-    LINK_MISSING,
-    NO_FAULT,
-    NOT_READY,
-    NOT_RESUMABLE,
-    OUTPUTS_MISSING,
-    READY,
-    REFERENCE_MISSING,
-    STAGE,
-    STAGE_INVALID,
-    STAGE_MISSING,
-    STAGE_STUCK,
-    STRAIN_MISSING,
-    TEMPERATURE_MISSING,
-    VOLTAGE,
-)
 
 CHECK_PARAMETERS = record(
     ("step", "f8"), ("low", "f8"), ("high", "f8"), ("slack", "f8"), ("slack_cycles", "i8"), ("lag_step", "f8")
@@ -76,42 +56,34 @@ _SHOWS = 3.0
 @compiled
 def refuse(p: Record, s: Record) -> bool:
     """Note in ``refused`` of the cell and of each axis why it can't be armed now; True where there is a reason."""
-    resuming = s["state"] == HOLDING
-    reasons = 0
-    if s["state"] != READY and not resuming:
-        reasons |= NOT_READY
-    if s["fault"] != NO_FAULT or s["stopping"] != 0:
-        reasons |= LATCHED
-    if is_missing(p["enable"], s["enable"]):
-        reasons |= ENABLE_MISSING
-    if is_missing(p["interlock"], s["interlock"]):
-        reasons |= INTERLOCK_MISSING
-    if s["link_down"] != 0:
-        reasons |= LINK_MISSING
-    if s["outputs_taken"] != 0:
-        reasons |= OUTPUTS_MISSING
+    resuming = s["state"] == states.HOLDING
+    reasons = _if(states.NOT_READY, s["state"] != states.READY and not resuming)
+    reasons |= _if(states.LATCHED, s["fault"] != states.NO_FAULT or s["stopping"] != 0)
+    reasons |= _if(states.ENABLE_MISSING, is_missing(p["enable"], s["enable"]))
+    reasons |= _if(states.INTERLOCK_MISSING, is_missing(p["interlock"], s["interlock"]))
+    reasons |= _if(states.LINK_MISSING, s["link_down"] != 0)
+    reasons |= _if(states.OUTPUTS_MISSING, s["outputs_taken"] != 0)
     s["refused"] = reasons
     for i in range(p["axes"]):
-        axis, a, refused = p["axis"][i], s["axis"][i], 0
-        if axis["mode"] != VOLTAGE and (
-            a["strain"]["bad"] > 0 or a["strain"]["identical"] >= axis["watch"]["strain_identical"]
-        ):
-            refused |= STRAIN_MISSING
-        if axis["mode"] == STAGE and stage_loss(axis, a, 1, resuming) != NO_FAULT:
-            refused |= STAGE_MISSING
-        if axis["reference"]["kind"] == SIGNAL and (
-            a["reference"]["time_ns"] == 0 or a["reference"]["silent"] >= axis["watch"]["stale_cycles"]
-        ):
-            refused |= REFERENCE_MISSING
-        if is_missing(axis["amplifier_ok"], a["amplifier_ok"]):
-            refused |= AMPLIFIER_MISSING
-        if is_missing(axis["temperature_ok"], a["temperature_ok"]):
-            refused |= TEMPERATURE_MISSING
-        if resuming and s["watch"][i]["frozen"] != 0:
-            refused |= NOT_RESUMABLE
+        axis, a, limits = p["axis"][i], s["axis"][i], p["axis"][i]["watch"]
+        strain, reference = a["strain"], a["reference"]
+        lost = strain["bad"] > 0 or strain["identical"] >= limits["strain_identical"]
+        late = reference["time_ns"] == 0 or reference["silent"] >= limits["stale_cycles"]
+        away = axis["mode"] == states.STAGE and stage_loss(axis, a, 1, resuming) != states.NO_FAULT
+        refused = _if(states.STRAIN_MISSING, axis["mode"] != states.VOLTAGE and lost)
+        refused |= _if(states.STAGE_MISSING, away)
+        refused |= _if(states.REFERENCE_MISSING, axis["reference"]["kind"] == SIGNAL and late)
+        refused |= _if(states.AMPLIFIER_MISSING, is_missing(axis["amplifier_ok"], a["amplifier_ok"]))
+        refused |= _if(states.TEMPERATURE_MISSING, is_missing(axis["temperature_ok"], a["temperature_ok"]))
+        refused |= _if(states.NOT_RESUMABLE, resuming and s["watch"][i]["frozen"] != 0)
         s["arming"][i]["refused"] = refused
         reasons |= refused
     return reasons != 0
+
+
+@compiled
+def _if(bit: int, found: bool) -> int:
+    return bit if found else 0
 
 
 @compiled
@@ -125,8 +97,9 @@ def stage_loss(axis: Record, a: Record, samples: int, usable: bool) -> int:
     excused = not usable and may_be_at_end(sensor, axis["stage_range_um"])
     longest_ns = axis["stage_age_ns"] + int(samples / axis["cycles_per_ns"])
     if is_silent(sensor, longest_ns) or (sensor["bad"] >= samples and not excused):
-        return STAGE_INVALID
-    return STAGE_STUCK if sensor["identical"] >= axis["watch"]["stage_identical"] and not excused else NO_FAULT
+        return states.STAGE_INVALID
+    stuck = sensor["identical"] >= axis["watch"]["stage_identical"] and not excused
+    return states.STAGE_STUCK if stuck else states.NO_FAULT
 
 
 @compiled
@@ -138,16 +111,16 @@ def plan_checks(p: Record, s: Record) -> None:
         mode, own["lifted"], own["lift_turn"] = axis["mode"], 0, 0
         start_check(own["strain_check"])
         start_check(own["stage_check"])
-        if p["check_cycles"] > 0 and mode != VOLTAGE:
+        if p["check_cycles"] > 0 and mode != states.VOLTAGE:
             own["lift_turn"] = s["lifts"]
             s["lifts"] += 1
             far_um = abs(lift_target(axis, s["axis"][i]) - s["axis"][i]["strain"]["value"])
             if far_um < _SHOWS * axis["strain_check"]["slack"]:
                 own["strain_check"]["passed"] = 0
-        if p["check_cycles"] > 0 and mode != VOLTAGE and own["strain_check"]["passed"] == 0:
+        if p["check_cycles"] > 0 and mode != states.VOLTAGE and own["strain_check"]["passed"] == 0:
             s["probes"] += 1
             own["strain_check"]["turn"] = s["probes"]
-        if p["check_cycles"] > 0 and mode == STAGE and own["stage_check"]["passed"] == 0:
+        if p["check_cycles"] > 0 and mode == states.STAGE and own["stage_check"]["passed"] == 0:
             s["bumps"] += 1
             own["stage_check"]["turn"] = s["bumps"]
 
@@ -155,7 +128,7 @@ def plan_checks(p: Record, s: Record) -> None:
 @compiled
 def lift_target(axis: Record, a: Record) -> float:
     """Where a lift ends: the working point, or where the axis' own reference begins."""
-    follows = axis["mode"] == STAGE or axis["reference"]["kind"] == SIGNAL
+    follows = axis["mode"] == states.STAGE or axis["reference"]["kind"] == SIGNAL
     return axis["centre_um"] if follows else a["reference"]["ahead_um"]
 
 
@@ -184,14 +157,9 @@ def arming_cycles(p: Record, s: Record) -> int:
     """Length of the whole sequence as planned; what resumes a hold needs only its authority back."""
     if s["resumed"] != 0:
         return p["authority_cycles"]
-    return (
-        p["enable_cycles"]
-        + p["check_cycles"] * (s["probes"] + s["bumps"])
-        + lifting_cycles(p, s)
-        + p["sweep_cycles"]
-        + p["settle_cycles"]
-        + p["authority_cycles"]
-    )
+    checking = p["check_cycles"] * (s["probes"] + s["bumps"])
+    moving = lifting_cycles(p, s) + p["sweep_cycles"] + p["settle_cycles"]
+    return p["enable_cycles"] + checking + moving + p["authority_cycles"]
 
 
 @compiled
@@ -286,16 +254,9 @@ def forget_checks(a: Record, gauge: bool) -> None:
 def carry_checks(old: Record, new: Record, a: Record) -> None:
     """Under new parameters of an axis: other signals, outputs or another mode are checked anew, other limits judged."""
     was, now = old["limiter"], new["limiter"]
-    if (
-        old["mode"] != new["mode"]
-        or old["strain"] != new["strain"]
-        or old["stage"] != new["stage"]
-        or old["voltage"] != new["voltage"]
-        or was["low_V"] != now["low_V"]
-        or was["high_V"] != now["high_V"]
-        or was["slew_V"] != now["slew_V"]
-        or was["park_V"] != now["park_V"]
-    ):
+    others = old["mode"] != new["mode"] or old["strain"] != new["strain"] or old["stage"] != new["stage"]
+    others = others or old["voltage"] != new["voltage"] or was["low_V"] != now["low_V"]
+    if others or was["high_V"] != now["high_V"] or was["slew_V"] != now["slew_V"] or was["park_V"] != now["park_V"]:
         forget_checks(a, True)
     gauge, stage = a["strain_check"], a["stage_check"]
     if gauge["passed"] != 0 and not judge(gauge, new["strain_check"], gauge["found"]):

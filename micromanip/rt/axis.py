@@ -1,6 +1,6 @@
 """THE hot path: one cycle of one axis.
 
-measure -> estimate (Kalman) -> reference -> supervise -> set-point (LQG) -> voltage: inverse hysteresis
+measure -> supervise -> estimate (Kalman) -> reference -> set-point (LQG) -> voltage: inverse hysteresis
 (feedforward) + PID on the strain gauge (feedback) -> limiter -> telemetry
 
 Budget: three axes with 6 plays and 11 states take about 1-2 us of the 100 us period (`micromanip

@@ -48,14 +48,8 @@ def hold_here(s: Record, i: int) -> None:
 
 @compiled
 def see_behind(p: Record, s: Record, outputs: Any) -> None:
-    """After an exchange: on which axes `outputs`, what the devices were given, is not what was asked for."""
+    """After an exchange: count the cycles in which `outputs`, what the devices have, is not what was asked for."""
     for i in range(p["axes"]):
-        lacking_V = s["axis"][i]["voltage_V"] - outputs[p["axis"][i]["voltage"]]
-        count_behind(s["order"][i], int(lacking_V > 0.0) - int(lacking_V < 0.0))
-
-
-@compiled
-def count_behind(order: Record, direction: int) -> None:
-    """Count the cycles for which the device has had less (1) or more (-1) than was asked for; 0: neither."""
-    before = order["behind"]
-    order["behind"] = before + direction if before * direction > 0 else direction
+        order, lacking_V = s["order"][i], s["axis"][i]["voltage_V"] - outputs[p["axis"][i]["voltage"]]
+        direction, before = int(lacking_V > 0.0) - int(lacking_V < 0.0), order["behind"]
+        order["behind"] = before + direction if before * direction > 0 else direction

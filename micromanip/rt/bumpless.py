@@ -2,8 +2,7 @@
 
 At a start every memory agrees with the present voltage and position. Under new parameters, at a cycle boundary, the
 PID's integrator takes up what another gain or another inverse model would have changed, and the outer loop's set-point
-is led over from where it is. What a law forgets, or carries over, is told here only: a shadow begins as a copy
-that is changed to the candidate's parameters.
+is led over from where it is. A shadow begins as a copy that is changed to the candidate's parameters.
 """
 
 from __future__ import annotations
@@ -12,13 +11,13 @@ from micromanip.rt.laws.estimator import change_model
 from micromanip.rt.laws.feedforward import feedforward_voltage, start_feedforward
 from micromanip.rt.laws.learned import forget_played
 from micromanip.rt.laws.pid import retune, start_pid
-from micromanip.rt.laws.reference import change_modes, start_reference
+from micromanip.rt.laws.reference import change_modes
 
 from .arming import carry_checks
 from .jit import compiled
 from .record import Record
 from .reference_blend import start_blend
-from .setpoint_history import start_history, start_times
+from .setpoint_history import start_history
 from .states import STAGE, VOLTAGE
 from .supervisor import gains_of, start_supervisor
 
@@ -30,11 +29,10 @@ def start_axis(p: Record, s: Record) -> None:
     s["estimator"]["running"] = 0
     forget_played(s["learned"])
     start_supervisor(s["supervisor"])
-    start_reference(p["reference"], s["reference"])
+    s["reference"]["jog_um"], s["reference"]["jog_step_um"] = p["reference"]["target_um"], 0.0
     start_blend(p, s["blend"], start_um)
     s["setpoint_um"] = start_um
-    start_history(s)
-    start_times(p, s)
+    start_history(p, s)
     start_feedforward(p["hysteresis"], s["hysteresis"], start_um, s["voltage_V"])
     feedforward = feedforward_voltage(p["hysteresis"], s["hysteresis"], start_um)
     start_pid(p["pid"], s["pid"], 0.0, s["voltage_V"] - feedforward)

@@ -19,7 +19,7 @@ import math
 
 from micromanip.rt.laws.estimator import INPUT_HISTORY
 from micromanip.rt.laws.motion import position
-from micromanip.rt.laws.saturation import attainable, hold_back
+from micromanip.rt.laws.saturation import attainable, hold_back, slewed
 
 from .jit import compiled
 from .record import Record
@@ -45,8 +45,9 @@ def move_setpoint(p: Record, s: Record, behind: int, demand_um: float) -> bool:
 
 
 @compiled
-def start_history(s: Record) -> None:
-    """The axis has rested where its set-point is now, as far as its memory goes."""
+def start_history(p: Record, s: Record) -> None:
+    """The axis has rested where its set-point is now, as far as its memory goes; its times are those of `p`."""
+    s["preview_s"], s["awaited_cycles"] = p["preview_s"], p["awaited_cycles"]
     for k in range(INPUT_HISTORY):
         s["setpoints"][k] = s["setpoint_um"]
         s["references"][k] = position(s["reference"]["w"])
@@ -65,26 +66,13 @@ def remember_setpoint(s: Record, cycle: int) -> None:
 
 
 @compiled
-def start_times(p: Record, s: Record) -> None:
-    """The axis rests: what is ahead and what is awaited are where they are now."""
-    s["preview_s"], s["awaited_cycles"] = p["preview_s"], p["awaited_cycles"]
-
-
-@compiled
 def ease_times(p: Record, s: Record) -> None:
     """Lead the times in force to those of the parameters; the set-point is a little faster, or slower, meanwhile."""
     if s["preview_s"] == p["preview_s"] and s["awaited_cycles"] == p["awaited_cycles"]:
         return
     period_s = 1e-9 / p["cycles_per_ns"]
-    s["preview_s"] = _nearer(s["preview_s"], p["preview_s"], _GENTLY * period_s)
-    s["awaited_cycles"] = _nearer(s["awaited_cycles"], p["awaited_cycles"], _GENTLY)
-
-
-@compiled
-def _nearer(value: float, target: float, step: float) -> float:
-    if abs(target - value) <= step:
-        return target
-    return value + step if target > value else value - step
+    s["preview_s"] = slewed(s["preview_s"], p["preview_s"], _GENTLY * period_s)
+    s["awaited_cycles"] = slewed(s["awaited_cycles"], p["awaited_cycles"], _GENTLY)
 
 
 @compiled

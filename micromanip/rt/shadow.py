@@ -14,23 +14,12 @@ from typing import Any
 from micromanip.rt.laws.estimator import remember
 from micromanip.rt.laws.pid import unwind
 
+from . import states
 from .axis import axis_cycle
 from .bumpless import swap_cell
 from .faults import note
 from .jit import compiled
 from .record import Record
-from .states import (
-    CONFIRMED,
-    NO_FAULT,
-    NO_SHADOW,
-    ON_TRIAL,
-    ROLLED_BACK,
-    SHADOWING,
-    TAKEN_BACK,
-    TRACKING,
-    VOLTAGE,
-    WARN,
-)
 from .watch import following_error
 
 _WITHDRAWN = -1
@@ -44,21 +33,21 @@ def start_shadow(p: Record, candidate: Record, s: Record, shadow: Record) -> Non
     for i in range(candidate["axes"]):
         shadow["axis"][i] = s["axis"][i]
     swap_cell(p, candidate, shadow)
-    s["shadow"] = SHADOWING
+    s["shadow"] = states.SHADOWING
 
 
 @compiled
 def end_trial(s: Record) -> None:
     """No candidate any more: another tuning was put in force, or the candidate was withdrawn."""
-    s["shadow"] = NO_SHADOW
+    s["shadow"] = states.NO_SHADOW
 
 
 @compiled.rare
 def promote(p: Record, s: Record) -> bool:
     """Begin the trial; False where there is no candidate, or nothing is tracked that could be compared."""
-    if s["shadow"] != SHADOWING or s["state"] != TRACKING:
+    if s["shadow"] != states.SHADOWING or s["state"] != states.TRACKING:
         return False
-    s["shadow"] = ON_TRIAL
+    s["shadow"] = states.ON_TRIAL
     s["trial_cycles"] = s["trial_judged"] = s["trial_rest"] = 0
     s["trial_overruns"] = s["overruns"]
     for i in range(p["axes"]):
@@ -69,10 +58,10 @@ def promote(p: Record, s: Record) -> bool:
 @compiled
 def withdraw(s: Record) -> bool:
     """Let the candidate go, or take it back if it is on trial; False where there is neither."""
-    if s["shadow"] == ON_TRIAL:
+    if s["shadow"] == states.ON_TRIAL:
         s["trial_cycles"] = _WITHDRAWN
         return True
-    there = s["shadow"] == SHADOWING
+    there = s["shadow"] == states.SHADOWING
     if there:
         end_trial(s)
     return there
@@ -91,14 +80,14 @@ def rests(p: Record, s: Record) -> bool:
 @compiled
 def takes_back(p: Record, s: Record) -> bool:
     """Go on with the trial of the tuning `p` that was promoted; True where the one before must be put in force."""
-    if s["shadow"] != ON_TRIAL:
+    if s["shadow"] != states.ON_TRIAL:
         return False
-    worse = s["state"] != TRACKING or s["fault"] != NO_FAULT or s["trial_cycles"] == _WITHDRAWN
+    worse = s["state"] != states.TRACKING or s["fault"] != states.NO_FAULT or s["trial_cycles"] == _WITHDRAWN
     axis, share, value, limit = -1, -1.0, 0.0, 0.0  # which one is to blame, and the largest error
     judged = not rests(p, s)
     for i in range(p["axes"]):
         a = s["axis"][i]
-        if p["axis"][i]["mode"] == VOLTAGE:
+        if p["axis"][i]["mode"] == states.VOLTAGE:
             continue
         if judged:
             error_um = following_error(p["axis"][i], a)
@@ -115,23 +104,23 @@ def takes_back(p: Record, s: Record) -> bool:
     over = s["trial_cycles"] >= p["trial_cycles"] and 4 * s["trial_judged"] >= p["trial_cycles"]
     worse = worse or (not over and s["trial_cycles"] >= _PATIENCE * p["trial_cycles"])  # it can't be judged here
     if worse:
-        s["shadow"] = TAKEN_BACK
-        note(s, ROLLED_BACK, axis, value, limit, WARN)
+        s["shadow"] = states.TAKEN_BACK
+        note(s, states.ROLLED_BACK, axis, value, limit, states.WARN)
     elif over:
-        s["shadow"] = CONFIRMED
+        s["shadow"] = states.CONFIRMED
     return worse
 
 
 @compiled
 def shadow_cycle(p: Record, candidate: Record, s: Record, shadow: Record, samples: Any, now_ns: int) -> None:
     """One cycle of the candidate beside the active tuning, while that tracks; nothing of it is written."""
-    if s["shadow"] != SHADOWING or s["state"] != TRACKING:
+    if s["shadow"] != states.SHADOWING or s["state"] != states.TRACKING:
         return
     if s["cycle"] == s["tracking_cycle"]:  # a candidate from before: it begins anew, where the active tuning is
         start_shadow(p, candidate, s, shadow)
     for i in range(candidate["axes"]):
         axis, a, b = candidate["axis"][i], s["axis"][i], shadow["axis"][i]
-        if axis["mode"] == VOLTAGE:
+        if axis["mode"] == states.VOLTAGE:
             continue
         b["strain"], b["stage"], b["reference"] = a["strain"], a["stage"], a["reference"]
         b["decoupling"], b["voltage_V"] = a["decoupling"], a["voltage_V"]

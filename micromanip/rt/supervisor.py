@@ -15,9 +15,8 @@ their linear margins. So once their demand outruns the set-point, the calm ones 
 once, until the set-point has followed these for a while; then the nominal ones are faded in from where it is. Gains
 that run away again and again as soon as they are back are wrong: X-216.
 
-Where many cycles or samples are missing one after the other, a loop acts on stale data, in steps that it was not made
-for: the nominal gains of the strain loop then swing by themselves, those of the outer loop with them. A cycle in which
-the device is behind counts as a missing one.
+Where many cycles or samples are missing, a loop acts on stale data, in steps that it was not made for: nominal gains
+then swing by themselves. A cycle in which the device is behind counts as a missing one.
 """
 
 from __future__ import annotations
@@ -29,8 +28,12 @@ from micromanip.rt.laws.saturation import attainable
 from .jit import compiled
 from .phases import CLOSED, DRIVEN
 from .record import Record, record
+from .states import COASTING, DEGRADED, EVENT_CODES, FALLBACK, OUTRUN
 
-DEMAND_AHEAD, MISSING, SWINGING, GAUGE_LOST, STAGE_LOST, DEVICE_BEHIND = 1, 2, 4, 8, 16, 32
+DEMAND_AHEAD, SWINGING, GAUGE_LOST, STAGE_LOST = 1 << OUTRUN, 1 << FALLBACK, 1 << COASTING, 1 << DEGRADED
+MISSING, DEVICE_BEHIND = 1 << EVENT_CODES, 2 << EVENT_CODES
+FOUND = SWINGING | GAUGE_LOST | STAGE_LOST
+"""What the watch has found, by the bits of its conditions."""
 OUTER_CALM, INNER_CALM = DEMAND_AHEAD | MISSING, DEMAND_AHEAD | MISSING | SWINGING
 INNER_WAITS = GAUGE_LOST | DEVICE_BEHIND
 UNSTEADY = DEMAND_AHEAD | SWINGING | GAUGE_LOST | STAGE_LOST

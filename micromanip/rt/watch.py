@@ -2,8 +2,8 @@
 
 Each detection is a condition with a time: it must last for so many consecutive cycles, or hold for a mean over that
 time. All conditions of an axis are one word, a bit each. Only where it changes are they looked at one by one, in the
-order of `WATCHED`, and go to ``faults.py``. At rest nothing is watched: a sensor may be unplugged then, and arming is
-refused until it is back.
+order of ``states.WATCHED``, and go to ``faults.py``. At rest nothing is watched: a sensor may be unplugged then, and
+arming is refused until it is back.
 """
 
 from __future__ import annotations
@@ -16,45 +16,16 @@ from micromanip.rt.laws.saturation import beyond
 from micromanip.rt.laws.sensor import is_silent
 from micromanip.rt.laws.tooth import FOLLOWS, tooth_Hz
 
+from . import states
 from .faults import axis_fault, warn
 from .jit import compiled
 from .limit_cycle import SWING, swings_for, watch_swing
 from .phases import CHECKING_STAGE, CLOSED, LIFTING, SWEEPING
 from .record import Record, record
 from .second_order import SECTION, SECTION_STATE, section_output, start_section
-from .states import (
-    AMPLIFIER_FAULT,
-    COASTING,
-    DEGRADED,
-    DERATED,
-    DISAGREEMENT,
-    FALLBACK,
-    FAULTS,
-    FOLLOWING_ERROR,
-    HOLDS,
-    LIMIT_CYCLE,
-    OSCILLATION,
-    OUTRUN,
-    OVER_TEMPERATURE,
-    REFERENCE_LOST,
-    REFERENCE_STALE,
-    REFERENCE_STUCK,
-    SATURATED,
-    SATURATING,
-    STAGE,
-    STAGE_DRIFT,
-    STAGE_INVALID,
-    STAGE_STUCK,
-    STRAIN_INVALID,
-    STRAIN_SILENT,
-    STRAIN_STUCK,
-    TOOTH_LOST,
-    TRACKING,
-    VOLTAGE,
-)
 
 WATCH_PARAMETERS = record(
-    ("reaction", "i8", (FAULTS,)),
+    ("reaction", "i8", (states.FAULTS,)),
     ("strain_samples", "i8"),
     ("strain_identical", "i8"),
     ("coast_cycles", "i8"),
@@ -110,14 +81,7 @@ WATCH_STATE = record(
     ("stage_swing", SWING),
 )
 
-WATCHED = (
-    *(COASTING, STRAIN_SILENT, STRAIN_INVALID, STRAIN_STUCK, DEGRADED, STAGE_INVALID, STAGE_STUCK),
-    *(DISAGREEMENT, STAGE_DRIFT, TOOTH_LOST, FOLLOWING_ERROR, SATURATING, SATURATED, FALLBACK, OSCILLATION),
-    *(OUTRUN, LIMIT_CYCLE, REFERENCE_STALE, REFERENCE_STUCK, REFERENCE_LOST, AMPLIFIER_FAULT, DERATED),
-    OVER_TEMPERATURE,
-)
-"""What is noticed in one cycle is told in this order."""
-_WATCHED_BITS = sum(1 << code for code in WATCHED)
+_WATCHED_BITS = sum(1 << code for code in states.WATCHED)
 
 
 @compiled
@@ -142,9 +106,9 @@ def watch_strain(p: Record, s: Record, i: int, active: bool) -> int:
     coast = lasting(w["coast"], bad or stuck)
     w["coast"], over = coast, coast > limits["coast_cycles"]
     silent = is_silent(sensor, p["axis"][i]["strain_age_ns"])
-    found = condition(COASTING, coast > 0) | condition(STRAIN_STUCK, over and stuck)
-    found |= condition(STRAIN_SILENT, over and bad and silent)
-    return found | condition(STRAIN_INVALID, over and bad and not silent)
+    found = condition(states.COASTING, coast > 0) | condition(states.STRAIN_STUCK, over and stuck)
+    found |= condition(states.STRAIN_SILENT, over and bad and silent)
+    return found | condition(states.STRAIN_INVALID, over and bad and not silent)
 
 
 @compiled
@@ -159,8 +123,8 @@ def watch_stage(p: Record, s: Record, i: int, active: bool) -> int:
     stuck = active and sensor["identical"] >= limits["stage_identical"]
     degraded = lasting(w["degraded"], bad or stuck)
     w["degraded"], over = degraded, degraded > limits["degraded_cycles"]
-    found = condition(DEGRADED, degraded > 0)
-    return found | condition(STAGE_INVALID, over and bad) | condition(STAGE_STUCK, over and stuck)
+    found = condition(states.DEGRADED, degraded > 0)
+    return found | condition(states.STAGE_INVALID, over and bad) | condition(states.STAGE_STUCK, over and stuck)
 
 
 @compiled
@@ -177,9 +141,9 @@ def watch_innovation(p: Record, s: Record, i: int, active: bool) -> int:
         square = a["estimator"]["innovation_um"] ** 2 / limits["innovation_variance"]
         w["innovation"] += limits["innovation_step"] * (square - w["innovation"])
     disagree = active and w["innovation"] > limits["innovation_ratio"]
-    if disagree and limits["reaction"][DISAGREEMENT] == HOLDS:
+    if disagree and limits["reaction"][states.DISAGREEMENT] == states.HOLDS:
         w["frozen"] = 1
-    return condition(DISAGREEMENT, disagree)
+    return condition(states.DISAGREEMENT, disagree)
 
 
 @compiled
@@ -202,22 +166,22 @@ def watch_drift(p: Record, s: Record, i: int, active: bool) -> int:
     elif not active:
         w["settling"], w["apart_um"], w["drift_um"] = 0, 0.0, 0.0
     over = active and abs(w["drift_um"]) > limits["drift_um"]
-    if over and limits["reaction"][STAGE_DRIFT] == HOLDS:
+    if over and limits["reaction"][states.STAGE_DRIFT] == states.HOLDS:
         w["frozen"] = 1
-    return condition(STAGE_DRIFT, over)
+    return condition(states.STAGE_DRIFT, over)
 
 
 @compiled
 def watch_tooth(p: Record, s: Record, i: int, active: bool) -> int:
     """The tooth's frequency is not the configured one, nor near it, or its observer makes the estimate worse."""
     lost = active and p["axis"][i]["outer"]["tooth"] > 0 and s["axis"][i]["estimator"]["given_up"] != FOLLOWS
-    return condition(TOOTH_LOST, lost)
+    return condition(states.TOOTH_LOST, lost)
 
 
 @compiled
 def following_error(p: Record, a: Record) -> float:
     """How far (um) the stage was from the reference, or the gauge from the set-point, by the newest sample."""
-    return a["stage_error_um"] if p["mode"] == STAGE else a["strain_error_um"]
+    return a["stage_error_um"] if p["mode"] == states.STAGE else a["strain_error_um"]
 
 
 @compiled
@@ -228,7 +192,7 @@ def watch_following(p: Record, s: Record, i: int, active: bool) -> int:
     known = active and w["degraded"] == 0 and w["coast"] == 0
     following = lasting(w["following"], known and abs(following_error(p["axis"][i], a)) > limits["following_um"])
     w["following"] = following
-    return condition(FOLLOWING_ERROR, following >= limits["following_cycles"])
+    return condition(states.FOLLOWING_ERROR, following >= limits["following_cycles"])
 
 
 @compiled
@@ -239,8 +203,8 @@ def watch_voltage(p: Record, s: Record, i: int, active: bool) -> int:
     at_end = active and beyond(limiter, a["request_V"]) != 0
     cycles = lasting(w["saturated"], at_end)
     w["saturated"] = cycles
-    found = condition(SATURATING, cycles >= limits["saturating_cycles"])
-    return found | condition(SATURATED, cycles >= limits["saturated_cycles"])
+    found = condition(states.SATURATING, cycles >= limits["saturating_cycles"])
+    return found | condition(states.SATURATED, cycles >= limits["saturated_cycles"])
 
 
 @compiled
@@ -276,7 +240,7 @@ def watch_oscillation(p: Record, s: Record, i: int, active: bool) -> int:
     if swings and w["fallback"] == 0:
         w["fallback"], w["band_cycles"] = 1, 0
         swings = False
-    return condition(FALLBACK, w["fallback"] != 0) | condition(OSCILLATION, swings)
+    return condition(states.FALLBACK, w["fallback"] != 0) | condition(states.OSCILLATION, swings)
 
 
 @compiled
@@ -288,9 +252,9 @@ def watch_reference(p: Record, s: Record, i: int, active: bool) -> int:
     limits, silent = p["axis"][i]["watch"], s["axis"][i]["reference"]["silent"]
     same = s["axis"][i]["deviation"]["identical"]
     follows = active and p["axis"][i]["reference"]["kind"] == SIGNAL
-    found = condition(REFERENCE_STALE, follows and silent >= limits["stale_cycles"])
-    found |= condition(REFERENCE_STUCK, follows and same >= limits["reference_identical"])
-    return found | condition(REFERENCE_LOST, follows and silent >= limits["lost_cycles"])
+    found = condition(states.REFERENCE_STALE, follows and silent >= limits["stale_cycles"])
+    found |= condition(states.REFERENCE_STUCK, follows and same >= limits["reference_identical"])
+    return found | condition(states.REFERENCE_LOST, follows and silent >= limits["lost_cycles"])
 
 
 @compiled
@@ -300,14 +264,14 @@ def watch_amplifier(p: Record, s: Record, i: int, active: bool) -> int:
     limits, w = axis["watch"], s["watch"][i]
     hot = lasting(w["hot"], active and is_missing(axis["temperature_ok"], a["temperature_ok"]))
     w["hot"] = hot
-    found = condition(AMPLIFIER_FAULT, active and is_missing(axis["amplifier_ok"], a["amplifier_ok"]))
-    return found | condition(DERATED, hot > 0) | condition(OVER_TEMPERATURE, hot > limits["hot_cycles"])
+    found = condition(states.AMPLIFIER_FAULT, active and is_missing(axis["amplifier_ok"], a["amplifier_ok"]))
+    return found | condition(states.DERATED, hot > 0) | condition(states.OVER_TEMPERATURE, hot > limits["hot_cycles"])
 
 
 @compiled
 def is_excited(axis: Record, a: Record) -> bool:
     """Whether an axis is moved in open loop for a recording: its gauge is needed then, as if the loop were closed."""
-    played = axis["mode"] == VOLTAGE and axis["reference"]["kind"] == SAMPLES
+    played = axis["mode"] == states.VOLTAGE and axis["reference"]["kind"] == SAMPLES
     return played and a["setpoint_um"] != axis["limiter"]["park_V"]
 
 
@@ -317,19 +281,19 @@ def watch_axis(p: Record, s: Record, i: int, moving: bool, enabled: bool) -> Non
     axis, phase = p["axis"][i], s["phase"]
     lifts = phase == LIFTING and s["arming"][i]["lifted"] != 0
     driven = moving and (phase == CLOSED or lifts or phase in (CHECKING_STAGE, SWEEPING))
-    inner = driven and axis["mode"] != VOLTAGE
-    outer = moving and axis["mode"] == STAGE and phase == CLOSED
-    tracking = moving and s["state"] == TRACKING
+    inner = driven and axis["mode"] != states.VOLTAGE
+    outer = moving and axis["mode"] == states.STAGE and phase == CLOSED
+    tracking = moving and s["state"] == states.TRACKING
     found = watch_strain(p, s, i, inner or (driven and is_excited(axis, s["axis"][i])))
     found |= watch_stage(p, s, i, outer)
     found |= watch_innovation(p, s, i, outer)
     found |= watch_drift(p, s, i, outer)
     found |= watch_tooth(p, s, i, outer)
-    found |= watch_following(p, s, i, tracking and axis["mode"] != VOLTAGE)
+    found |= watch_following(p, s, i, tracking and axis["mode"] != states.VOLTAGE)
     found |= watch_voltage(p, s, i, inner)
     found |= watch_oscillation(p, s, i, inner and axis["feedback"] != 0)
-    found |= condition(OUTRUN, outer and s["axis"][i]["supervisor"]["calm_left"] > 0)
-    found |= condition(LIMIT_CYCLE, watch_swing(p, s, i, driven))
+    found |= condition(states.OUTRUN, outer and s["axis"][i]["supervisor"]["calm_left"] > 0)
+    found |= condition(states.LIMIT_CYCLE, watch_swing(p, s, i, driven))
     found |= watch_reference(p, s, i, tracking)
     found |= watch_amplifier(p, s, i, enabled)
     if (found ^ s["watch"][i]["raised"]) & _WATCHED_BITS != 0:
@@ -339,10 +303,10 @@ def watch_axis(p: Record, s: Record, i: int, moving: bool, enabled: bool) -> Non
 @compiled.rare
 def tell_changes(p: Record, s: Record, i: int, found: int) -> None:
     """Tell of each condition that begins on axis `i`, of those that stand by now."""
-    for code in WATCHED:
+    for code in states.WATCHED:
         active = found >> code & 1 != 0
         value, limit = measured(p, s, i, code)
-        if code >= FAULTS:
+        if code >= states.FAULTS:
             warn(s, i, code, active, value, limit)
         else:
             axis_fault(p, s, i, code, active, value, limit)
@@ -353,37 +317,37 @@ def measured(p: Record, s: Record, i: int, code: int) -> tuple[float, float]:
     """What was measured for a condition of axis `i`, and its limit."""
     axis, a = p["axis"][i], s["axis"][i]
     limits, w = axis["watch"], s["watch"][i]
-    if code in (COASTING, STRAIN_SILENT, STRAIN_INVALID, STRAIN_STUCK):
+    if code in (states.COASTING, states.STRAIN_SILENT, states.STRAIN_INVALID, states.STRAIN_STUCK):
         sensor, samples, identical = a["strain"], limits["strain_samples"], limits["strain_identical"]
         lost = sensor["bad"] if sensor["bad"] >= samples else sensor["identical"]
-        return float(lost), float(identical if code == STRAIN_STUCK else samples)
-    if code in (DEGRADED, STAGE_INVALID, STAGE_STUCK):
+        return float(lost), float(identical if code == states.STRAIN_STUCK else samples)
+    if code in (states.DEGRADED, states.STAGE_INVALID, states.STAGE_STUCK):
         sensor, samples, identical = a["stage"], limits["stage_samples"], limits["stage_identical"]
         lost = sensor["bad"] if sensor["bad"] >= samples else sensor["identical"]
-        return float(lost), float(identical if code == STAGE_STUCK else samples)
-    if code == DISAGREEMENT:
+        return float(lost), float(identical if code == states.STAGE_STUCK else samples)
+    if code == states.DISAGREEMENT:
         return w["innovation"], limits["innovation_ratio"]
-    if code == STAGE_DRIFT:
+    if code == states.STAGE_DRIFT:
         return abs(w["drift_um"]), limits["drift_um"]
-    if code == TOOTH_LOST:
+    if code == states.TOOTH_LOST:
         outer, per_ns = axis["outer"], axis["cycles_per_ns"]
         return tooth_Hz(outer, a["estimator"], per_ns), outer["tooth_turn"] * per_ns * 1e9 / (2.0 * math.pi)
-    if code == FOLLOWING_ERROR:
+    if code == states.FOLLOWING_ERROR:
         return abs(following_error(axis, a)), limits["following_um"]
-    if code in (SATURATING, SATURATED):
-        cycles = limits["saturating_cycles"] if code == SATURATING else limits["saturated_cycles"]
+    if code in (states.SATURATING, states.SATURATED):
+        cycles = limits["saturating_cycles"] if code == states.SATURATING else limits["saturated_cycles"]
         return a["voltage_V"], float(cycles)
-    if code in (FALLBACK, OSCILLATION):
+    if code in (states.FALLBACK, states.OSCILLATION):
         return swing_um(w), limits["band_um"]
-    if code == LIMIT_CYCLE:
+    if code == states.LIMIT_CYCLE:
         return swings_for(axis, a, w, s["cycle"]) * p["period_ns"] * 1e-9, float(limits["swings"])
-    if code in (REFERENCE_STALE, REFERENCE_LOST):
-        cycles = limits["stale_cycles"] if code == REFERENCE_STALE else limits["lost_cycles"]
+    if code in (states.REFERENCE_STALE, states.REFERENCE_LOST):
+        cycles = limits["stale_cycles"] if code == states.REFERENCE_STALE else limits["lost_cycles"]
         return float(a["reference"]["silent"]), float(cycles)
-    if code == REFERENCE_STUCK:
+    if code == states.REFERENCE_STUCK:
         return float(a["deviation"]["identical"]), float(limits["reference_identical"])
-    if code == DERATED:
+    if code == states.DERATED:
         return 100.0 * limits["derate"], 100.0
-    if code == OVER_TEMPERATURE:
+    if code == states.OVER_TEMPERATURE:
         return float(w["hot"]), float(limits["hot_cycles"])
-    return 0.0, 1.0 if code == AMPLIFIER_FAULT else 0.0
+    return 0.0, 1.0 if code == states.AMPLIFIER_FAULT else 0.0

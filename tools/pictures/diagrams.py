@@ -98,7 +98,7 @@ def control_scheme() -> Figure:
     s.box(11, 38, 18, 7, "reference predictor\nreference.py")
     s.box(29, 38, 9, 6, "$G$\nlqg.py")
     s.sum(40, 38)
-    s.box(52, 38, 14, 7, "range and slew of\nthe set-point\naxis.py")
+    s.box(52, 38, 14, 7, "range and slew of\nthe set-point\nsetpoint_history.py")
     s.box(78, 43, 16, 6, "inverse (7)-(9)\nfeedforward.py")
     s.sum(68, 33)
     s.box(78, 33, 12, 6, "PID (17)\npid.py")

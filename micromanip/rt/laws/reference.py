@@ -94,11 +94,8 @@ def own_reference(p: Record, w: Any, t_s: float, samples: Any) -> None:
         k = max(0, min(last, int(place + 0.5)))
         w[0] = samples[k, p["column"]]
         if 0.0 <= place <= last:
-            w[1] = (
-                0.5
-                * p["samples_per_s"]
-                * (samples[min(last, k + 1), p["column"]] - samples[max(0, k - 1), p["column"]])
-            )
+            before, after = samples[max(0, k - 1), p["column"]], samples[min(last, k + 1), p["column"]]
+            w[1] = 0.5 * p["samples_per_s"] * (after - before)
         return
     if t < 0.0:
         return
@@ -226,9 +223,3 @@ def reference_now(p: Record, s: Record, preview_s: float, now_ns: int, t_s: floa
     s["ahead_um"] = s["w"][0]
     if p["kind"] != JOG and preview_s > 0.0:
         s["ahead_um"] = previewed(p, s, t_s + preview_s, samples)
-
-
-@compiled
-def start_reference(p: Record, s: Record) -> None:
-    """A position that is jogged begins where it was last told to be."""
-    s["jog_um"], s["jog_step_um"] = p["target_um"], 0.0

@@ -6,12 +6,11 @@ cycle). Where the state does not permit motion the request is ignored and the ou
 limit. `previous_V` is this function's own last result; should it ever be outside the range, the range wins over the
 slew.
 
-A device may be behind. On a wire whose frames come back late it may still have any of the voltages of the last frames,
-and gets none that is further than a step from one of them (``wire/gate.py``): so it is slower than the limiter says, by
-as many times as frames are on their way. A loop that does not know takes what it asked for to be in force, asks for
-more, and swings from end to end behind a voltage that hardly moves. The same behind a bus whose worker stands still.
-So the driver, or the bus' exchange, puts what was given in place of what was asked, and an axis that sees it goes no
-further in that direction, as at an end of its range: neither set-point nor voltage (`hold_back`). Back they go as ever.
+A device may be behind: one whose frames come back late gets no voltage further than a step from those that it may
+have (``wire/gate.py``), and one behind a worker that stands still gets none. A loop that does not know asks for more,
+and swings from end to end behind a voltage that hardly moves. So the driver, or the bus' exchange, puts what was given
+in place of what was asked, and the axis goes no further in that direction, as at an end of its range: neither set-point
+nor voltage (`hold_back`). Back they go as ever.
 """
 
 from __future__ import annotations
@@ -61,3 +60,11 @@ def hold_back(behind: int, before: float, value: float) -> float:
 def attainable(low: float, high: float, before: float, value: float) -> float:
     """`value` inside the range; from outside of it, as at rest, up to where it was `before`."""
     return max(min(low, before), min(max(high, before), value))
+
+
+@compiled
+def slewed(before: float, value: float, step: float) -> float:
+    """`value`, or as near to it as `step` leads."""
+    if abs(value - before) <= step:
+        return value
+    return before + step if value > before else before - step

@@ -31,7 +31,7 @@ _PATIENCE = 3
 def start_shadow(p: Record, candidate: Record, s: Record, shadow: Record) -> None:
     """Begin with `candidate` where the active tuning is."""
     for i in range(candidate["axes"]):
-        shadow["axis"][i] = s["axis"][i]
+        shadow["axis"][i], shadow["figures"][i] = s["axis"][i], s["figures"][i]
     swap_cell(p, candidate, shadow)
     s["shadow"] = states.SHADOWING
 

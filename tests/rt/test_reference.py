@@ -259,7 +259,7 @@ def test_a_jump_is_not_believed_while_it_is_followed(gap_ms, predict, silent):
         signal_sample(p, s, 10.0, k * MS)
     s["silent"] = silent
     for k in range(100 + gap_ms, 1000 + gap_ms):
-        signal_sample(p, s, 70.0, k * MS)
+        signal_sample(p, s, 70.0, k * MS, True)
         signal_reference(p, s, k * MS)
         assert s["w"][0] + s["w"][3] == pytest.approx(10.0, abs=1e-6)
     assert s["rejected"] == 900

@@ -220,8 +220,8 @@ def test_only_what_may_have_changed_is_checked_again(tmp_path):
     armed = cell(tmp_path, force="{static_N: 0.0, tooth_N: 0.0, noise_N: 0.0}")
     armed.arm()
     armed.run(1.2, command=DISARM)
-    forget_checks(armed.state[0]["axis"][1], True)
-    forget_checks(armed.state[0]["axis"][2], False)
+    forget_checks(armed.state[0]["arming"][1], True)
+    forget_checks(armed.state[0]["arming"][2], False)
     rows = armed.arm()
     assert phases(rows) == [PARKED, CHECKING_GAUGE, LIFTING, CHECKING_STAGE, SWEEPING, LIFTING, CLOSED]
     assert np.count_nonzero(rows["phase"] == CHECKING_GAUGE) == 2000

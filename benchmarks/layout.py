@@ -14,20 +14,23 @@ import numpy as np
 
 from micromanip.rt import (
     arming,
+    axis_order,
     faults,
     figures,
     limit_cycle,
-    outrun,
     phases,
     record,
     records,
+    reference_blend,
     second_order,
     states,
+    supervisor,
     telemetry,
     watch,
 )
 from micromanip.rt.laws import (
     coordinate_transform,
+    digital_input,
     estimator,
     feedforward,
     lqg,
@@ -40,13 +43,27 @@ from micromanip.rt.laws import (
 
 _C_TYPES = {"float64": "double", "int64": "int64_t", "int32": "int32_t"}
 _ENUMERATIONS = (record, records, states, phases, estimator)
+_REASONS = ("DEMAND_AHEAD", "MISSING", "GAUGE_LOST", "STAGE_LOST", "DEVICE_BEHIND", "INNER_CALM", "FOUND")
 _SINGLE = (
     (reference, ("SIGNAL", "JOG", "MAX_MODES", "REFERENCE_STATES", "STOOD_STILL")),
     (steady, ("SURE_NATS", "LOST_NATS", "ANEW_NATS", "FAR_SIGMA")),
-    (outrun, ("BEHIND", "FAR", "RELAPSED", "UNSEEN", "AT_ONCE", "REMEMBERED")),
+    (supervisor, ("BEHIND", "FOLLOWED", "RELAPSED", "MANY", "AT_ONCE", "REMEMBERED", *_REASONS)),
 )
-_LAWS = (shaping, feedforward, pid, estimator, lqg, reference, sensor, coordinate_transform)
-_RECORDS = (*_LAWS, limit_cycle, second_order, watch, arming, faults, figures, records, telemetry)
+_LAWS = (digital_input, shaping, feedforward, pid, estimator, lqg, reference, sensor, coordinate_transform)
+_RECORDS = (
+    *_LAWS,
+    limit_cycle,
+    second_order,
+    watch,
+    arming,
+    axis_order,
+    faults,
+    figures,
+    reference_blend,
+    supervisor,
+    records,
+    telemetry,
+)
 """What is part of another record comes before it."""
 
 

@@ -225,7 +225,8 @@ static void give_both(struct reference_state *s)
         s->detuning[k] = s->wide_detuning[k] + share * (s->narrow_detuning[k] - s->wide_detuning[k]);
 }
 
-static void tracker_sample(const struct reference_parameters *p, struct reference_state *s, double value, int64_t time_ns)
+static void tracker_sample(const struct reference_parameters *p, struct reference_state *s, double value, int64_t time_ns,
+                           bool followed)
 {
     double gap_s = (double)(time_ns - s->time_ns) * 1e-9, innovation = NAN;
     double *own = p->steady ? s->wide : s->filtered, *detuning = p->steady ? s->wide_detuning : s->detuning;
@@ -239,7 +240,7 @@ static void tracker_sample(const struct reference_parameters *p, struct referenc
         extrapolate(p, detuning, own, gap_s, s->w);
         innovation = value - position(s->w);
     }
-    bool lost = s->followed && !isfinite(innovation);
+    bool lost = followed && !isfinite(innovation);
     double jump_um = isfinite(innovation) ? innovation : lost ? value - s->sampled_um : 0.0;
     if (fabs(jump_um) > p->jump_um || (lost && s->doubted)) {
         s->rejected++;
@@ -348,16 +349,32 @@ static void measure_errors(const struct axis_parameters *p, struct axis_state *s
     s->error_fresh = s->strain.fresh;
 }
 
-static void sample(const struct axis_parameters *p, struct axis_state *s, const struct signal *signals, int64_t now_ns,
-                   int64_t missed)
+static void measure(const struct axis_parameters *p, struct axis_state *s, const struct axis_order *order,
+                    const struct signal *signals, int64_t now_ns)
 {
-    s->strain_cycles++;
-    s->unseen = (1.0 - 1.0 / REMEMBERED) * s->unseen + (double)earlier(missed, AT_ONCE);
     s->reference.silent++;
     read_signal(&signals[p->strain], &s->strain, now_ns, p->strain_age_ns, p->strain_range_um, p->strain_rate_um_per_ns);
     read_signal(&signals[p->stage], &s->stage, now_ns, p->stage_age_ns, p->stage_range_um, p->stage_rate_um_per_ns);
     if (read_signal(&signals[p->deviation], &s->deviation, now_ns, p->reference_age_ns, any_value, INFINITY))
-        tracker_sample(&p->reference, &s->reference, s->deviation.value, s->deviation.time_ns);
+        tracker_sample(&p->reference, &s->reference, s->deviation.value, s->deviation.time_ns, order->followed);
+}
+
+/* What is missing, and why which gains act. */
+static void supervise(const struct axis_parameters *p, struct axis_state *s, const struct axis_order *order)
+{
+    struct supervisor_state *u = &s->supervisor;
+    int64_t reasons = order->reasons | (order->behind ? DEVICE_BEHIND : 0), late = 0;
+    bool waits = reasons & (DEVICE_BEHIND | GAUGE_LOST);
+    u->passed++;
+    if (order->behind)
+        late = llabs(order->behind) <= AT_ONCE;
+    u->step = s->strain.fresh && !waits ? u->passed : 0;
+    if (u->step > 0)
+        late = later(0, earlier(u->step - p->pid.most_periods, AT_ONCE));
+    if (waits || u->step > 0)
+        u->passed = 0;
+    u->missing = (1.0 - 1.0 / REMEMBERED) * u->missing + (double)earlier(order->missed, AT_ONCE) + (double)late;
+    u->reasons = reasons | (u->missing > MANY ? MISSING : 0) | (u->calm_left > 0 ? DEMAND_AHEAD : 0);
 }
 
 static double attainable(const struct axis_parameters *p, const struct axis_state *s, double demand_um)
@@ -382,81 +399,76 @@ static double regulated(const struct axis_parameters *p, const struct axis_state
     return p->centre_um + u;
 }
 
-static double demand(const struct axis_parameters *p, struct axis_state *s)
+static double demand(const struct axis_parameters *p, struct axis_state *s, const struct axis_order *order)
 {
+    struct supervisor_state *u = &s->supervisor;
     double *w = s->reference.w, step = p->authority_step;
-    s->authority += most(-step, least(step, p->authority - s->authority));
+    s->blend.authority += most(-step, least(step, order->authority - s->blend.authority));
     for (int i = 0; i < REFERENCE_STATES; i++)
-        w[i] *= s->authority;
-    double near_um = regulated(p, s, p->outer.feedback, p->outer.reference);
-    s->blend_um *= p->blend_decay;
-    if (s->unseen > UNSEEN)
-        s->far = FAR;
-    if (s->far == 0) {
-        s->near++;
-        if (!outruns(p, s, near_um + s->blend_um))
-            return near_um + s->blend_um;
-        if (s->relapses == 0 || s->near > RELAPSED) {
-            s->relapses = 0;
-            s->relapsed_cycle = s->estimator.cycle;
+        w[i] *= s->blend.authority;
+    double nominal_um = regulated(p, s, p->outer.feedback, p->outer.reference);
+    s->bridge_um *= p->blend_decay;
+    if (u->reasons & MISSING) {
+        u->calm_left = FOLLOWED;
+    } else if (u->calm_left == 0) {
+        u->nominal_cycles++;
+        if (!outruns(p, s, nominal_um + s->bridge_um))
+            return nominal_um + s->bridge_um;
+        if (u->relapses == 0 || u->nominal_cycles > RELAPSED) {
+            u->relapses = 0;
+            u->relapsed_cycle = s->estimator.cycle;
         }
-        s->relapses++;
-        s->far = FAR;
+        u->relapses++;
+        u->calm_left = FOLLOWED;
     }
-    double far_um = regulated(p, s, p->outer.far_feedback, p->outer.far_reference);
-    s->far = outruns(p, s, far_um) ? FAR : s->far - 1;
-    s->near = 0;
-    s->blend_um = s->setpoint_um - near_um;
-    return far_um;
+    double calm_um = regulated(p, s, p->outer.far_feedback, p->outer.far_reference);
+    u->calm_left = outruns(p, s, calm_um) ? FOLLOWED : u->calm_left - 1;
+    u->nominal_cycles = 0;
+    u->reasons = u->calm_left > 0 ? u->reasons | DEMAND_AHEAD : u->reasons & ~DEMAND_AHEAD;
+    s->bridge_um = s->setpoint_um - nominal_um;
+    return calm_um;
 }
 
 /* Where the device had less (positive) or more than was asked for: no further than `before` in that direction. */
-static double no_further(const struct axis_state *s, double before, double value)
+static double hold_back(int64_t behind, double before, double value)
 {
-    if (s->waits == 0)
+    if (behind == 0)
         return value;
-    return s->waits > 0 ? least(before, value) : most(before, value);
+    return behind > 0 ? least(before, value) : most(before, value);
 }
 
-static bool move_setpoint(const struct axis_parameters *p, struct axis_state *s, double demand_um)
+static bool move_setpoint(const struct axis_parameters *p, struct axis_state *s, int64_t behind, double demand_um)
 {
     double step = p->setpoint_slew_um;
     if (!isfinite(demand_um))
         return false;
     double inside = most(s->setpoint_um - step, least(s->setpoint_um + step, attainable(p, s, demand_um)));
-    s->setpoint_um = no_further(s, s->setpoint_um, inside);
+    s->setpoint_um = hold_back(behind, s->setpoint_um, inside);
     return true;
 }
 
 /* The fallback gains while anything is away from its path or unseen; a change of gains makes no bump. */
 static const struct pid_parameters *pid_gains(const struct axis_parameters *p, struct axis_state *s)
 {
-    bool calm = s->far > 0 || s->unseen > UNSEEN;
-    const struct pid_parameters *old = s->calm ? &p->fallback : &p->pid, *gains = calm ? &p->fallback : &p->pid;
-    if (calm != s->calm) {
+    bool calm = s->supervisor.reasons & INNER_CALM;
+    const struct pid_parameters *old = s->supervisor.gain_set ? &p->fallback : &p->pid, *gains = calm ? &p->fallback : &p->pid;
+    if (calm != s->supervisor.gain_set) {
         s->pid.integrator += (old->K_V_per_um - gains->K_V_per_um) * s->pid.error;
         if (old->derivative != gains->derivative || old->filter_s != gains->filter_s) {
             s->pid.integrator += s->pid.derivative;
             s->pid.derivative = 0.0;
         }
-        s->calm = calm;
+        s->supervisor.gain_set = calm;
     }
     return gains;
 }
 
-static double request_voltage(const struct axis_parameters *p, struct axis_state *s)
+static double request_voltage(const struct axis_parameters *p, struct axis_state *s, int64_t behind)
 {
     double feedforward = feedforward_voltage(&p->hysteresis, &s->hysteresis, s->setpoint_um);
-    if (s->waits != 0 && llabs(s->waits) <= AT_ONCE)
-        s->unseen += 1.0;
-    if (s->strain.fresh && s->waits == 0 && s->watch.coast == 0) {
-        int64_t late = s->strain_cycles - p->pid.most_periods;
-        s->unseen += (double)later(0, earlier(late, AT_ONCE));
-        pid_step(pid_gains(p, s), &s->pid, s->strain_error_um, s->strain_cycles);
-    }
-    if (s->strain.fresh || s->waits != 0 || s->watch.coast > 0)
-        s->strain_cycles = 0;
-    return no_further(s, s->voltage_V, feedforward + s->pid.output_V);
+    if (s->supervisor.step > 0)
+        pid_step(pid_gains(p, s), &s->pid, s->strain_error_um, s->supervisor.step);
+    return hold_back(behind, s->voltage_V, feedforward + s->pid.output_V);
 }
 
 /* Whether every stage of the law is finite: estimate, feedforward, feedback and its memory, requested voltage. */
@@ -468,16 +480,18 @@ static bool is_finite(const struct axis_parameters *p, const struct axis_state *
     return isfinite(total);
 }
 
-static bool axis_cycle(const struct axis_parameters *p, struct axis_state *s, int64_t cycle, int64_t now_ns)
+static bool axis_cycle(const struct axis_parameters *p, struct axis_state *s, const struct axis_order *order, int64_t cycle,
+                       int64_t now_ns)
 {
+    supervise(p, s, order);
     predict_to(&p->outer, &s->estimator, cycle);
-    if (s->stage.fresh && s->watch.degraded == 0)
+    if (s->stage.fresh && !(s->supervisor.reasons & STAGE_LOST))
         update(&p->outer, &s->estimator, cycle - (int64_t)((double)s->stage.age_ns * p->cycles_per_ns + 0.5), s->stage.value);
     tracker_reference(&p->reference, &s->reference, now_ns);
-    bool finite = move_setpoint(p, s, demand(p, s));
+    bool finite = move_setpoint(p, s, order->behind, demand(p, s, order));
     remember_wanted(s, cycle);
     measure_errors(p, s, cycle);
-    s->request_V = request_voltage(p, s);
+    s->request_V = request_voltage(p, s, order->behind);
     finite = finite && is_finite(p, s);
     s->voltage_V = limit(&p->limiter, s->voltage_V, s->request_V);
     s->pid.integrator -= p->pid.tracking * (s->request_V - s->voltage_V);
@@ -526,11 +540,10 @@ static bool swings(const struct watch_parameters *p, struct swing *w, int64_t cy
     return w->times >= p->swings;
 }
 
-static void watch_axis(const struct axis_parameters *axis, struct axis_state *a, int64_t cycle)
+static void watch_axis(const struct axis_parameters *axis, struct axis_state *a, struct watch_state *w, int64_t cycle)
 {
     const struct watch_parameters *p = &axis->watch;
     const struct limiter_parameters *limiter = &axis->limiter;
-    struct watch_state *w = &a->watch;
     bool bad = a->strain.bad >= p->strain_samples, stuck = a->strain.identical >= p->strain_identical;
     w->coast = lasting(w->coast, bad || stuck);
     condition(w, COASTING, w->coast > 0);
@@ -547,6 +560,15 @@ static void watch_axis(const struct axis_parameters *axis, struct axis_state *a,
     if (a->stage.fresh && w->degraded == 0)
         w->innovation += p->innovation_step * (square(a->estimator.innovation_um) / p->innovation_variance - w->innovation);
     condition(w, DISAGREEMENT, w->innovation > p->innovation_ratio);
+    if (a->stage.fresh && known) {
+        double answered_um = a->strain.value - axis->centre_um - a->decoupling.added_um;
+        double apart_um = a->stage.value - p->drift_gain * answered_um;
+        if (p->drift_step * (double)w->settling < 1.0)
+            w->apart_um += (apart_um - w->apart_um) / (double)++w->settling;
+        else
+            w->drift_um += p->drift_step * (apart_um - w->apart_um - w->drift_um);
+    }
+    condition(w, STAGE_DRIFT, fabs(w->drift_um) > p->drift_um);
     w->following = lasting(w->following, known && fabs(a->stage_error_um) > p->following_um);
     condition(w, FOLLOWING_ERROR, w->following >= p->following_cycles);
     w->saturated = lasting(w->saturated, a->request_V > limiter->high_V || a->request_V < limiter->low_V);
@@ -568,35 +590,45 @@ static void watch_axis(const struct axis_parameters *axis, struct axis_state *a,
     bool found = swings(p, &w->driven_swing, cycle, up - down);
     found |= swings(p, &w->strain_swing, cycle, sensor_end(&a->strain, axis->strain_range_um));
     found |= swings(p, &w->stage_swing, cycle, sensor_end(&a->stage, axis->stage_range_um));
-    found |= a->relapses >= p->swings;
-    condition(w, OUTRUN, a->far > 0);
+    found |= a->supervisor.relapses >= p->swings;
+    condition(w, OUTRUN, a->supervisor.calm_left > 0);
     condition(w, LIMIT_CYCLE, found);
     condition(w, REFERENCE_STALE, a->reference.silent >= p->stale_cycles);
     condition(w, REFERENCE_LOST, a->reference.silent >= p->lost_cycles);
 }
 
-static void score(struct axis_state *a, double error_um, double uncompensated_um)
+static void score(struct figures *f, double error_um, double uncompensated_um)
 {
-    a->errors++;
-    a->error_squares += error_um * error_um;
-    a->error_max = most(a->error_max, fabs(error_um));
-    a->uncompensated_squares += uncompensated_um * uncompensated_um;
+    f->errors++;
+    f->error_squares += error_um * error_um;
+    f->error_max = most(f->error_max, fabs(error_um));
+    f->uncompensated_squares += uncompensated_um * uncompensated_um;
 }
 
-static void mean_squares(const struct cell_parameters *p, struct axis_state *a)
+static void mean_squares(const struct cell_parameters *p, const struct axis_state *a, struct figures *f)
 {
-    struct figures *f = &a->figures;
     f->error += p->figures_step * (square(a->stage_error_um) - f->error);
     f->innovation += p->figures_step * (square(a->estimator.innovation_um) - f->innovation);
     f->feedback += p->figures_step * (square(a->voltage_V - a->hysteresis.output_V) - f->feedback);
 }
 
 /* The checks of arming count no more where a sensor was away. */
-static void keep_checks(const struct cell_parameters *p, struct axis_state *a)
+static void keep_checks(const struct cell_parameters *p, const struct axis_state *a, struct arming_state *arming)
 {
     int64_t away_ns = BELIEVED * p->period_ns;
-    a->strain_check.passed &= a->strain.bad < BELIEVED && !is_silent(&a->strain, away_ns);
-    a->stage_check.passed &= a->strain_check.passed && !is_silent(&a->stage, away_ns);
+    arming->strain_check.passed &= a->strain.bad < BELIEVED && !is_silent(&a->strain, away_ns);
+    arming->stage_check.passed &= arming->strain_check.passed && !is_silent(&a->stage, away_ns);
+}
+
+static void give_order(const struct cell_parameters *p, struct cell_state *s, int i, int64_t missed)
+{
+    const struct watch_state *w = &s->watch[i];
+    s->order[i] = (struct axis_order){
+        .phase = CLOSED, .missed = missed, .behind = s->order[i].behind, .level = 1.0, .held_share = 1.0, .followed = 1,
+        .reasons = w->raised & FOUND,
+        .held_since = s->order[i].held_since, .authority = p->axis[i].authority, .start_V = s->order[i].start_V,
+        .time_s = (double)((s->cycle - s->tracking_cycle) * p->period_ns) * 1e-9, .part_begun = -1,
+    };
 }
 
 static void cell_cycle(const struct cell_parameters *p, struct cell_state *s, const struct signal *signals, double *outputs,
@@ -604,20 +636,20 @@ static void cell_cycle(const struct cell_parameters *p, struct cell_state *s, co
 {
     s->cycle += periods;
     for (int i = 0; i < p->axes; i++)
-        sample(&p->axis[i], &s->axis[i], signals, now_ns, periods - 1);
+        measure(&p->axis[i], &s->axis[i], &s->order[i], signals, now_ns);
     for (int i = 0; i < p->axes; i++)
-        watch_axis(&p->axis[i], &s->axis[i], s->cycle);
+        watch_axis(&p->axis[i], &s->axis[i], &s->watch[i], s->cycle);
+    for (int i = 0; i < p->axes; i++)
+        give_order(p, s, i, periods - 1);
     for (int i = 0; i < p->axes; i++) {
         const struct axis_parameters *axis = &p->axis[i];
         struct axis_state *a = &s->axis[i];
-        a->hold_scale = 1.0;
-        a->reference.followed = 1;
-        condition(&a->watch, NOT_FINITE, !axis_cycle(axis, a, s->cycle, now_ns));
+        condition(&s->watch[i], NOT_FINITE, !axis_cycle(axis, a, &s->order[i], s->cycle, now_ns));
         outputs[axis->voltage] = a->voltage_V;
         if (s->cycle - s->tracking_cycle >= p->score_cycles)
-            score(a, signals[axis->path_error].value, signals[axis->uncompensated].value);
-        mean_squares(p, a);
-        keep_checks(p, a);
+            score(&s->figures[i], signals[axis->path_error].value, signals[axis->uncompensated].value);
+        mean_squares(p, a, &s->figures[i]);
+        keep_checks(p, a, &s->arming[i]);
     }
 }
 
@@ -649,8 +681,8 @@ static double joint_Hz(const struct reference_parameters *p, const struct refere
     return follows ? (p->oscillator[k] + s->detuning[k]) / TURN : NAN;
 }
 
-static void write_axis(const struct axis_parameters *p, const struct axis_state *a, const struct signal *signals,
-                       struct axis_row *row, int64_t now_ns)
+static void write_axis(const struct axis_parameters *p, const struct axis_state *a, int64_t raised,
+                       const struct signal *signals, struct axis_row *row, int64_t now_ns)
 {
     row->reference_um = position(a->reference.w);
     row->deviation_um = a->deviation.value;
@@ -671,7 +703,7 @@ static void write_axis(const struct axis_parameters *p, const struct axis_state 
     row->joint_2_Hz = joint_Hz(&p->reference, &a->reference, 1);
     row->joint_3_Hz = joint_Hz(&p->reference, &a->reference, 2);
     row->learned_um = 0.0;    /* it learns nothing */
-    row->conditions = a->watch.raised;
+    row->conditions = raised;
     row->strain_age_ns = (int32_t)earlier(a->strain.age_ns, OLDEST_NS);
     row->stage_age_ns = (int32_t)earlier(a->stage.age_ns, OLDEST_NS);
     row->deviation_age_ns = (int32_t)earlier(a->deviation.age_ns, OLDEST_NS);
@@ -694,7 +726,7 @@ static void write_row(const struct cell_parameters *p, const struct cell_state *
     row->phase = (int32_t)s->phase;
     row->lines = 1 << 3;    /* the amplifiers are on; no digital input is wired */
     for (int i = 0; i < p->axes; i++)
-        write_axis(&p->axis[i], &s->axis[i], signals, &row->axis[i], now_ns);
+        write_axis(&p->axis[i], &s->axis[i], s->watch[i].raised, signals, &row->axis[i], now_ns);
 }
 
 static int64_t clock_ns(void)

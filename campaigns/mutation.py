@@ -31,7 +31,7 @@ from .report import ROOT, Asked, Report
 EQUIVALENT = ROOT / "tests" / "rt" / "equivalent_mutants.toml"
 # module: its tests, and among them what looks at the source instead of the behaviour
 TARGETS: dict[str, tuple[str, str | None]] = {
-    "micromanip.rt.laws.limiter": ("tests/rt/test_limiter.py", "test_every_branch_is_taken"),
+    "micromanip.rt.laws.saturation": ("tests/rt/test_limiter.py", "test_every_branch_is_taken"),
     "micromanip.rt.faults": ("tests/rt/test_faults.py", "test_every_branch_is_taken"),
     "micromanip.bus.safe_state": ("tests/bus/test_safe_state.py", None),
     "micromanip.host.safe.outputs": ("tests/host/test_safe_outputs.py", None),

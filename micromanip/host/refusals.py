@@ -52,8 +52,8 @@ def awaited(cell: Any, configuration: Configuration) -> list[str] | None:
     """
     found = _comes_yet(int(cell["refused"]), cell, 0, _LINES)
     for i in range(len(configuration.axes)):
-        axis = cell["axis"][i]
-        found &= _comes_yet(int(axis["refused"]), axis, _SENSORS, _AXIS_LINES)
+        refused = int(cell["arming"][i]["refused"])
+        found &= _comes_yet(refused, cell["axis"][i], _SENSORS, _AXIS_LINES)
     return _arming(cell, STATE_NAMES[states.READY], configuration) if found else None
 
 
@@ -84,7 +84,7 @@ def refusals(
 def _arming(cell: Any, state: str, configuration: Configuration) -> list[str]:
     reasons = _of_the_cell(int(cell["refused"]), state)
     for i, name in enumerate(configuration.axes):
-        bits = int(cell["axis"][i]["refused"])
+        bits = int(cell["arming"][i]["refused"])
         reasons += [text.format(axis=name) for bit, text in _AXIS.items() if bits & bit]
     return reasons
 

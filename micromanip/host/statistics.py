@@ -130,7 +130,7 @@ def path_errors(controller: Controller) -> dict[str, PathError]:
     report: dict[str, PathError] = {}
     deviates = isinstance(controller.prepared.configuration.reference, Tracker)
     for i, name in enumerate(controller.prepared.configuration.axes):
-        a = controller.status["state"][0]["axis"][i]
+        a = controller.status["state"][0]["figures"][i]
         count = int(a["errors"])
         if count == 0 or not np.isfinite(a["error_squares"]):
             report[name] = PathError(uncompensated_rms=None, rms=None, max=None)

@@ -14,14 +14,13 @@ from typing import Any
 import numpy as np
 from numba import types
 
-from micromanip.rt.cell import cell_cycle, watch_drivers
+from micromanip.rt.bumpless import swap_cell
+from micromanip.rt.cycle import run_cycle
 from micromanip.rt.exchange import ALL_FOLLOW, FIRST_TAKEN
 from micromanip.rt.jit import Compiler
-from micromanip.rt.loop import supervise
 from micromanip.rt.record import MAX_AXES, Record
 from micromanip.rt.signatures import OUTPUTS, PARAMETERS, ROWS, SAMPLES, SIGNALS, STATES, WORDS, array_of
 from micromanip.rt.states import HOST_DEAD, TRACKING
-from micromanip.rt.swap import swap_cell
 from micromanip.rt.telemetry import (
     ABOVE,
     AMPLIFIER_OK,
@@ -57,7 +56,6 @@ from micromanip.rt.telemetry import (
     TOOL,
     write_row,
 )
-from micromanip.rt.waiting import wait
 
 from .difference import (
     DIFFERENCE_MODEL,
@@ -169,7 +167,7 @@ def _bit(word: int, mask: int) -> int:
 
 
 @_compiled
-def _leave_axis(p: Record, a: Record, row: Record, signals: Any, now_ns: int) -> None:
+def _leave_axis(p: Record, a: Record, row: Record, signals: Any, outputs: Any, now_ns: int) -> None:
     word = row["fresh"]
     strain = (
         _bit(word, STRAIN_CAME),
@@ -188,7 +186,7 @@ def _leave_axis(p: Record, a: Record, row: Record, signals: Any, now_ns: int) ->
     _leave_sample(
         p["deviation"], a["deviation"], signals, _ANY, deviation, row["deviation_um"], row["deviation_age_ns"], now_ns
     )
-    wait(a, _bit(word, DEVICE_BELOW) - _bit(word, DEVICE_ABOVE))
+    outputs[p["voltage"]] = a["voltage_V"] - (_bit(word, DEVICE_BELOW) - _bit(word, DEVICE_ABOVE))
     _leave_line(p["amplifier_ok"], a["amplifier_ok"], signals, word & AMPLIFIER_OK != 0, now_ns)
     _leave_line(p["temperature_ok"], a["temperature_ok"], signals, word & TEMPERATURE_OK != 0, now_ns)
     _leave_value(p["true_strain"], signals, row["true_strain_um"])
@@ -210,7 +208,7 @@ def _exchange_code(lines: int) -> int:
 
 
 @_compiled
-def _leave_cell(p: Record, s: Record, row: Record, signals: Any, now_ns: int) -> None:
+def _leave_cell(p: Record, s: Record, row: Record, signals: Any, outputs: Any, now_ns: int) -> None:
     lines = row["lines"]
     _leave_line(p["enable"], s["enable"], signals, lines & ENABLED != 0, now_ns)
     _leave_line(p["interlock"], s["interlock"], signals, lines & INTERLOCKED != 0, now_ns)
@@ -218,7 +216,7 @@ def _leave_cell(p: Record, s: Record, row: Record, signals: Any, now_ns: int) ->
     _leave_part(p, s, signals, lines, now_ns)
     _leave_tool(p, s, signals, lines, now_ns)
     for i in range(p["axes"]):
-        _leave_axis(p["axis"][i], s["axis"][i], row["axis"][i], signals, now_ns)
+        _leave_axis(p["axis"][i], s["axis"][i], row["axis"][i], signals, outputs, now_ns)
 
 
 @_compiled
@@ -284,12 +282,13 @@ def replay_rows(
     Returns how many those are: from row `tracks_from` on, the first that leaves TRACKING is the last.
 
     `parameters` (2,) are the set in force and, with `swap`, the one that comes in the first row; `commands` (n,) are
-    those that were carried out. The order within a cycle is that of the loop, ``rt/loop.py``; coordinates of a tracker
+    those that were carried out. The cycle is that of the loop, ``rt/cycle.py``; coordinates of a tracker
     are in the rows as the axes' deviations already. Where `models` (MAX_AXES,) are present, what the voltages do
     otherwise is added to the rows, its state in `differences` (MAX_AXES,); `free_um` (n, MAX_AXES) are the free
     displacements under the recorded ones, `scratch` is one row.
     """
     p, s = parameters[0], state[0]
+    parameters[0]["frame"]["sources"] = parameters[1]["frame"]["sources"] = 0  # what is derived is in the rows
     differs = models[0]["present"] != 0
     if swap == SWAP_BEFORE:
         swap_cell(p, parameters[1], s)
@@ -302,10 +301,9 @@ def replay_rows(
             scratch[0] = row
             row = scratch[0]
             _differ(p, models, differences, row, periods)
-        _leave_cell(p, s, row, signals, now_ns)
-        supervise(p, s, now_ns - (p["heartbeat_ns"] + 1 if dead else 0), now_ns, periods - 1)
-        watch_drivers(p, s, _exchange_code(row["lines"]))
-        cell_cycle(p, s, signals, outputs, samples, commands[k], now_ns)
+        _leave_cell(p, s, row, signals, outputs, now_ns)
+        code, silent_ns = _exchange_code(row["lines"]), p["heartbeat_ns"] + 1 if dead else 0
+        run_cycle(p, s, signals, outputs, samples, code, commands[k], now_ns, periods - 1, silent_ns)
         if swap == SWAP_AFTER and k == 0:
             swap_cell(p, parameters[1], s)
             p = parameters[1]

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from micromanip.errors import CheckFailed
 from micromanip.recordings import Telemetry
 from micromanip.rt.laws.tooth import FOLLOWS
-from micromanip.rt.outrun import AT_ONCE, REMEMBERED, UNSEEN
 from micromanip.rt.states import READY, STAGE, TRACKING
+from micromanip.rt.supervisor import AT_ONCE, MANY, REMEMBERED
 
 from .recorded import Recorded
 from .self_replay import Run, infer_commands
@@ -151,16 +151,16 @@ def _require_stage(telemetry: Telemetry, parameters: NDArray[Any]) -> None:
 def counted_rows(window: Window, settle: int) -> NDArray[np.bool_]:
     """Which rows (n,) count in figures: tracking for `settle` rows, and as many after the last gap that matters.
 
-    A gap matters with more than `AT_ONCE` cycles, or where the calm gains act for it (``rt/outrun.py``), from its first
-    cycle on. While cycles are missed the voltage stays, and the stage goes where forces and open loop take it: what
-    another voltage would have done follows from low frequencies of the actuator, which a closed loop hardly shows. The
-    way back then leads over many micrometres, at the limits. So these rows and those within the settling time are left
-    out.
+    A gap matters with more than `AT_ONCE` cycles, or where the calm gains act for it (``rt/supervisor.py``), from its
+    first cycle on. While cycles are missed the voltage stays, and the stage goes where forces and open loop take it:
+    what another voltage would have done follows from low frequencies of the actuator, which a closed loop hardly shows.
+    The way back then leads over many micrometres, at the limits. So these rows and those within the settling time are
+    left out.
     """
     missed = np.maximum(window.rows["periods"].astype(np.int64) - 1, 0)
     many = np.cumsum(np.minimum(missed, AT_ONCE))
     lately = many - np.concatenate([np.zeros(min(REMEMBERED, len(many)), many.dtype), many[:-REMEMBERED]])
-    disturbed = (missed > AT_ONCE) | (lately > UNSEEN)
+    disturbed = (missed > AT_ONCE) | (lately > MANY)
     disturbed[: window.first] = False
     rows = np.arange(len(missed))
     last = np.maximum.accumulate(np.where(disturbed, rows, window.first))

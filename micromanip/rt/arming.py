@@ -12,34 +12,15 @@ from __future__ import annotations
 
 import math
 
+from micromanip.rt.laws.digital_input import is_missing
 from micromanip.rt.laws.minimum_jerk import minimum_jerk
 from micromanip.rt.laws.reference import SIGNAL
-from micromanip.rt.laws.sensor import is_missing, is_silent, may_be_at_end
+from micromanip.rt.laws.sensor import is_silent, may_be_at_end
 
+from . import states
 from .jit import compiled
 from .phases import CHECKING_GAUGE, CHECKING_STAGE, CLOSED, LIFTING, PARKED, SWEEPING
 from .record import Record, record
-from .states import (
-    AMPLIFIER_MISSING,
-    ENABLE_MISSING,
-    HOLDING,
-    INTERLOCK_MISSING,
-    LATCHED,
-    LINK_MISSING,
-    NO_FAULT,
-    NOT_READY,
-    NOT_RESUMABLE,
-    OUTPUTS_MISSING,
-    READY,
-    REFERENCE_MISSING,
-    STAGE,
-    STAGE_INVALID,
-    STAGE_MISSING,
-    STAGE_STUCK,
-    STRAIN_MISSING,
-    TEMPERATURE_MISSING,
-    VOLTAGE,
-)
 
 CHECK_PARAMETERS = record(
     ("step", "f8"), ("low", "f8"), ("high", "f8"), ("slack", "f8"), ("slack_cycles", "i8"), ("lag_step", "f8")
@@ -60,6 +41,14 @@ CHECK_STATE = record(
 """What a check gathers; its place among the axes that are checked in this arming (1 is the first, 0: it is not due);
 what it found last, and whether that was as expected and still counts. During the lift: the voltage that the gauge shows
 at least, and for how many cycles it has not fitted."""
+ARMING_STATE = record(
+    ("refused", "i8"),
+    ("lift_turn", "i8"),
+    ("lifted", "i8"),
+    ("strain_check", CHECK_STATE),
+    ("stage_check", CHECK_STATE),
+)
+"""Of an axis: why arming was refused; its place in the lift, and whether that has come; its checks."""
 _SHOWS = 3.0
 """A lift that is so many times as far as its gauge may stray shows whether the gauge follows the voltage."""
 
@@ -67,42 +56,34 @@ _SHOWS = 3.0
 @compiled
 def refuse(p: Record, s: Record) -> bool:
     """Note in ``refused`` of the cell and of each axis why it can't be armed now; True where there is a reason."""
-    resuming = s["state"] == HOLDING
-    reasons = 0
-    if s["state"] != READY and not resuming:
-        reasons |= NOT_READY
-    if s["fault"] != NO_FAULT or s["stopping"] != 0:
-        reasons |= LATCHED
-    if is_missing(p["enable"], s["enable"]):
-        reasons |= ENABLE_MISSING
-    if is_missing(p["interlock"], s["interlock"]):
-        reasons |= INTERLOCK_MISSING
-    if s["link_down"] != 0:
-        reasons |= LINK_MISSING
-    if s["outputs_taken"] != 0:
-        reasons |= OUTPUTS_MISSING
+    resuming = s["state"] == states.HOLDING
+    reasons = _if(states.NOT_READY, s["state"] != states.READY and not resuming)
+    reasons |= _if(states.LATCHED, s["fault"] != states.NO_FAULT or s["stopping"] != 0)
+    reasons |= _if(states.ENABLE_MISSING, is_missing(p["enable"], s["enable"]))
+    reasons |= _if(states.INTERLOCK_MISSING, is_missing(p["interlock"], s["interlock"]))
+    reasons |= _if(states.LINK_MISSING, s["link_down"] != 0)
+    reasons |= _if(states.OUTPUTS_MISSING, s["outputs_taken"] != 0)
     s["refused"] = reasons
     for i in range(p["axes"]):
-        axis, a = p["axis"][i], s["axis"][i]
-        a["refused"] = 0
-        if axis["mode"] != VOLTAGE and (
-            a["strain"]["bad"] > 0 or a["strain"]["identical"] >= axis["watch"]["strain_identical"]
-        ):
-            a["refused"] |= STRAIN_MISSING
-        if axis["mode"] == STAGE and stage_loss(axis, a, 1, resuming) != NO_FAULT:
-            a["refused"] |= STAGE_MISSING
-        if axis["reference"]["kind"] == SIGNAL and (
-            a["reference"]["time_ns"] == 0 or a["reference"]["silent"] >= axis["watch"]["stale_cycles"]
-        ):
-            a["refused"] |= REFERENCE_MISSING
-        if is_missing(axis["amplifier_ok"], a["amplifier_ok"]):
-            a["refused"] |= AMPLIFIER_MISSING
-        if is_missing(axis["temperature_ok"], a["temperature_ok"]):
-            a["refused"] |= TEMPERATURE_MISSING
-        if resuming and a["frozen"] != 0:
-            a["refused"] |= NOT_RESUMABLE
-        reasons |= a["refused"]
+        axis, a, limits = p["axis"][i], s["axis"][i], p["axis"][i]["watch"]
+        strain, reference = a["strain"], a["reference"]
+        lost = strain["bad"] > 0 or strain["identical"] >= limits["strain_identical"]
+        late = reference["time_ns"] == 0 or reference["silent"] >= limits["stale_cycles"]
+        away = axis["mode"] == states.STAGE and stage_loss(axis, a, 1, resuming) != states.NO_FAULT
+        refused = _if(states.STRAIN_MISSING, axis["mode"] != states.VOLTAGE and lost)
+        refused |= _if(states.STAGE_MISSING, away)
+        refused |= _if(states.REFERENCE_MISSING, axis["reference"]["kind"] == SIGNAL and late)
+        refused |= _if(states.AMPLIFIER_MISSING, is_missing(axis["amplifier_ok"], a["amplifier_ok"]))
+        refused |= _if(states.TEMPERATURE_MISSING, is_missing(axis["temperature_ok"], a["temperature_ok"]))
+        refused |= _if(states.NOT_RESUMABLE, resuming and s["watch"][i]["frozen"] != 0)
+        s["arming"][i]["refused"] = refused
+        reasons |= refused
     return reasons != 0
+
+
+@compiled
+def _if(bit: int, found: bool) -> int:
+    return bit if found else 0
 
 
 @compiled
@@ -116,8 +97,9 @@ def stage_loss(axis: Record, a: Record, samples: int, usable: bool) -> int:
     excused = not usable and may_be_at_end(sensor, axis["stage_range_um"])
     longest_ns = axis["stage_age_ns"] + int(samples / axis["cycles_per_ns"])
     if is_silent(sensor, longest_ns) or (sensor["bad"] >= samples and not excused):
-        return STAGE_INVALID
-    return STAGE_STUCK if sensor["identical"] >= axis["watch"]["stage_identical"] and not excused else NO_FAULT
+        return states.STAGE_INVALID
+    stuck = sensor["identical"] >= axis["watch"]["stage_identical"] and not excused
+    return states.STAGE_STUCK if stuck else states.NO_FAULT
 
 
 @compiled
@@ -125,28 +107,29 @@ def plan_checks(p: Record, s: Record) -> None:
     """Give each loop that is to be closed, and whose check does not count (any more), its turn in this arming."""
     s["probes"] = s["bumps"] = s["lifts"] = 0
     for i in range(p["axes"]):
-        axis, a = p["axis"][i], s["axis"][i]
-        mode, a["lifted"], a["lift_turn"] = axis["mode"], 0, 0
-        start_check(a["strain_check"])
-        start_check(a["stage_check"])
-        if p["check_cycles"] > 0 and mode != VOLTAGE:
-            a["lift_turn"] = s["lifts"]
+        axis, own = p["axis"][i], s["arming"][i]
+        mode, own["lifted"], own["lift_turn"] = axis["mode"], 0, 0
+        start_check(own["strain_check"])
+        start_check(own["stage_check"])
+        if p["check_cycles"] > 0 and mode != states.VOLTAGE:
+            own["lift_turn"] = s["lifts"]
             s["lifts"] += 1
-            if abs(lift_target(axis, a) - a["strain"]["value"]) < _SHOWS * axis["strain_check"]["slack"]:
-                a["strain_check"]["passed"] = 0
-        if p["check_cycles"] > 0 and mode != VOLTAGE and a["strain_check"]["passed"] == 0:
+            far_um = abs(lift_target(axis, s["axis"][i]) - s["axis"][i]["strain"]["value"])
+            if far_um < _SHOWS * axis["strain_check"]["slack"]:
+                own["strain_check"]["passed"] = 0
+        if p["check_cycles"] > 0 and mode != states.VOLTAGE and own["strain_check"]["passed"] == 0:
             s["probes"] += 1
-            a["strain_check"]["turn"] = s["probes"]
-        if p["check_cycles"] > 0 and mode == STAGE and a["stage_check"]["passed"] == 0:
+            own["strain_check"]["turn"] = s["probes"]
+        if p["check_cycles"] > 0 and mode == states.STAGE and own["stage_check"]["passed"] == 0:
             s["bumps"] += 1
-            a["stage_check"]["turn"] = s["bumps"]
+            own["stage_check"]["turn"] = s["bumps"]
 
 
 @compiled
 def lift_target(axis: Record, a: Record) -> float:
     """Where a lift ends: the working point, or where the axis' own reference begins."""
-    follows = axis["mode"] == STAGE or axis["reference"]["kind"] == SIGNAL
-    return axis["centre_um"] if follows else a["ahead_um"]
+    follows = axis["mode"] == states.STAGE or axis["reference"]["kind"] == SIGNAL
+    return axis["centre_um"] if follows else a["reference"]["ahead_um"]
 
 
 @compiled
@@ -156,9 +139,9 @@ def lifting_cycles(p: Record, s: Record) -> int:
 
 
 @compiled
-def lift_fraction(p: Record, s: Record, axis: Record, place: float) -> float:
-    """How far (0..1) an axis is at `place` (0..1) of the lift of all; below 0 before its turn."""
-    return (place * lifting_cycles(p, s) - axis["lift_turn"] * p["lift_turn_cycles"]) / p["lift_cycles"]
+def lift_fraction(p: Record, s: Record, i: int, place: float) -> float:
+    """How far (0..1) axis `i` is at `place` (0..1) of the lift of all; below 0 before its turn."""
+    return (place * lifting_cycles(p, s) - s["arming"][i]["lift_turn"] * p["lift_turn_cycles"]) / p["lift_cycles"]
 
 
 @compiled
@@ -174,14 +157,9 @@ def arming_cycles(p: Record, s: Record) -> int:
     """Length of the whole sequence as planned; what resumes a hold needs only its authority back."""
     if s["resumed"] != 0:
         return p["authority_cycles"]
-    return (
-        p["enable_cycles"]
-        + p["check_cycles"] * (s["probes"] + s["bumps"])
-        + lifting_cycles(p, s)
-        + p["sweep_cycles"]
-        + p["settle_cycles"]
-        + p["authority_cycles"]
-    )
+    checking = p["check_cycles"] * (s["probes"] + s["bumps"])
+    moving = lifting_cycles(p, s) + p["sweep_cycles"] + p["settle_cycles"]
+    return p["enable_cycles"] + checking + moving + p["authority_cycles"]
 
 
 @compiled
@@ -276,16 +254,9 @@ def forget_checks(a: Record, gauge: bool) -> None:
 def carry_checks(old: Record, new: Record, a: Record) -> None:
     """Under new parameters of an axis: other signals, outputs or another mode are checked anew, other limits judged."""
     was, now = old["limiter"], new["limiter"]
-    if (
-        old["mode"] != new["mode"]
-        or old["strain"] != new["strain"]
-        or old["stage"] != new["stage"]
-        or old["voltage"] != new["voltage"]
-        or was["low_V"] != now["low_V"]
-        or was["high_V"] != now["high_V"]
-        or was["slew_V"] != now["slew_V"]
-        or was["park_V"] != now["park_V"]
-    ):
+    others = old["mode"] != new["mode"] or old["strain"] != new["strain"] or old["stage"] != new["stage"]
+    others = others or old["voltage"] != new["voltage"] or was["low_V"] != now["low_V"]
+    if others or was["high_V"] != now["high_V"] or was["slew_V"] != now["slew_V"] or was["park_V"] != now["park_V"]:
         forget_checks(a, True)
     gauge, stage = a["strain_check"], a["stage_check"]
     if gauge["passed"] != 0 and not judge(gauge, new["strain_check"], gauge["found"]):

@@ -67,5 +67,5 @@ IMAGE = np.dtype(
 """``inputs`` and ``outputs`` are how many there are; a worker silent for longer than ``silent_ns`` is lost. ``value``
 is what the loop wants, ``sent`` what the device was given last; NaN where it was not given anything yet. At
 ``turned_ns`` each output had its turn last, acknowledged or not; one that follows and has had none for longer than
-``patience_ns`` has to wait (``waiting.py``). Of each input so many samples are ``missing``, known never to have come,
-some of them before the loop saw its first one."""
+``patience_ns`` has to wait (``laws/saturation.py``). Of each input so many samples are ``missing``, known never to have
+come, some of them before the loop saw its first one."""

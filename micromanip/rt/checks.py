@@ -10,41 +10,22 @@ import math
 from micromanip.rt.laws.reference import SIGNAL
 from micromanip.rt.laws.sensor import BELIEVED, is_silent
 
+from . import states
 from .arming import answer, check_step, forget_checks, gather, judge, lift_fraction, stage_loss, sweep_offset
-from .axis import start_axis
+from .bumpless import start_axis
 from .faults import axis_fault, raise_fault
 from .jit import compiled
 from .phases import CHECKING_GAUGE, CHECKING_STAGE, CLOSED, LIFTING, SWEEPING
 from .record import Record
-from .states import (
-    AMPLIFIER_FAULT,
-    ARMING,
-    DISAGREEMENT,
-    DRIVER_ERROR,
-    LINK_LOST,
-    NO_FAULT,
-    RAMPS,
-    REFERENCE_LOST,
-    STAGE,
-    STAGE_CHECK,
-    STAGE_DRIFT,
-    STAGE_INVALID,
-    STAGE_STUCK,
-    STRAIN_CHECK,
-    STRAIN_INVALID,
-    STRAIN_SILENT,
-    STRAIN_STUCK,
-    VOLTAGE,
-)
 from .watch import lasting
 
 _UNUSABLE_CYCLES = 20
 """A capacitive sensor unusable for longer is not waited for, however patient the watch may be while tracking."""
-_CELL_CHANGED = 1 << DRIVER_ERROR | 1 << LINK_LOST
-_APART = 1 << DISAGREEMENT | 1 << STAGE_DRIFT
-_GAUGE_LOST = 1 << STRAIN_INVALID | 1 << STRAIN_SILENT | 1 << STRAIN_STUCK
-_GAUGE_CHANGED = _APART | _GAUGE_LOST | 1 << AMPLIFIER_FAULT | 1 << STRAIN_CHECK
-_STAGE_CHANGED = 1 << STAGE_INVALID | 1 << STAGE_STUCK | 1 << STAGE_CHECK
+_CELL_CHANGED = 1 << states.DRIVER_ERROR | 1 << states.LINK_LOST
+_APART = 1 << states.DISAGREEMENT | 1 << states.STAGE_DRIFT
+_GAUGE_LOST = 1 << states.STRAIN_INVALID | 1 << states.STRAIN_SILENT | 1 << states.STRAIN_STUCK
+_GAUGE_CHANGED = _APART | _GAUGE_LOST | 1 << states.AMPLIFIER_FAULT | 1 << states.STRAIN_CHECK
+_STAGE_CHANGED = 1 << states.STAGE_INVALID | 1 << states.STAGE_STUCK | 1 << states.STAGE_CHECK
 """Faults after which a device, a cable or a setting may be another one, or is to be mended."""
 
 
@@ -58,22 +39,25 @@ def arming_step(p: Record, s: Record, phase: int, fraction: float) -> float:
     place = fraction * (s["probes"] if phase == CHECKING_GAUGE else s["bumps"]) if checking else 0.0
     turn = int(place)
     for i in range(p["axes"]):
-        axis, a = p["axis"][i], s["axis"][i]
-        if phase == LIFTING and a["lifted"] == 0 and lift_fraction(p, s, a, fraction) >= 0.0:
+        axis, a, own, order = p["axis"][i], s["axis"][i], s["arming"][i], s["order"][i]
+        if phase == LIFTING and own["lifted"] == 0 and lift_fraction(p, s, i, fraction) >= 0.0:
+            order["start_V"] = a["voltage_V"]
             start_axis(axis, a)
-            a["strain_check"]["shown_V"], a["strain_check"]["outside"] = a["voltage_V"], 0
-            a["lifted"] = 1
-        a["offset"] = 0.0
-        if phase == SWEEPING and axis["mode"] != VOLTAGE:
-            follows = axis["mode"] == STAGE or axis["reference"]["kind"] == SIGNAL
+            own["strain_check"]["shown_V"], own["strain_check"]["outside"] = a["voltage_V"], 0
+            own["lifted"] = 1
+        order["offset"] = 0.0
+        if phase == SWEEPING and axis["mode"] != states.VOLTAGE:
+            follows = axis["mode"] == states.STAGE or axis["reference"]["kind"] == SIGNAL
             target_um = axis["centre_um"] if follows else a["reference"]["w"][0]
-            a["offset"] = sweep_offset(p, axis, target_um, fraction)
-        if phase == CHECKING_GAUGE and a["strain_check"]["turn"] == turn + 1:
-            a["offset"] = axis["strain_check"]["step"] * check_step(place - turn)
-            gather(a["strain_check"], place - turn, a["strain"]["value"])
-        elif phase == CHECKING_STAGE and a["stage_check"]["turn"] == turn + 1:
-            a["offset"] = axis["stage_check"]["step"] * check_step(place - turn)
-            gather(a["stage_check"], place - turn, a["stage"]["value"])
+            order["offset"] = sweep_offset(p, axis, target_um, fraction)
+        if phase == CHECKING_GAUGE and own["strain_check"]["turn"] == turn + 1:
+            order["offset"] = axis["strain_check"]["step"] * check_step(place - turn)
+            gather(own["strain_check"], place - turn, a["strain"]["value"])
+        elif phase == CHECKING_STAGE and own["stage_check"]["turn"] == turn + 1:
+            order["offset"] = axis["stage_check"]["step"] * check_step(place - turn)
+            gather(own["stage_check"], place - turn, a["stage"]["value"])
+    if phase == CHECKING_GAUGE:
+        return 0.0
     return 1.0 if checking or phase == SWEEPING else fraction
 
 
@@ -81,13 +65,13 @@ def arming_step(p: Record, s: Record, phase: int, fraction: float) -> float:
 def judge_checks(p: Record, s: Record, phase: int) -> None:
     """Where the polarity and scale checks of a kind have ended: every answer inside what is expected, or a fault."""
     was = s["phase"]
-    if s["state"] != ARMING or phase == was or was not in (CHECKING_GAUGE, CHECKING_STAGE):
+    if s["state"] != states.ARMING or phase == was or was not in (CHECKING_GAUGE, CHECKING_STAGE):
         return
     for i in range(p["axes"]):
-        axis, a = p["axis"][i], s["axis"][i]
-        code, limits, c = STRAIN_CHECK, axis["strain_check"], a["strain_check"]
+        axis, own = p["axis"][i], s["arming"][i]
+        code, limits, c = states.STRAIN_CHECK, axis["strain_check"], own["strain_check"]
         if was == CHECKING_STAGE:
-            code, limits, c = STAGE_CHECK, axis["stage_check"], a["stage_check"]
+            code, limits, c = states.STAGE_CHECK, axis["stage_check"], own["stage_check"]
         if c["turn"] > 0:
             found = answer(c, limits["step"])
             good = judge(c, limits, found)
@@ -103,20 +87,20 @@ def watch_arming(p: Record, s: Record, phase: int) -> None:
     From then on ``watch.py`` looks after it.
     """
     closing = phase == CLOSED and s["phase"] != CLOSED
-    if s["state"] != ARMING or s["resumed"] != 0 or (phase == CLOSED and not closing):
+    if s["state"] != states.ARMING or s["resumed"] != 0 or (phase == CLOSED and not closing):
         return
     for i in range(p["axes"]):
         axis, a = p["axis"][i], s["axis"][i]
         limits, silent = axis["watch"], a["reference"]["silent"]
         samples = min(limits["stage_samples"], _UNUSABLE_CYCLES) + (0 if closing else limits["coast_cycles"])
-        code = stage_loss(axis, a, samples, closing) if axis["mode"] == STAGE else NO_FAULT
-        if code == STAGE_STUCK:
+        code = stage_loss(axis, a, samples, closing) if axis["mode"] == states.STAGE else states.NO_FAULT
+        if code == states.STAGE_STUCK:
             end_arming(p, s, i, code, float(a["stage"]["identical"]), float(limits["stage_identical"]))
-        elif code != NO_FAULT or (closing and axis["mode"] == STAGE and a["estimator"]["running"] == 0):
+        elif code != states.NO_FAULT or (closing and axis["mode"] == states.STAGE and a["estimator"]["running"] == 0):
             silent_cycles = int(a["stage"]["silent_ns"] * axis["cycles_per_ns"])
-            end_arming(p, s, i, STAGE_INVALID, float(max(a["stage"]["bad"], silent_cycles)), float(samples))
+            end_arming(p, s, i, states.STAGE_INVALID, float(max(a["stage"]["bad"], silent_cycles)), float(samples))
         if closing and axis["reference"]["kind"] == SIGNAL and silent >= limits["lost_cycles"]:
-            end_arming(p, s, i, REFERENCE_LOST, float(silent), float(limits["lost_cycles"]))
+            end_arming(p, s, i, states.REFERENCE_LOST, float(silent), float(limits["lost_cycles"]))
 
 
 @compiled
@@ -131,11 +115,12 @@ def watch_lift(p: Record, s: Record) -> None:
         return
     for i in range(p["axes"]):
         limits, a = p["axis"][i]["strain_check"], s["axis"][i]
-        c, gone_V = a["strain_check"], a["voltage_V"] - a["start_V"]
-        if a["lifted"] == 0 or p["axis"][i]["mode"] == VOLTAGE:
+        c, start_V = s["arming"][i]["strain_check"], s["order"][i]["start_V"]
+        gone_V = a["voltage_V"] - start_V
+        if s["arming"][i]["lifted"] == 0 or p["axis"][i]["mode"] == states.VOLTAGE:
             continue
         c["shown_V"] += limits["lag_step"] * (a["voltage_V"] - c["shown_V"])
-        shown_V, gone_um = c["shown_V"] - a["start_V"], a["strain"]["value"] - a["start_um"]
+        shown_V, gone_um = c["shown_V"] - start_V, a["strain"]["value"] - a["blend"]["held_um"]
         by_low, by_high = limits["low"], limits["high"]
         least_um = min(min(by_low * gone_V, by_high * gone_V), min(by_low * shown_V, by_high * shown_V))
         most_um = max(max(by_low * gone_V, by_high * gone_V), max(by_low * shown_V, by_high * shown_V))
@@ -143,14 +128,14 @@ def watch_lift(p: Record, s: Record) -> None:
         c["outside"] = lasting(c["outside"], too_low or too_high)
         if c["outside"] >= limits["slack_cycles"]:
             found = gone_um / math.copysign(max(abs(gone_V), abs(limits["step"])), gone_V)
-            end_arming(p, s, i, STRAIN_CHECK, found, by_high if too_high == (gone_V > 0.0) else by_low)
+            end_arming(p, s, i, states.STRAIN_CHECK, found, by_high if too_high == (gone_V > 0.0) else by_low)
 
 
 @compiled
 def end_arming(p: Record, s: Record, axis: int, code: int, value: float, limit: float) -> None:
     """Raise a fault that ends arming whatever its reaction is while tracking: the ramp at least."""
-    s["axis"][axis]["watch"]["raised"] |= 1 << code
-    raise_fault(p, s, code, axis, value, limit, max(RAMPS, p["axis"][axis]["watch"]["reaction"][code]))
+    s["watch"][axis]["raised"] |= 1 << code
+    raise_fault(p, s, code, axis, value, limit, max(states.RAMPS, p["axis"][axis]["watch"]["reaction"][code]))
 
 
 @compiled
@@ -164,8 +149,8 @@ def keep_checks(p: Record, s: Record) -> None:
     away_ns = BELIEVED * p["period_ns"]
     for i in range(p["axes"]):
         a = s["axis"][i]
-        raised, strain = a["watch"]["raised"], a["strain"]
+        raised, strain = s["watch"][i]["raised"], a["strain"]
         if changed or raised & _GAUGE_CHANGED != 0 or strain["bad"] >= BELIEVED or is_silent(strain, away_ns):
-            forget_checks(a, True)
+            forget_checks(s["arming"][i], True)
         elif raised & _STAGE_CHANGED != 0 or is_silent(a["stage"], away_ns):
-            forget_checks(a, False)
+            forget_checks(s["arming"][i], False)

@@ -1,22 +1,12 @@
-"""Digital inputs and outputs of the cell: enable, interlock, retracted; amplifier on, reset, feed-hold, heartbeat."""
+"""Digital outputs of the cell: amplifier on, reset, feed-hold, heartbeat."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from micromanip.rt.laws.sensor import read_line
-
 from .jit import compiled
 from .record import Record
 from .states import ARMING, HOLDING, NO_FAULT, RAMPING, READY, TRACKING
-
-
-@compiled
-def read_lines(p: Record, s: Record, signals: Any, now_ns: int) -> None:
-    """Digital inputs of the cell."""
-    read_line(p["enable"], s["enable"], signals, now_ns)
-    read_line(p["interlock"], s["interlock"], signals, now_ns)
-    read_line(p["retracted"], s["retracted"], signals, now_ns)
 
 
 @compiled

@@ -56,14 +56,14 @@ def begins(w: Record, code: int, active: bool) -> bool:
 @compiled
 def warn(s: Record, axis: int, code: int, active: bool, value: float, limit: float) -> None:
     """Tell of a condition of an axis that begins; it is told again once it has been away."""
-    if begins(s["axis"][axis]["watch"], code, active):
+    if begins(s["watch"][axis], code, active):
         note(s, code, axis, value, limit, WARN)
 
 
 @compiled
 def axis_fault(p: Record, s: Record, axis: int, code: int, active: bool, value: float, limit: float) -> None:
     """Raise a fault of an axis where its condition begins."""
-    if begins(s["axis"][axis]["watch"], code, active):
+    if begins(s["watch"][axis], code, active):
         raise_fault(p, s, code, axis, value, limit, p["axis"][axis]["watch"]["reaction"][code])
 
 
@@ -96,7 +96,7 @@ def react(p: Record, s: Record, reaction: int) -> None:
     """Go where `reaction` leads from the present state; a milder one never undoes a graver one."""
     state = s["state"]
     if reaction == CUTS:
-        cut(p, s)
+        cut(s)
     elif state in (READY, OFF):
         enter(s, FAULT)
     elif reaction == HOLDS and state == HOLDING:
@@ -116,5 +116,4 @@ def forget(p: Record, s: Record) -> None:
     s["overruns_in_a_row"] = 0
     s["overrun_level"] = 0.0
     for i in range(p["axes"]):
-        s["axis"][i]["watch"]["raised"] = 0
-        s["axis"][i]["frozen"] = 0
+        s["watch"][i]["raised"] = s["watch"][i]["frozen"] = 0

@@ -10,17 +10,26 @@ from .record import Record, record
 from .states import STAGE
 from .watch import following_error
 
-FIGURES = record(("error", "f8"), ("innovation", "f8"), ("feedback", "f8"))
-"""Mean squares over about a second: error (um^2), innovation (um^2), and what the PID adds to the feedforward (V^2)."""
+FIGURES = record(
+    ("error", "f8"),
+    ("innovation", "f8"),
+    ("feedback", "f8"),
+    ("errors", "i8"),
+    ("error_squares", "f8"),
+    ("error_max", "f8"),
+    ("uncompensated_squares", "f8"),
+)
+"""Mean squares over about a second: error (um^2), innovation (um^2), and what the PID adds to the feedforward (V^2);
+how many path errors were scored, their sum of squares and largest, and the squares of the deviation itself."""
 
 
 @compiled
-def score(a: Record, path_error_um: float, uncompensated_um: float) -> None:
+def score(figures: Record, path_error_um: float, uncompensated_um: float) -> None:
     """Add one cycle to the running figures of the path error."""
-    a["errors"] += 1
-    a["error_squares"] += path_error_um * path_error_um
-    a["error_max"] = max(a["error_max"], abs(path_error_um))
-    a["uncompensated_squares"] += uncompensated_um * uncompensated_um
+    figures["errors"] += 1
+    figures["error_squares"] += path_error_um * path_error_um
+    figures["error_max"] = max(figures["error_max"], abs(path_error_um))
+    figures["uncompensated_squares"] += uncompensated_um * uncompensated_um
 
 
 @compiled
@@ -34,9 +43,8 @@ def path_error(p: Record, a: Record, signals: Any) -> tuple[float, float]:
 
 
 @compiled
-def mean_squares(p: Record, axis: Record, a: Record) -> None:
+def mean_squares(p: Record, axis: Record, a: Record, figures: Record) -> None:
     """Carry the figures of merit of an axis on."""
-    figures = a["figures"]
     error_um = following_error(axis, a)
     added_V = a["voltage_V"] - a["hysteresis"]["output_V"]
     step = p["figures_step"]

@@ -45,10 +45,10 @@ def watch_swing(p: Record, s: Record, i: int, active: bool) -> bool:
     """Limit cycle: voltage or set-point, the gauge or the stage goes from end to end. No configuration allows that.
 
     In open loop the voltage is what was asked for; what it does to the sensors counts there too. Nor does any allow
-    fast gains that outrun the set-point whenever they are back (``outrun.py``).
+    fast gains that outrun the set-point whenever they are back (``supervisor.py``).
     """
     axis, a = p["axis"][i], s["axis"][i]
-    limits, limiter, w, cycle = axis["watch"], axis["limiter"], a["watch"], s["cycle"]
+    limits, limiter, w, cycle = axis["watch"], axis["limiter"], s["watch"][i], s["cycle"]
     if not active:
         w["driven_swing"]["end"] = w["strain_swing"]["end"] = w["stage_swing"]["end"] = 0
         w["driven_swing"]["times"] = w["strain_swing"]["times"] = w["stage_swing"]["times"] = 0
@@ -60,17 +60,17 @@ def watch_swing(p: Record, s: Record, i: int, active: bool) -> bool:
         found |= swings(limits, w["strain_swing"], cycle, sensor_end(a["strain"], axis["strain_range_um"]))
     if axis["stage"] >= 0:
         found |= swings(limits, w["stage_swing"], cycle, sensor_end(a["stage"], axis["stage_range_um"]))
-    return found or a["relapses"] >= limits["swings"]
+    return found or a["supervisor"]["relapses"] >= limits["swings"]
 
 
 @compiled
-def swings_for(axis: Record, a: Record, cycle: int) -> int:
+def swings_for(axis: Record, a: Record, w: Record, cycle: int) -> int:
     """Cycles for which there has been a limit cycle, by the last of those that have been found."""
-    w, most, since = a["watch"], axis["watch"]["swings"], cycle
+    most, since = axis["watch"]["swings"], cycle
     if axis["mode"] != VOLTAGE and w["driven_swing"]["times"] >= most:
         since = w["driven_swing"]["first_cycle"]
     if axis["strain"] >= 0 and w["strain_swing"]["times"] >= most:
         since = w["strain_swing"]["first_cycle"]
     if axis["stage"] >= 0 and w["stage_swing"]["times"] >= most:
         since = w["stage_swing"]["first_cycle"]
-    return cycle - (a["relapsed_cycle"] if a["relapses"] >= most else since)
+    return cycle - (a["supervisor"]["relapsed_cycle"] if a["supervisor"]["relapses"] >= most else since)

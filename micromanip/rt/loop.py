@@ -12,48 +12,21 @@ from typing import Any
 
 from numba import types
 
-from micromanip.rt.laws.coordinate_transform import derive_signals
-
 from . import mailbox
-from .cell import cell_cycle, watch_drivers
+from .bumpless import swap_cell
 from .clock import now_ns, wait_until
+from .cycle import run_cycle
 from .exchange import exchange_all
-from .faults import cell_fault
 from .histogram import count
 from .intrinsics import load_acquire, store_release
 from .jit import compiled
 from .shadow import end_trial, shadow_cycle, start_shadow, takes_back
 from .signatures import DRIVERS, OUTPUTS, PARAMETERS, ROWS, SAMPLES, SIGNALS, STATES, WORDS
-from .states import HOST_DEAD, NO_COMMAND, OFF, OVERRUNS, PROMOTE
-from .swap import swap_cell
+from .states import NO_COMMAND, OFF, PROMOTE
 from .telemetry import write_row
-from .transitions import begin_cycle
-from .waiting import see_waiting
 
 STEERED_SHARE = 100
 """The next deadline is moved by this part of a period at most."""
-
-
-@compiled
-def supervise(p: Any, s: Any, heartbeat_ns: int, now: int, missed: int) -> None:
-    """Begin the cycle; watch the deadlines and the host: without one the loop brings its outputs to park and ends.
-
-    The cycles that were missed have passed before anything is decided: a ramp that begins now begins at its beginning.
-    Missed deadlines fill a bucket that leaks by the share that is allowed.
-    """
-    begin_cycle(s, missed)
-    s["overruns"] += missed
-    s["overruns_in_a_row"] = s["overruns_in_a_row"] + missed if missed > 0 else 0
-    s["overrun_level"] = max(0.0, s["overrun_level"] + missed - p["overrun_share"] * (1 + missed))
-    many = s["overruns_in_a_row"] >= p["overruns_in_a_row"]
-    often = s["overrun_level"] > p["overrun_level"]
-    limit = float(p["overruns_in_a_row"]) if many else p["overrun_level"]
-    cell_fault(p, s, OVERRUNS, many or often, float(s["overruns_in_a_row"]) if many else s["overrun_level"], limit)
-    silent_ns = now - heartbeat_ns
-    dead = silent_ns > p["heartbeat_ns"]
-    cell_fault(p, s, HOST_DEAD, dead, silent_ns * 1e-6, p["heartbeat_ns"] * 1e-6)
-    if dead:
-        s["stopping"] = 1
 
 
 @compiled
@@ -128,11 +101,8 @@ def run_loop(
         command, number = NO_COMMAND, load_acquire(control, mailbox.COMMAND_NUMBER)
         if number != status[mailbox.COMMAND_DONE]:
             command = load_acquire(control, mailbox.COMMAND)
-        supervise(p, s, load_acquire(control, mailbox.HEARTBEAT_NS), now, missed)
-        watch_drivers(p, s, code)
-        see_waiting(p, s, outputs)
-        derive_signals(p, s, signals)
-        accepted = cell_cycle(p, s, signals, outputs, samples, command, deadline)
+        silent_ns = max(0, now - load_acquire(control, mailbox.HEARTBEAT_NS))
+        accepted = run_cycle(p, s, signals, outputs, samples, code, command, deadline, missed, silent_ns)
         if command == PROMOTE and accepted:
             swap_cell(p, candidate, s)
             before, p = p, candidate

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from micromanip.rt.laws.sensor import read_line
+from micromanip.rt.laws.digital_input import digital_value, read_line
 
 from .jit import compiled
 from .record import Record
@@ -38,21 +38,13 @@ def end_part(s: Record) -> None:
 
 
 @compiled
-def said_number(line: Record, most: int) -> int:
-    """Number that a signal says, `most` where it says more."""
-    if line["bad"] != 0:
-        return 0
-    return int(min(float(most), max(0.0, line["value"])) + 0.5)
-
-
-@compiled
 def follow_tool(p: Record, s: Record, signals: Any, now_ns: int) -> None:
     """Take the machine's word for the tool of this cycle."""
     if p["tool"]["signal"] < 0:
         s["tool"] = 0
         return
     read_line(p["tool"], s["tool_line"], signals, now_ns)
-    number = said_number(s["tool_line"], _MOST_TOOLS + 1)
+    number = digital_value(s["tool_line"], _MOST_TOOLS + 1)
     s["tool"] = number if number <= _MOST_TOOLS else 0
 
 
@@ -64,7 +56,7 @@ def follow_part(p: Record, s: Record, signals: Any, now_ns: int) -> None:
             end_part(s)
         return
     read_line(p["part"], s["part_line"], signals, now_ns)
-    number = said_number(s["part_line"], _MOST)
+    number = digital_value(s["part_line"], _MOST)
     if number == s["part"]:
         return
     if number == 0:

@@ -6,6 +6,8 @@ PARKED, CHECKING_GAUGE, LIFTING, CHECKING_STAGE, SWEEPING, CLOSED, PARKING, FROZ
 """Rests at the park voltage; makes a small voltage step (check of the gauge); is brought to its working point with
 the inner loop; makes a small step there (check of the stage); is swept with falling amplitude; follows the
 reference; goes back to the park voltage; keeps its voltage."""
+DRIVEN = (LIFTING, CHECKING_STAGE, SWEEPING, CLOSED)
+"""With its law at work."""
 
 PHASE_NAMES = (
     "parked",

@@ -7,25 +7,29 @@ cycle reads and writes lies together, what is large or seldom needed behind it: 
 
 from __future__ import annotations
 
-from .arming import CHECK_PARAMETERS, CHECK_STATE
+from .arming import ARMING_STATE, CHECK_PARAMETERS
+from .axis_order import AXIS_ORDER
 from .faults import EVENT, EVENTS
 from .figures import FIGURES
 from .laws.coordinate_transform import FRAME, MAX_FRAME
 from .laws.decoupling import DECOUPLING_PARAMETERS, DECOUPLING_STATE
+from .laws.digital_input import LINE_PARAMETERS, LINE_STATE
 from .laws.estimator import ESTIMATOR_STATE, INPUT_HISTORY
 from .laws.excitation import EXCITATION_PARAMETERS, EXCITATION_STATE
 from .laws.feedforward import HYSTERESIS_PARAMETERS, HYSTERESIS_STATE
 from .laws.learned import LEARNED_PARAMETERS, LEARNED_STATE
-from .laws.limiter import LIMITER_PARAMETERS
 from .laws.lqg import OUTER_PARAMETERS
 from .laws.move import MOVE_PARAMETERS, MOVE_STATE
 from .laws.pid import PID_PARAMETERS, PID_STATE
 from .laws.reference import REFERENCE_PARAMETERS, REFERENCE_STATE
-from .laws.sensor import LINE_PARAMETERS, SENSOR_STATE
+from .laws.saturation import LIMITER_PARAMETERS
+from .laws.sensor import SENSOR_STATE
 from .record import MAX_AXES as MAX_AXES
 from .record import Record as Record
 from .record import record
+from .reference_blend import BLEND_STATE
 from .states import FAULTS
+from .supervisor import SUPERVISOR_STATE
 from .watch import WATCH_PARAMETERS, WATCH_STATE
 
 MAX_DRIVERS = 4
@@ -87,43 +91,19 @@ AXIS_STATE = record(
     ("stage_error_um", "f8"),
     ("path_um", "f8"),
     ("error_fresh", "i8"),
-    ("strain_cycles", "i8"),
-    ("closed", "i8"),
-    ("frozen", "i8"),
-    ("refused", "i8"),
-    ("lift_turn", "i8"),
-    ("lifted", "i8"),
-    ("start_um", "f8"),
-    ("start_V", "f8"),
-    ("offset", "f8"),
-    ("hold_um", "f8"),
-    ("hold_scale", "f8"),
-    ("authority", "f8"),
-    ("blend_um", "f8"),
-    ("waits", "i8"),
-    ("unseen", "f8"),
-    ("calm", "i8"),
-    ("far", "i8"),
-    ("near", "i8"),
-    ("relapses", "i8"),
-    ("relapsed_cycle", "i8"),
     ("awaited_cycles", "f8"),
     ("preview_s", "f8"),
-    ("ahead_um", "f8"),
+    ("blend", BLEND_STATE),
+    ("supervisor", SUPERVISOR_STATE),
+    ("bridge_um", "f8"),
     ("setpoint_um", "f8"),
     ("request_V", "f8"),
     ("voltage_V", "f8"),
-    ("errors", "i8"),
-    ("error_squares", "f8"),
-    ("error_max", "f8"),
-    ("uncompensated_squares", "f8"),
     ("strain", SENSOR_STATE),
     ("stage", SENSOR_STATE),
     ("deviation", SENSOR_STATE),
     ("pid", PID_STATE),
-    ("watch", WATCH_STATE),
     ("reference", REFERENCE_STATE),
-    ("figures", FIGURES),
     ("learned", LEARNED_STATE),
     ("decoupling", DECOUPLING_STATE),
     ("move", MOVE_STATE),
@@ -131,10 +111,8 @@ AXIS_STATE = record(
     ("estimator", ESTIMATOR_STATE),
     ("setpoints", "f8", (INPUT_HISTORY,)),
     ("references", "f8", (INPUT_HISTORY,)),
-    ("amplifier_ok", SENSOR_STATE),
-    ("temperature_ok", SENSOR_STATE),
-    ("strain_check", CHECK_STATE),
-    ("stage_check", CHECK_STATE),
+    ("amplifier_ok", LINE_STATE),
+    ("temperature_ok", LINE_STATE),
     ("excitation", EXCITATION_STATE),
 )
 
@@ -209,14 +187,14 @@ CELL_STATE = record(
     ("link_down", "i8"),
     ("outputs_taken", "i8"),
     ("outputs_away", "i8"),
-    ("enable", SENSOR_STATE),
-    ("interlock", SENSOR_STATE),
-    ("retracted", SENSOR_STATE),
-    ("part_line", SENSOR_STATE),
+    ("enable", LINE_STATE),
+    ("interlock", LINE_STATE),
+    ("retracted", LINE_STATE),
+    ("part_line", LINE_STATE),
     ("part", "i8"),
     ("parts", "i8"),
     ("part_begun", "i8"),
-    ("tool_line", SENSOR_STATE),
+    ("tool_line", LINE_STATE),
     ("tool", "i8"),
     ("frame_sequence", "i8", (MAX_FRAME,)),
     ("overruns", "i8"),
@@ -230,7 +208,11 @@ CELL_STATE = record(
     ("trial_rest", "i8"),
     ("trial_before", "f8", (MAX_AXES,)),
     ("trial_now", "f8", (MAX_AXES,)),
+    ("order", AXIS_ORDER, (MAX_AXES,)),
     ("axis", AXIS_STATE, (MAX_AXES,)),
+    ("watch", WATCH_STATE, (MAX_AXES,)),
+    ("figures", FIGURES, (MAX_AXES,)),
+    ("arming", ARMING_STATE, (MAX_AXES,)),
     ("event", EVENT, (EVENTS,)),
 )
 

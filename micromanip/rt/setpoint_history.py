@@ -15,8 +15,11 @@ is the same number.
 
 from __future__ import annotations
 
+import math
+
 from micromanip.rt.laws.estimator import INPUT_HISTORY
 from micromanip.rt.laws.motion import position
+from micromanip.rt.laws.saturation import attainable, hold_back, slewed
 
 from .jit import compiled
 from .record import Record
@@ -27,8 +30,24 @@ _GENTLY = 0.01
 
 
 @compiled
-def start_history(s: Record) -> None:
-    """The axis has rested where its set-point is now, as far as its memory goes."""
+def move_setpoint(p: Record, s: Record, behind: int, demand_um: float) -> bool:
+    """Set-point inside the attainable range and the slew limit; False, and unmoved, if not finite.
+
+    Where its device is behind it goes no further.
+    Where it starts outside the range (an actuator at rest) it stays until the demand leads it in: no jump.
+    """
+    if not math.isfinite(demand_um):
+        return False
+    step, before_um = p["setpoint_slew_um"], s["setpoint_um"]
+    inside_um = attainable(p["setpoint_low_um"], p["setpoint_high_um"], before_um, demand_um)
+    s["setpoint_um"] = hold_back(behind, before_um, max(before_um - step, min(before_um + step, inside_um)))
+    return True
+
+
+@compiled
+def start_history(p: Record, s: Record) -> None:
+    """The axis has rested where its set-point is now, as far as its memory goes; its times are those of `p`."""
+    s["preview_s"], s["awaited_cycles"] = p["preview_s"], p["awaited_cycles"]
     for k in range(INPUT_HISTORY):
         s["setpoints"][k] = s["setpoint_um"]
         s["references"][k] = position(s["reference"]["w"])
@@ -47,24 +66,13 @@ def remember_setpoint(s: Record, cycle: int) -> None:
 
 
 @compiled
-def start_times(p: Record, s: Record) -> None:
-    """The axis rests: what is ahead and what is awaited are where they are now."""
-    s["preview_s"], s["awaited_cycles"] = p["preview_s"], p["awaited_cycles"]
-
-
-@compiled
 def ease_times(p: Record, s: Record) -> None:
     """Lead the times in force to those of the parameters; the set-point is a little faster, or slower, meanwhile."""
+    if s["preview_s"] == p["preview_s"] and s["awaited_cycles"] == p["awaited_cycles"]:
+        return
     period_s = 1e-9 / p["cycles_per_ns"]
-    s["preview_s"] = _nearer(s["preview_s"], p["preview_s"], _GENTLY * period_s)
-    s["awaited_cycles"] = _nearer(s["awaited_cycles"], p["awaited_cycles"], _GENTLY)
-
-
-@compiled
-def _nearer(value: float, target: float, step: float) -> float:
-    if abs(target - value) <= step:
-        return target
-    return value + step if target > value else value - step
+    s["preview_s"] = slewed(s["preview_s"], p["preview_s"], _GENTLY * period_s)
+    s["awaited_cycles"] = slewed(s["awaited_cycles"], p["awaited_cycles"], _GENTLY)
 
 
 @compiled

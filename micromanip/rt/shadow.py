@@ -14,25 +14,12 @@ from typing import Any
 from micromanip.rt.laws.estimator import remember
 from micromanip.rt.laws.pid import unwind
 
+from . import states
 from .axis import axis_cycle
+from .bumpless import swap_cell
 from .faults import note
 from .jit import compiled
-from .outrun import forget_unseen
-from .phases import CLOSED
 from .record import Record
-from .states import (
-    CONFIRMED,
-    NO_FAULT,
-    NO_SHADOW,
-    ON_TRIAL,
-    ROLLED_BACK,
-    SHADOWING,
-    TAKEN_BACK,
-    TRACKING,
-    VOLTAGE,
-    WARN,
-)
-from .swap import swap_cell
 from .watch import following_error
 
 _WITHDRAWN = -1
@@ -44,37 +31,37 @@ _PATIENCE = 3
 def start_shadow(p: Record, candidate: Record, s: Record, shadow: Record) -> None:
     """Begin with `candidate` where the active tuning is."""
     for i in range(candidate["axes"]):
-        shadow["axis"][i] = s["axis"][i]
+        shadow["axis"][i], shadow["figures"][i] = s["axis"][i], s["figures"][i]
     swap_cell(p, candidate, shadow)
-    s["shadow"] = SHADOWING
+    s["shadow"] = states.SHADOWING
 
 
 @compiled
 def end_trial(s: Record) -> None:
     """No candidate any more: another tuning was put in force, or the candidate was withdrawn."""
-    s["shadow"] = NO_SHADOW
+    s["shadow"] = states.NO_SHADOW
 
 
 @compiled.rare
 def promote(p: Record, s: Record) -> bool:
     """Begin the trial; False where there is no candidate, or nothing is tracked that could be compared."""
-    if s["shadow"] != SHADOWING or s["state"] != TRACKING:
+    if s["shadow"] != states.SHADOWING or s["state"] != states.TRACKING:
         return False
-    s["shadow"] = ON_TRIAL
+    s["shadow"] = states.ON_TRIAL
     s["trial_cycles"] = s["trial_judged"] = s["trial_rest"] = 0
     s["trial_overruns"] = s["overruns"]
     for i in range(p["axes"]):
-        s["trial_before"][i] = s["trial_now"][i] = s["axis"][i]["figures"]["error"]
+        s["trial_before"][i] = s["trial_now"][i] = s["figures"][i]["error"]
     return True
 
 
 @compiled
 def withdraw(s: Record) -> bool:
     """Let the candidate go, or take it back if it is on trial; False where there is neither."""
-    if s["shadow"] == ON_TRIAL:
+    if s["shadow"] == states.ON_TRIAL:
         s["trial_cycles"] = _WITHDRAWN
         return True
-    there = s["shadow"] == SHADOWING
+    there = s["shadow"] == states.SHADOWING
     if there:
         end_trial(s)
     return there
@@ -93,21 +80,21 @@ def rests(p: Record, s: Record) -> bool:
 @compiled
 def takes_back(p: Record, s: Record) -> bool:
     """Go on with the trial of the tuning `p` that was promoted; True where the one before must be put in force."""
-    if s["shadow"] != ON_TRIAL:
+    if s["shadow"] != states.ON_TRIAL:
         return False
-    worse = s["state"] != TRACKING or s["fault"] != NO_FAULT or s["trial_cycles"] == _WITHDRAWN
+    worse = s["state"] != states.TRACKING or s["fault"] != states.NO_FAULT or s["trial_cycles"] == _WITHDRAWN
     axis, share, value, limit = -1, -1.0, 0.0, 0.0  # which one is to blame, and the largest error
     judged = not rests(p, s)
     for i in range(p["axes"]):
         a = s["axis"][i]
-        if p["axis"][i]["mode"] == VOLTAGE:
+        if p["axis"][i]["mode"] == states.VOLTAGE:
             continue
         if judged:
             error_um = following_error(p["axis"][i], a)
             s["trial_now"][i] += p["trial_step"] * (error_um * error_um - s["trial_now"][i])
         rms_um = math.sqrt(s["trial_now"][i])
         allowed_um = p["trial_factor"] * math.sqrt(s["trial_before"][i]) + p["trial_floor"]
-        if not worse and (rms_um > allowed_um or a["watch"]["fallback"] != 0):
+        if not worse and (rms_um > allowed_um or s["watch"][i]["fallback"] != 0):
             worse, axis, value, limit = True, i, rms_um, allowed_um
         elif axis < 0 and rms_um > share * allowed_um:
             share, value, limit = rms_um / allowed_um, rms_um, allowed_um
@@ -117,35 +104,30 @@ def takes_back(p: Record, s: Record) -> bool:
     over = s["trial_cycles"] >= p["trial_cycles"] and 4 * s["trial_judged"] >= p["trial_cycles"]
     worse = worse or (not over and s["trial_cycles"] >= _PATIENCE * p["trial_cycles"])  # it can't be judged here
     if worse:
-        s["shadow"] = TAKEN_BACK
-        note(s, ROLLED_BACK, axis, value, limit, WARN)
+        s["shadow"] = states.TAKEN_BACK
+        note(s, states.ROLLED_BACK, axis, value, limit, states.WARN)
     elif over:
-        s["shadow"] = CONFIRMED
+        s["shadow"] = states.CONFIRMED
     return worse
 
 
 @compiled
 def shadow_cycle(p: Record, candidate: Record, s: Record, shadow: Record, samples: Any, now_ns: int) -> None:
     """One cycle of the candidate beside the active tuning, while that tracks; nothing of it is written."""
-    if s["shadow"] != SHADOWING or s["state"] != TRACKING:
+    if s["shadow"] != states.SHADOWING or s["state"] != states.TRACKING:
         return
     if s["cycle"] == s["tracking_cycle"]:  # a candidate from before: it begins anew, where the active tuning is
         start_shadow(p, candidate, s, shadow)
-    t_s = (s["cycle"] - s["tracking_cycle"]) * p["period_ns"] * 1e-9
     for i in range(candidate["axes"]):
         axis, a, b = candidate["axis"][i], s["axis"][i], shadow["axis"][i]
-        if axis["mode"] == VOLTAGE:
+        if axis["mode"] == states.VOLTAGE:
             continue
         b["strain"], b["stage"], b["reference"] = a["strain"], a["stage"], a["reference"]
-        b["decoupling"] = a["decoupling"]
-        b["waits"] = a["waits"]
-        b["strain_cycles"] += 1
-        forget_unseen(b, s["missed"])
-        b["voltage_V"] = a["voltage_V"]
-        axis_cycle(axis, b, s["cycle"], now_ns, t_s, samples, CLOSED, 1.0)
+        b["decoupling"], b["voltage_V"] = a["decoupling"], a["voltage_V"]
+        axis_cycle(axis, b, s["order"][i], s["cycle"], now_ns, samples)
         unwind(axis["pid"], b["pid"], b["voltage_V"] - a["voltage_V"])
         remember(b["estimator"], a["setpoint_um"] - axis["centre_um"] - a["decoupling"]["added_um"])
-        figures, step = b["figures"], candidate["figures_step"]
+        figures, step = shadow["figures"][i], candidate["figures_step"]
         added_V = a["voltage_V"] - b["hysteresis"]["output_V"]
         figures["innovation"] += step * (b["estimator"]["innovation_um"] ** 2 - figures["innovation"])
         figures["feedback"] += step * (added_V * added_V - figures["feedback"])

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from micromanip.rt.laws.digital_input import is_on
 from micromanip.rt.laws.estimator import output
 from micromanip.rt.laws.joints import joint_Hz
 from micromanip.rt.laws.motion import position
 from micromanip.rt.laws.reference import SIGNAL
-from micromanip.rt.laws.sensor import is_on
 from micromanip.rt.laws.tooth import FOLLOWS, tooth_Hz
 
 from .digital_io import asks_feed_hold, is_enabled
@@ -122,22 +122,22 @@ def _came(sensor: Record, range_um: Any, now_ns: int, came: int, repeated: int, 
 
 
 @compiled
-def _fresh(p: Record, a: Record, now_ns: int) -> int:
+def _fresh(p: Record, a: Record, behind: int, now_ns: int) -> int:
     bits = a["strain"]["fresh"] + 2 * a["stage"]["fresh"] + 4 * a["deviation"]["fresh"]
     bits |= _came(a["strain"], p["strain_range_um"], now_ns, STRAIN_CAME, STRAIN_REPEATED, STRAIN_READING)
     bits |= _came(a["stage"], p["stage_range_um"], now_ns, STAGE_CAME, STAGE_REPEATED, STAGE_READING)
     bits |= DEVIATION_CAME if a["deviation"]["arrived_ns"] == now_ns else 0
     bits |= AMPLIFIER_OK if is_on(p["amplifier_ok"], a["amplifier_ok"]) else 0
-    if a["waits"] != 0:
-        bits |= DEVICE_BELOW if a["waits"] > 0 else DEVICE_ABOVE
+    if behind != 0:
+        bits |= DEVICE_BELOW if behind > 0 else DEVICE_ABOVE
     return bits | (TEMPERATURE_OK if is_on(p["temperature_ok"], a["temperature_ok"]) else 0)
 
 
 @compiled
-def _axis_row(p: Record, a: Record, signals: Any, row: Record, now_ns: int) -> None:
+def _axis_row(p: Record, a: Record, raised: int, behind: int, signals: Any, row: Record, now_ns: int) -> None:
     stage = p["mode"] == STAGE
     row["reference_um"] = position(a["reference"]["w"])
-    row["conditions"] = a["watch"]["raised"]
+    row["conditions"] = raised
     row["deviation_um"] = a["deviation"]["value"] if p["deviation"] >= 0 else math.nan
     row["strain_um"] = a["strain"]["value"]
     row["stage_um"] = a["stage"]["value"] if p["stage"] >= 0 else math.nan
@@ -161,7 +161,7 @@ def _axis_row(p: Record, a: Record, signals: Any, row: Record, now_ns: int) -> N
     row["strain_age_ns"] = _age(a["strain"], p["strain"])
     row["stage_age_ns"] = _age(a["stage"], p["stage"])
     row["deviation_age_ns"] = _age(a["deviation"], p["deviation"])
-    row["fresh"] = _fresh(p, a, now_ns)
+    row["fresh"] = _fresh(p, a, behind, now_ns)
 
 
 @compiled
@@ -196,4 +196,5 @@ def write_row(
     row["phase"] = s["phase"]
     row["lines"] = _lines(p, s)
     for i in range(p["axes"]):
-        _axis_row(p["axis"][i], s["axis"][i], signals, row["axis"][i], now_ns)
+        raised, behind = s["watch"][i]["raised"], s["order"][i]["behind"]
+        _axis_row(p["axis"][i], s["axis"][i], raised, behind, signals, row["axis"][i], now_ns)

@@ -16,6 +16,7 @@ from __future__ import annotations
 from micromanip.rt.laws.minimum_jerk import minimum_jerk
 
 from .arming import arming_cycles, arming_phase
+from .axis_order import hold_here
 from .jit import compiled
 from .phases import CLOSED, FROZEN, LIFTING, PARKED, PARKING
 from .record import Record
@@ -33,7 +34,7 @@ def enter(s: Record, state: int) -> None:
 def begin_hold(p: Record, s: Record) -> None:
     """Freeze the correction: every axis stays where it is, its loops closed."""
     for i in range(p["axes"]):
-        s["axis"][i]["closed"] = 0
+        hold_here(s, i)
     enter(s, HOLDING)
 
 
@@ -41,9 +42,8 @@ def begin_hold(p: Record, s: Record) -> None:
 def begin_soft_stop(p: Record, s: Record) -> None:
     """Fade the correction out with the loops closed; the ramp follows."""
     for i in range(p["axes"]):
-        a = s["axis"][i]
-        a["hold_um"] = 0.0 if p["axis"][i]["mode"] == STAGE else a["setpoint_um"]
-        a["hold_scale"] = 1.0
+        if p["axis"][i]["mode"] != STAGE:
+            hold_here(s, i)
     s["soft"] = 1
     enter(s, RAMPING)
 
@@ -54,17 +54,14 @@ def begin_ramp(p: Record, s: Record) -> None:
     if s["state"] == RAMPING and s["soft"] == 0:
         return
     for i in range(p["axes"]):
-        s["axis"][i]["start_V"] = s["axis"][i]["voltage_V"]
+        s["order"][i]["start_V"] = s["axis"][i]["voltage_V"]
     s["soft"] = 0
     enter(s, RAMPING)
 
 
 @compiled
-def cut(p: Record, s: Record) -> None:
-    """Follow an amplifier that is off: no ramp, every memory of the loops is dropped."""
-    for i in range(p["axes"]):
-        s["axis"][i]["closed"] = 0
-        s["axis"][i]["estimator"]["running"] = 0
+def cut(s: Record) -> None:
+    """Follow an amplifier that is off: no ramp."""
     if s["state"] != OFF:
         enter(s, FAULT)
 
@@ -125,13 +122,13 @@ def phase_of(p: Record, s: Record) -> tuple[int, float]:
 
 
 @compiled
-def phase_of_axis(s: Record, a: Record, phase: int) -> int:
-    """The cell's phase, but for an axis whose turn in the lift has yet to come, and for one in a hold whose sensors are
-    not to be trusted: its voltage is frozen.
+def phase_of_axis(s: Record, i: int, phase: int) -> int:
+    """The cell's phase, but for an axis `i` whose turn in the lift has yet to come, and for one in a hold whose sensors
+    are not to be trusted: its voltage is frozen.
     """
-    if phase == LIFTING and a["lifted"] == 0:
+    if phase == LIFTING and s["arming"][i]["lifted"] == 0:
         return PARKED
-    return FROZEN if s["state"] == HOLDING and a["frozen"] != 0 else phase
+    return FROZEN if s["state"] == HOLDING and s["watch"][i]["frozen"] != 0 else phase
 
 
 @compiled

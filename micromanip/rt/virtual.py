@@ -6,16 +6,12 @@ from typing import Any
 
 from numba import types
 
-from micromanip.rt.laws.coordinate_transform import derive_signals
-
-from .cell import cell_cycle, watch_drivers
+from .cycle import NO_HOST, run_cycle
 from .exchange import exchange_all
 from .jit import compiled
 from .signatures import DRIVERS, OUTPUTS, PARAMETERS, ROWS, SAMPLES, SIGNALS, STATES
 from .states import NO_COMMAND
 from .telemetry import write_row
-from .transitions import begin_cycle
-from .waiting import see_waiting
 
 
 @compiled.entry(
@@ -49,11 +45,8 @@ def run_virtual(
         passed = periods if k == 0 else 1
         now_ns = (s["cycle"] + passed) * p["period_ns"]
         code = exchange_all(drivers, driver_count, outputs, signals, now_ns, passed)
-        begin_cycle(s, passed - 1)
-        watch_drivers(p, s, code)
-        see_waiting(p, s, outputs)
-        derive_signals(p, s, signals)
-        cell_cycle(p, s, signals, outputs, samples, command if k == 0 else NO_COMMAND, now_ns)
+        order = command if k == 0 else NO_COMMAND
+        run_cycle(p, s, signals, outputs, samples, code, order, now_ns, passed - 1, NO_HOST)
         if (k + 1) % every == 0 and written < len(rows):
             write_row(p, s, signals, rows[written], now_ns, 0, 0, passed)
             written += 1

@@ -2,57 +2,30 @@
 
 Each detection is a condition with a time: it must last for so many consecutive cycles, or hold for a mean over that
 time. All conditions of an axis are one word, a bit each. Only where it changes are they looked at one by one, in the
-order of `WATCHED`, and go to ``faults.py``. At rest nothing is watched: a sensor may be unplugged then, and arming is
-refused until it is back.
+order of ``states.WATCHED``, and go to ``faults.py``. At rest nothing is watched: a sensor may be unplugged then, and
+arming is refused until it is back.
 """
 
 from __future__ import annotations
 
 import math
 
+from micromanip.rt.laws.digital_input import is_missing
 from micromanip.rt.laws.reference import SAMPLES, SIGNAL
-from micromanip.rt.laws.sensor import is_missing, is_silent
+from micromanip.rt.laws.saturation import beyond
+from micromanip.rt.laws.sensor import is_silent
 from micromanip.rt.laws.tooth import FOLLOWS, tooth_Hz
 
+from . import states
 from .faults import axis_fault, warn
 from .jit import compiled
 from .limit_cycle import SWING, swings_for, watch_swing
 from .phases import CHECKING_STAGE, CLOSED, LIFTING, SWEEPING
 from .record import Record, record
 from .second_order import SECTION, SECTION_STATE, section_output, start_section
-from .states import (
-    AMPLIFIER_FAULT,
-    COASTING,
-    DEGRADED,
-    DERATED,
-    DISAGREEMENT,
-    FALLBACK,
-    FAULTS,
-    FOLLOWING_ERROR,
-    HOLDS,
-    LIMIT_CYCLE,
-    OSCILLATION,
-    OUTRUN,
-    OVER_TEMPERATURE,
-    REFERENCE_LOST,
-    REFERENCE_STALE,
-    REFERENCE_STUCK,
-    SATURATED,
-    SATURATING,
-    STAGE,
-    STAGE_DRIFT,
-    STAGE_INVALID,
-    STAGE_STUCK,
-    STRAIN_INVALID,
-    STRAIN_SILENT,
-    STRAIN_STUCK,
-    TOOTH_LOST,
-    TRACKING,
-    VOLTAGE,
-)
 
 WATCH_PARAMETERS = record(
-    ("reaction", "i8", (FAULTS,)),
+    ("reaction", "i8", (states.FAULTS,)),
     ("strain_samples", "i8"),
     ("strain_identical", "i8"),
     ("coast_cycles", "i8"),
@@ -86,6 +59,7 @@ WATCH_PARAMETERS = record(
 """Limits of the fault detection of one axis; times in cycles."""
 WATCH_STATE = record(
     ("raised", "i8"),
+    ("frozen", "i8"),
     ("coast", "i8"),
     ("degraded", "i8"),
     ("innovation", "f8"),
@@ -107,14 +81,7 @@ WATCH_STATE = record(
     ("stage_swing", SWING),
 )
 
-WATCHED = (
-    *(COASTING, STRAIN_SILENT, STRAIN_INVALID, STRAIN_STUCK, DEGRADED, STAGE_INVALID, STAGE_STUCK),
-    *(DISAGREEMENT, STAGE_DRIFT, TOOTH_LOST, FOLLOWING_ERROR, SATURATING, SATURATED, FALLBACK, OSCILLATION),
-    *(OUTRUN, LIMIT_CYCLE, REFERENCE_STALE, REFERENCE_STUCK, REFERENCE_LOST, AMPLIFIER_FAULT, DERATED),
-    OVER_TEMPERATURE,
-)
-"""What is noticed in one cycle is told in this order."""
-_WATCHED_BITS = sum(1 << code for code in WATCHED)
+_WATCHED_BITS = sum(1 << code for code in states.WATCHED)
 
 
 @compiled
@@ -133,31 +100,31 @@ def condition(code: int, active: bool) -> int:
 def watch_strain(p: Record, s: Record, i: int, active: bool) -> int:
     """Strain gauge silent, unusable or stuck: on the feedforward alone for a few ms; then the fault."""
     limits, a = p["axis"][i]["watch"], s["axis"][i]
-    w, sensor = a["watch"], a["strain"]
+    w, sensor = s["watch"][i], a["strain"]
     bad = active and sensor["bad"] >= limits["strain_samples"]
     stuck = active and sensor["identical"] >= limits["strain_identical"]
     coast = lasting(w["coast"], bad or stuck)
     w["coast"], over = coast, coast > limits["coast_cycles"]
     silent = is_silent(sensor, p["axis"][i]["strain_age_ns"])
-    found = condition(COASTING, coast > 0) | condition(STRAIN_STUCK, over and stuck)
-    found |= condition(STRAIN_SILENT, over and bad and silent)
-    return found | condition(STRAIN_INVALID, over and bad and not silent)
+    found = condition(states.COASTING, coast > 0) | condition(states.STRAIN_STUCK, over and stuck)
+    found |= condition(states.STRAIN_SILENT, over and bad and silent)
+    return found | condition(states.STRAIN_INVALID, over and bad and not silent)
 
 
 @compiled
 def watch_stage(p: Record, s: Record, i: int, active: bool) -> int:
     """Capacitive sensor unusable or stuck: on the model's prediction for a while (degraded), then the fault.
 
-    When it is back in time the outer loop goes on at once, by calm gains where its demand is far away (``outrun.py``).
+    When it is back in time the outer loop goes on at once, by calm gains where it is far away (``supervisor.py``).
     """
     limits, a = p["axis"][i]["watch"], s["axis"][i]
-    w, sensor = a["watch"], a["stage"]
+    w, sensor = s["watch"][i], a["stage"]
     bad = active and sensor["bad"] >= limits["stage_samples"]
     stuck = active and sensor["identical"] >= limits["stage_identical"]
     degraded = lasting(w["degraded"], bad or stuck)
     w["degraded"], over = degraded, degraded > limits["degraded_cycles"]
-    found = condition(DEGRADED, degraded > 0)
-    return found | condition(STAGE_INVALID, over and bad) | condition(STAGE_STUCK, over and stuck)
+    found = condition(states.DEGRADED, degraded > 0)
+    return found | condition(states.STAGE_INVALID, over and bad) | condition(states.STAGE_STUCK, over and stuck)
 
 
 @compiled
@@ -167,16 +134,16 @@ def watch_innovation(p: Record, s: Record, i: int, active: bool) -> int:
     Nobody knows which of the two is wrong: a hold keeps the voltage, not the set-point.
     """
     limits, a = p["axis"][i]["watch"], s["axis"][i]
-    w, sensor = a["watch"], a["stage"]
+    w, sensor = s["watch"][i], a["stage"]
     if not active:
         w["innovation"] = 1.0
     elif sensor["fresh"] and w["degraded"] == 0:
         square = a["estimator"]["innovation_um"] ** 2 / limits["innovation_variance"]
         w["innovation"] += limits["innovation_step"] * (square - w["innovation"])
     disagree = active and w["innovation"] > limits["innovation_ratio"]
-    if disagree and limits["reaction"][DISAGREEMENT] == HOLDS:
-        a["frozen"] = 1
-    return condition(DISAGREEMENT, disagree)
+    if disagree and limits["reaction"][states.DISAGREEMENT] == states.HOLDS:
+        w["frozen"] = 1
+    return condition(states.DISAGREEMENT, disagree)
 
 
 @compiled
@@ -187,7 +154,7 @@ def watch_drift(p: Record, s: Record, i: int, active: bool) -> int:
     the outer loop's closing. A hold keeps the voltage, as above.
     """
     axis, a = p["axis"][i], s["axis"][i]
-    limits, w = axis["watch"], a["watch"]
+    limits, w = axis["watch"], s["watch"][i]
     if active and a["stage"]["fresh"] and w["degraded"] == 0 and w["coast"] == 0:
         answered_um = a["strain"]["value"] - axis["centre_um"] - a["decoupling"]["added_um"]
         apart_um = a["stage"]["value"] - limits["drift_gain"] * answered_um
@@ -199,45 +166,45 @@ def watch_drift(p: Record, s: Record, i: int, active: bool) -> int:
     elif not active:
         w["settling"], w["apart_um"], w["drift_um"] = 0, 0.0, 0.0
     over = active and abs(w["drift_um"]) > limits["drift_um"]
-    if over and limits["reaction"][STAGE_DRIFT] == HOLDS:
-        a["frozen"] = 1
-    return condition(STAGE_DRIFT, over)
+    if over and limits["reaction"][states.STAGE_DRIFT] == states.HOLDS:
+        w["frozen"] = 1
+    return condition(states.STAGE_DRIFT, over)
 
 
 @compiled
 def watch_tooth(p: Record, s: Record, i: int, active: bool) -> int:
     """The tooth's frequency is not the configured one, nor near it, or its observer makes the estimate worse."""
     lost = active and p["axis"][i]["outer"]["tooth"] > 0 and s["axis"][i]["estimator"]["given_up"] != FOLLOWS
-    return condition(TOOTH_LOST, lost)
+    return condition(states.TOOTH_LOST, lost)
 
 
 @compiled
 def following_error(p: Record, a: Record) -> float:
     """How far (um) the stage was from the reference, or the gauge from the set-point, by the newest sample."""
-    return a["stage_error_um"] if p["mode"] == STAGE else a["strain_error_um"]
+    return a["stage_error_um"] if p["mode"] == states.STAGE else a["strain_error_um"]
 
 
 @compiled
 def watch_following(p: Record, s: Record, i: int, active: bool) -> int:
     """Following error above its limit for some cycles; unknown while its sensor is unusable."""
     limits, a = p["axis"][i]["watch"], s["axis"][i]
-    w = a["watch"]
+    w = s["watch"][i]
     known = active and w["degraded"] == 0 and w["coast"] == 0
     following = lasting(w["following"], known and abs(following_error(p["axis"][i], a)) > limits["following_um"])
     w["following"] = following
-    return condition(FOLLOWING_ERROR, following >= limits["following_cycles"])
+    return condition(states.FOLLOWING_ERROR, following >= limits["following_cycles"])
 
 
 @compiled
 def watch_voltage(p: Record, s: Record, i: int, active: bool) -> int:
     """Voltage at an end of its range: reported after a short time, a fault after a long one."""
     limits, limiter, a = p["axis"][i]["watch"], p["axis"][i]["limiter"], s["axis"][i]
-    w = a["watch"]
-    at_end = active and (a["request_V"] > limiter["high_V"] or a["request_V"] < limiter["low_V"])
+    w = s["watch"][i]
+    at_end = active and beyond(limiter, a["request_V"]) != 0
     cycles = lasting(w["saturated"], at_end)
     w["saturated"] = cycles
-    found = condition(SATURATING, cycles >= limits["saturating_cycles"])
-    return found | condition(SATURATED, cycles >= limits["saturated_cycles"])
+    found = condition(states.SATURATING, cycles >= limits["saturating_cycles"])
+    return found | condition(states.SATURATED, cycles >= limits["saturated_cycles"])
 
 
 @compiled
@@ -255,7 +222,7 @@ def watch_oscillation(p: Record, s: Record, i: int, active: bool) -> int:
     answers it. The filters take the gauge's samples, not the cycles between: a held one would look like a swing.
     """
     axis, a = p["axis"][i], s["axis"][i]
-    limits, w = axis["watch"], a["watch"]
+    limits, w = axis["watch"], s["watch"][i]
     if not active:
         start_section(limits["tooth_notch"], w["error_notch"], start_section(limits["band_pass"], w["error_band"], 0.0))
         asked_um = start_section(limits["band_pass"], w["asked_band"], a["setpoint_um"])
@@ -273,7 +240,7 @@ def watch_oscillation(p: Record, s: Record, i: int, active: bool) -> int:
     if swings and w["fallback"] == 0:
         w["fallback"], w["band_cycles"] = 1, 0
         swings = False
-    return condition(FALLBACK, w["fallback"] != 0) | condition(OSCILLATION, swings)
+    return condition(states.FALLBACK, w["fallback"] != 0) | condition(states.OSCILLATION, swings)
 
 
 @compiled
@@ -285,26 +252,26 @@ def watch_reference(p: Record, s: Record, i: int, active: bool) -> int:
     limits, silent = p["axis"][i]["watch"], s["axis"][i]["reference"]["silent"]
     same = s["axis"][i]["deviation"]["identical"]
     follows = active and p["axis"][i]["reference"]["kind"] == SIGNAL
-    found = condition(REFERENCE_STALE, follows and silent >= limits["stale_cycles"])
-    found |= condition(REFERENCE_STUCK, follows and same >= limits["reference_identical"])
-    return found | condition(REFERENCE_LOST, follows and silent >= limits["lost_cycles"])
+    found = condition(states.REFERENCE_STALE, follows and silent >= limits["stale_cycles"])
+    found |= condition(states.REFERENCE_STUCK, follows and same >= limits["reference_identical"])
+    return found | condition(states.REFERENCE_LOST, follows and silent >= limits["lost_cycles"])
 
 
 @compiled
 def watch_amplifier(p: Record, s: Record, i: int, active: bool) -> int:
     """Status signals of the amplifier; one that is hot gets less to do before the fault."""
     axis, a = p["axis"][i], s["axis"][i]
-    limits, w = axis["watch"], a["watch"]
+    limits, w = axis["watch"], s["watch"][i]
     hot = lasting(w["hot"], active and is_missing(axis["temperature_ok"], a["temperature_ok"]))
     w["hot"] = hot
-    found = condition(AMPLIFIER_FAULT, active and is_missing(axis["amplifier_ok"], a["amplifier_ok"]))
-    return found | condition(DERATED, hot > 0) | condition(OVER_TEMPERATURE, hot > limits["hot_cycles"])
+    found = condition(states.AMPLIFIER_FAULT, active and is_missing(axis["amplifier_ok"], a["amplifier_ok"]))
+    return found | condition(states.DERATED, hot > 0) | condition(states.OVER_TEMPERATURE, hot > limits["hot_cycles"])
 
 
 @compiled
 def is_excited(axis: Record, a: Record) -> bool:
     """Whether an axis is moved in open loop for a recording: its gauge is needed then, as if the loop were closed."""
-    played = axis["mode"] == VOLTAGE and axis["reference"]["kind"] == SAMPLES
+    played = axis["mode"] == states.VOLTAGE and axis["reference"]["kind"] == SAMPLES
     return played and a["setpoint_um"] != axis["limiter"]["park_V"]
 
 
@@ -312,34 +279,34 @@ def is_excited(axis: Record, a: Record) -> bool:
 def watch_axis(p: Record, s: Record, i: int, moving: bool, enabled: bool) -> None:
     """Watch axis `i` by what it did in the cycle before: its loops while `moving`, its amplifier while `enabled`."""
     axis, phase = p["axis"][i], s["phase"]
-    lifts = phase == LIFTING and s["axis"][i]["lifted"] != 0
+    lifts = phase == LIFTING and s["arming"][i]["lifted"] != 0
     driven = moving and (phase == CLOSED or lifts or phase in (CHECKING_STAGE, SWEEPING))
-    inner = driven and axis["mode"] != VOLTAGE
-    outer = moving and axis["mode"] == STAGE and phase == CLOSED
-    tracking = moving and s["state"] == TRACKING
+    inner = driven and axis["mode"] != states.VOLTAGE
+    outer = moving and axis["mode"] == states.STAGE and phase == CLOSED
+    tracking = moving and s["state"] == states.TRACKING
     found = watch_strain(p, s, i, inner or (driven and is_excited(axis, s["axis"][i])))
     found |= watch_stage(p, s, i, outer)
     found |= watch_innovation(p, s, i, outer)
     found |= watch_drift(p, s, i, outer)
     found |= watch_tooth(p, s, i, outer)
-    found |= watch_following(p, s, i, tracking and axis["mode"] != VOLTAGE)
+    found |= watch_following(p, s, i, tracking and axis["mode"] != states.VOLTAGE)
     found |= watch_voltage(p, s, i, inner)
     found |= watch_oscillation(p, s, i, inner and axis["feedback"] != 0)
-    found |= condition(OUTRUN, outer and s["axis"][i]["far"] > 0)
-    found |= condition(LIMIT_CYCLE, watch_swing(p, s, i, driven))
+    found |= condition(states.OUTRUN, outer and s["axis"][i]["supervisor"]["calm_left"] > 0)
+    found |= condition(states.LIMIT_CYCLE, watch_swing(p, s, i, driven))
     found |= watch_reference(p, s, i, tracking)
     found |= watch_amplifier(p, s, i, enabled)
-    if (found ^ s["axis"][i]["watch"]["raised"]) & _WATCHED_BITS != 0:
+    if (found ^ s["watch"][i]["raised"]) & _WATCHED_BITS != 0:
         tell_changes(p, s, i, found)
 
 
 @compiled.rare
 def tell_changes(p: Record, s: Record, i: int, found: int) -> None:
     """Tell of each condition that begins on axis `i`, of those that stand by now."""
-    for code in WATCHED:
+    for code in states.WATCHED:
         active = found >> code & 1 != 0
         value, limit = measured(p, s, i, code)
-        if code >= FAULTS:
+        if code >= states.FAULTS:
             warn(s, i, code, active, value, limit)
         else:
             axis_fault(p, s, i, code, active, value, limit)
@@ -349,38 +316,38 @@ def tell_changes(p: Record, s: Record, i: int, found: int) -> None:
 def measured(p: Record, s: Record, i: int, code: int) -> tuple[float, float]:
     """What was measured for a condition of axis `i`, and its limit."""
     axis, a = p["axis"][i], s["axis"][i]
-    limits, w = axis["watch"], a["watch"]
-    if code in (COASTING, STRAIN_SILENT, STRAIN_INVALID, STRAIN_STUCK):
+    limits, w = axis["watch"], s["watch"][i]
+    if code in (states.COASTING, states.STRAIN_SILENT, states.STRAIN_INVALID, states.STRAIN_STUCK):
         sensor, samples, identical = a["strain"], limits["strain_samples"], limits["strain_identical"]
         lost = sensor["bad"] if sensor["bad"] >= samples else sensor["identical"]
-        return float(lost), float(identical if code == STRAIN_STUCK else samples)
-    if code in (DEGRADED, STAGE_INVALID, STAGE_STUCK):
+        return float(lost), float(identical if code == states.STRAIN_STUCK else samples)
+    if code in (states.DEGRADED, states.STAGE_INVALID, states.STAGE_STUCK):
         sensor, samples, identical = a["stage"], limits["stage_samples"], limits["stage_identical"]
         lost = sensor["bad"] if sensor["bad"] >= samples else sensor["identical"]
-        return float(lost), float(identical if code == STAGE_STUCK else samples)
-    if code == DISAGREEMENT:
+        return float(lost), float(identical if code == states.STAGE_STUCK else samples)
+    if code == states.DISAGREEMENT:
         return w["innovation"], limits["innovation_ratio"]
-    if code == STAGE_DRIFT:
+    if code == states.STAGE_DRIFT:
         return abs(w["drift_um"]), limits["drift_um"]
-    if code == TOOTH_LOST:
+    if code == states.TOOTH_LOST:
         outer, per_ns = axis["outer"], axis["cycles_per_ns"]
         return tooth_Hz(outer, a["estimator"], per_ns), outer["tooth_turn"] * per_ns * 1e9 / (2.0 * math.pi)
-    if code == FOLLOWING_ERROR:
+    if code == states.FOLLOWING_ERROR:
         return abs(following_error(axis, a)), limits["following_um"]
-    if code in (SATURATING, SATURATED):
-        cycles = limits["saturating_cycles"] if code == SATURATING else limits["saturated_cycles"]
+    if code in (states.SATURATING, states.SATURATED):
+        cycles = limits["saturating_cycles"] if code == states.SATURATING else limits["saturated_cycles"]
         return a["voltage_V"], float(cycles)
-    if code in (FALLBACK, OSCILLATION):
+    if code in (states.FALLBACK, states.OSCILLATION):
         return swing_um(w), limits["band_um"]
-    if code == LIMIT_CYCLE:
-        return swings_for(axis, a, s["cycle"]) * p["period_ns"] * 1e-9, float(limits["swings"])
-    if code in (REFERENCE_STALE, REFERENCE_LOST):
-        cycles = limits["stale_cycles"] if code == REFERENCE_STALE else limits["lost_cycles"]
+    if code == states.LIMIT_CYCLE:
+        return swings_for(axis, a, w, s["cycle"]) * p["period_ns"] * 1e-9, float(limits["swings"])
+    if code in (states.REFERENCE_STALE, states.REFERENCE_LOST):
+        cycles = limits["stale_cycles"] if code == states.REFERENCE_STALE else limits["lost_cycles"]
         return float(a["reference"]["silent"]), float(cycles)
-    if code == REFERENCE_STUCK:
+    if code == states.REFERENCE_STUCK:
         return float(a["deviation"]["identical"]), float(limits["reference_identical"])
-    if code == DERATED:
+    if code == states.DERATED:
         return 100.0 * limits["derate"], 100.0
-    if code == OVER_TEMPERATURE:
+    if code == states.OVER_TEMPERATURE:
         return float(w["hot"]), float(limits["hot_cycles"])
-    return 0.0, 1.0 if code == AMPLIFIER_FAULT else 0.0
+    return 0.0, 1.0 if code == states.AMPLIFIER_FAULT else 0.0

@@ -43,7 +43,7 @@ class Arming:
         self.noted.append(reason or changes[0]["new"])
 
     def lack(self, cell=0, *, x=0):
-        self.cell["refused"], self.cell["axis"]["refused"][0] = cell, x
+        self.cell["refused"], self.cell["arming"]["refused"][0] = cell, x
 
     async def obey(self):
         """The loop's side of the commands."""
@@ -51,7 +51,7 @@ class Arming:
             number = self.controller.control["words"][w.COMMAND_NUMBER]
             if number != self.controller.words[w.COMMAND_DONE]:
                 self.orders.append(int(self.controller.control["words"][w.COMMAND]))
-                refused = self.cell["refused"] or self.cell["axis"]["refused"][0]
+                refused = self.cell["refused"] or self.cell["arming"]["refused"][0]
                 self.controller.words[w.COMMAND_ACCEPTED] = not refused
                 if not refused:
                     self.controller.words[w.STATE] = states.ARMING

@@ -194,8 +194,8 @@ def test_uncompensated_is_told_only_where_something_deviates(tmp_path, reference
         text = re.sub(r"(?m)^  (path_error|uncompensated)_[xyz]: .*\n", "", text)
     (tmp_path / "cell.yaml").write_text(text)
     status = np.zeros(1, STATUS)[0]
-    axis = status["state"][0]["axis"][0]
-    axis["errors"], axis["error_squares"], axis["uncompensated_squares"] = 100, 25.0, 360_000.0
+    figures = status["state"][0]["figures"][0]
+    figures["errors"], figures["error_squares"], figures["uncompensated_squares"] = 100, 25.0, 360_000.0
     controller = SimpleNamespace(prepared=prepare(tmp_path / "cell.yaml"), status=status)
     found = statistics.path_errors(controller)["x"]
     assert found["rms"] == 0.5

@@ -34,9 +34,9 @@ class Playing(Cell):
         while True:
             await asyncio.sleep(0.001)
             p = (self.controller.injected or [self.controller.prepared.parameters])[-1][0]["axis"][0]["move"]
-            self.axis["move"]["held"] = int(self.held and self.controller.state == "HOLDING")
+            held = self.held and self.controller.state == "HOLDING"
             for k in range(TURN_CYCLES):
-                advance_move(p, self.axis["move"], k, True)
+                advance_move(p, self.axis["move"], k, held)
                 self.place_um += float(self.axis["move"]["speed_um"])
                 self.fastest = max(self.fastest, abs(float(self.axis["move"]["speed_um"])))
 

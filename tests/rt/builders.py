@@ -6,8 +6,8 @@ from hypothesis import strategies as st
 from micromanip.rt.laws import shaping
 from micromanip.rt.laws.feedforward import HYSTERESIS_PARAMETERS, PRANDTL_ISHLINSKII
 from micromanip.rt.laws.hysteresis import MAX_PLAYS, inverse_parameters
-from micromanip.rt.laws.limiter import LIMITER_PARAMETERS
 from micromanip.rt.laws.pid import PID_PARAMETERS, PID_STATE
+from micromanip.rt.laws.saturation import LIMITER_PARAMETERS
 
 PERIOD_S = 1e-4
 

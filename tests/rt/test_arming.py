@@ -45,27 +45,27 @@ def cell(*modes):
     p["axes"], p["period_ns"], p["check_cycles"] = len(modes), PERIOD_NS, 100
     p["lift_cycles"], p["authority_cycles"] = 1000, 10
     for i, mode in enumerate(modes):
-        axis, a = p["axis"][i], s["axis"][i]
+        axis, a, own = p["axis"][i], s["axis"][i], s["arming"][i]
         axis["mode"], axis["cycles_per_ns"] = mode, 1.0 / PERIOD_NS
         for sensor in ("strain", "stage"):
             a[sensor]["sequence"] = 5
             axis[f"{sensor}_check"]["low"], axis[f"{sensor}_check"]["high"] = 0.5, 2.0
-            assert judge(a[f"{sensor}_check"], axis[f"{sensor}_check"], 1.0)
+            assert judge(own[f"{sensor}_check"], axis[f"{sensor}_check"], 1.0)
     return p, s
 
 
 def passed(s, axes=3):
-    return [(int(a["strain_check"]["passed"]), int(a["stage_check"]["passed"])) for a in s["axis"][:axes]]
+    return [(int(a["strain_check"]["passed"]), int(a["stage_check"]["passed"])) for a in s["arming"][:axes]]
 
 
 def turns(s, axes=3):
-    return [(int(a["strain_check"]["turn"]), int(a["stage_check"]["turn"])) for a in s["axis"][:axes]]
+    return [(int(a["strain_check"]["turn"]), int(a["stage_check"]["turn"])) for a in s["arming"][:axes]]
 
 
 def test_a_new_cell_is_checked_as_far_as_its_modes_close_loops():
     p, s = cell(STAGE, VOLTAGE, STRAIN)
     for axis in range(3):
-        forget_checks(s["axis"][axis], True)
+        forget_checks(s["arming"][axis], True)
     assert planned_cycles(p, s) == 3 * 100 + 1010
     assert turns(s) == [(1, 1), (0, 0), (2, 0)]
     assert (s["probes"], s["bumps"]) == (2, 1)
@@ -74,8 +74,8 @@ def test_a_new_cell_is_checked_as_far_as_its_modes_close_loops():
 def test_what_counts_is_not_checked_again():
     p, s = cell(STAGE, STAGE, STAGE)
     assert planned_cycles(p, s) == 1010
-    forget_checks(s["axis"][1], False)
-    forget_checks(s["axis"][2], True)
+    forget_checks(s["arming"][1], False)
+    forget_checks(s["arming"][2], True)
     assert planned_cycles(p, s) == 3 * 100 + 1010
     assert turns(s) == [(0, 0), (0, 1), (1, 2)]
     s["resumed"] = 1
@@ -85,7 +85,7 @@ def test_what_counts_is_not_checked_again():
 def test_without_a_time_for_it_nothing_is_checked():
     p, s = cell(STAGE, STAGE, STAGE)
     p["check_cycles"] = 0
-    forget_checks(s["axis"][0], True)
+    forget_checks(s["arming"][0], True)
     plan_checks(p, s)
     assert turns(s) == [(0, 0)] * 3
 
@@ -93,7 +93,7 @@ def test_without_a_time_for_it_nothing_is_checked():
 def test_at_rest_with_all_well_every_check_goes_on_counting():
     p, s = cell(STAGE, STAGE, STAGE)
     s["raised"] = 1 << INTERLOCK_OPEN | 1 << ENABLE_LOST
-    s["axis"]["watch"]["raised"] = 1 << FOLLOWING_ERROR
+    s["watch"]["raised"] = 1 << FOLLOWING_ERROR
     s["axis"]["stage"]["bad"] = 100_000  # the stage is out of its sensor's range, which says so
     keep_checks(p, s)
     assert passed(s) == [(1, 1)] * 3
@@ -121,7 +121,7 @@ def test_a_link_that_is_down_at_rest():
 )
 def test_a_fault_of_an_axis_after_which_it_is_checked(code, after):
     p, s = cell(STAGE, STAGE, STAGE)
-    s["axis"][1]["watch"]["raised"] = 1 << code
+    s["watch"][1]["raised"] = 1 << code
     keep_checks(p, s)
     assert passed(s) == [(1, 1), after, (1, 1)]
 
@@ -146,7 +146,7 @@ def test_a_sensor_that_was_unplugged_at_rest_may_be_another_one(sensor, field, v
 
 def axis(mode=STAGE):
     p, s = cell(mode)
-    return p["axis"][0], s["axis"][0]
+    return p["axis"][0], s["arming"][0]
 
 
 def test_the_same_parameters_keep_both_checks():

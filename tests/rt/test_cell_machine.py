@@ -10,6 +10,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, precondition, rule
 
+from micromanip.rt.bumpless import swap_cell
 from micromanip.rt.faults import cell_fault
 from micromanip.rt.states import (
     ARM,
@@ -29,7 +30,6 @@ from micromanip.rt.states import (
     STOP,
     TRACKING,
 )
-from micromanip.rt.swap import swap_cell
 
 from .bench_cell import BenchCell, parameters
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from micromanip.rt.cell import decay_hold
+from micromanip.rt.cell import held_share
 from micromanip.rt.records import CELL_PARAMETERS, CELL_STATE
 from micromanip.rt.states import FOLLOWING_ERROR, HOLDING, REFERENCE_LOST
 
@@ -13,8 +13,7 @@ def scales(fault):
     p["axes"] = 2
     p["axis"]["watch"]["decay_cycles"][:2] = 40, 400
     s["state"], s["fault"], s["entered_cycle"], s["cycle"] = HOLDING, fault, 100, 120
-    decay_hold(p, s)
-    return list(s["axis"]["hold_scale"][:2])
+    return [held_share(p, s, i) for i in range(2)]
 
 
 def test_each_axis_decays_in_its_own_time():

@@ -30,11 +30,11 @@ def test_the_scored_error_is_the_watched_one():
     watch = cell.p["axis"][X]["watch"]
     watch["reaction"][FOLLOWING_ERROR], watch["following_cycles"] = HOLDS, 1
     cell.run(100)
-    errors = int(cell.s["axis"][X]["errors"])
-    squares = float(cell.s["axis"][X]["error_squares"])
+    errors = int(cell.s["figures"][X]["errors"])
+    squares = float(cell.s["figures"][X]["error_squares"])
     cell.step()
-    assert cell.s["axis"][X]["errors"] == errors + 1
-    scored = math.sqrt(float(cell.s["axis"][X]["error_squares"]) - squares)
+    assert cell.s["figures"][X]["errors"] == errors + 1
+    scored = math.sqrt(float(cell.s["figures"][X]["error_squares"]) - squares)
     watch["following_um"] = 0.5 * scored
     cell.step()
     assert cell.s["fault_value"] == pytest.approx(scored, rel=1e-6)

@@ -34,8 +34,8 @@ def cell(state=TRACKING, **fields):
     p["reaction"][INTERLOCK_OPEN] = RAMPS
     for i in range(3):
         p["axis"][i]["watch"]["reaction"][FOLLOWING_ERROR] = (HOLDS, RAMPS, WARN)[i]
-        s["axis"][i]["voltage_V"], s["axis"][i]["start_V"] = 10.0 + i, 1.0 + i
-        s["axis"][i]["closed"] = s["axis"][i]["estimator"]["running"] = 1
+        s["axis"][i]["voltage_V"], s["order"][i]["start_V"] = 10.0 + i, 1.0 + i
+        s["axis"][i]["estimator"]["running"] = 1
     s["cycle"], s["entered_cycle"], s["state"] = 1000, 900, state
     for name, value in fields.items():
         s[name] = value
@@ -76,30 +76,23 @@ def entered(state):
 
 
 def held(s):
-    s["axis"]["closed"] = 0
+    s["order"]["held_since"] = 1000
     entered(HOLDING)(s)
 
 
 def ramping(s):
-    for axis in s["axis"]:
-        axis["start_V"] = axis["voltage_V"]
+    s["order"]["start_V"] = s["axis"]["voltage_V"]
     s["soft"] = 0
     entered(RAMPING)(s)
 
 
-def forgotten(s):
-    s["axis"]["closed"] = 0
-    s["axis"]["estimator"]["running"] = 0
-
-
 def dropped(s):
-    forgotten(s)
     entered(FAULT)(s)
 
 
 def raised(code, axis=-1):
     def change(s):
-        where = s["axis"][axis]["watch"] if axis >= 0 else s
+        where = s["watch"][axis] if axis >= 0 else s
         where["raised"] |= 1 << code
 
     return change
@@ -229,7 +222,7 @@ STATES = (OFF, READY, ARMING, TRACKING, HOLDING, RAMPING, FAULT)
 STAYS = ()
 AFTER = {
     # state: (HOLDS, RAMPS, CUTS)
-    OFF: ((entered(FAULT),), (entered(FAULT),), (forgotten,)),
+    OFF: ((entered(FAULT),), (entered(FAULT),), ()),
     READY: ((entered(FAULT),), (entered(FAULT),), (dropped,)),
     ARMING: ((ramping,), (ramping,), (dropped,)),
     TRACKING: ((held,), (ramping,), (dropped,)),
@@ -284,13 +277,13 @@ def test_a_hold_that_was_asked_for_is_limited_from_its_first_fault_on():
 
 def test_unlatching_lets_every_condition_be_raised_anew():
     p, s = cell(FAULT, fault=DISAGREEMENT, raised=5, overrun_level=7.5, overruns_in_a_row=3)
-    s["axis"]["watch"]["raised"], s["axis"]["frozen"] = 9, 1
+    s["watch"]["raised"], s["watch"]["frozen"] = 9, 1
     before = s.copy()
     forget(p, s)
-    before["axis"]["watch"]["raised"], before["axis"]["frozen"] = 0, 0
+    before["watch"]["raised"], before["watch"]["frozen"] = 0, 0
     expect(s, before, put(fault=NO_FAULT, raised=0, overrun_level=0.0, overruns_in_a_row=0))
     two, s = cell(FAULT)
     two["axes"] = 2
-    s["axis"]["frozen"] = 1
+    s["watch"]["frozen"] = 1
     forget(two, s)
-    assert s["axis"]["frozen"].tolist() == [0, 0, 1]
+    assert s["watch"]["frozen"].tolist() == [0, 0, 1]

@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from micromanip.host.learning.handover import FADE_S, fill_learned
+from micromanip.rt.axis_order import AXIS_ORDER
 from micromanip.rt.laws.learned import (
     BROKEN_OFF,
     IDLE,
@@ -37,8 +38,8 @@ def parameters(rows=ROWS, limit_um=5.0):
 
 
 def state(part_begun):
-    s = record(LEARNED_STATE)
-    s["part_begun"], s["part"] = part_begun, -1  # a loop's first cycle is 1
+    s = record(np.dtype([("law", LEARNED_STATE), ("order", AXIS_ORDER)], align=True))
+    s["order"]["part_begun"], s["law"]["part"] = part_begun, -1  # a loop's first cycle is 1
     return s
 
 
@@ -50,7 +51,9 @@ def course(p, values, cycles, s=None, allowed=None, path=0.0, reference=0.0):
     out = np.zeros((len(cycles), REFERENCE_STATES))
     out[:, 0] = reference
     s = state(cycles[0]) if s is None else s
-    learned_course(p, s, samples, cycles, np.ones(len(cycles), bool) if allowed is None else allowed, out)
+    learned_course(
+        p, s["law"], s["order"], samples, cycles, np.ones(len(cycles), bool) if allowed is None else allowed, out
+    )
     assert not out[:, 3:].any()
     return out[:, :3] - np.array([1.0, 0.0, 0.0]) * np.broadcast_to(reference, len(cycles))[:, None]
 
@@ -83,12 +86,12 @@ def test_a_part_that_was_broken_off_fades_out_and_is_not_resumed_but_the_next_on
     allowed[300:302] = False
     s = state(0)
     out = course(parameters(), np.ones(ROWS), np.arange(500), s, allowed)
-    assert s["why"] == BROKEN_OFF
+    assert s["law"]["why"] == BROKEN_OFF
     fade = int(parameters()["fade_cycles"])
     assert out[299, 0] == 1.0
     assert np.abs(np.diff(out[:, 0])).max() < 2.0 / fade
     assert not out[300 + fade :].any()
-    s["part_begun"] = 500
+    s["order"]["part_begun"] = 500
     after = course(parameters(), np.ones(ROWS), np.arange(500, 700), s)
     assert after[-1, 0] == 1.0
 
@@ -130,12 +133,12 @@ def test_what_ends_a_correction_in_mid_part_ends_it_softly_and_says_why(why, ref
     p, s, fade = parameters(), state(0), round(FADE_S * LOOP_HZ)
     both = np.broadcast_to(reference, ROWS)
     before = course(p, np.ones(ROWS), np.arange(300), s, reference=both[:300])
-    assert s["why"] == PLAYS
+    assert s["law"]["why"] == PLAYS
     for name, value in at_300.items():
-        (s if name in s.dtype.names and name != "number" else p)[name] = value
+        (p if name == "number" else s["order"])[name] = value
     after = course(p, np.ones(ROWS), np.arange(300, 300 + fade + 2), s, reference=both[300 : 300 + fade + 2])
     added = np.nan_to_num(np.concatenate([before, after])[:, 0], nan=0.0)
-    assert s["why"] == why or at_300.get("part_begun") == 300
+    assert s["law"]["why"] == why or at_300.get("part_begun") == 300
     assert np.abs(np.diff(np.concatenate([before[:, 0], after[np.isfinite(after[:, 0]), 0]]))).max() < 2.0 / fade
     assert added[299] == 1.0
     assert added[299 + fade] == pytest.approx(0.0, abs=1e-6)
@@ -143,9 +146,9 @@ def test_what_ends_a_correction_in_mid_part_ends_it_softly_and_says_why(why, ref
 
 def test_nothing_begins_with_another_tool_than_the_memorys():
     s = state(0)
-    s["other_tool"] = 1
+    s["order"]["other_tool"] = 1
     assert not course(parameters(), np.ones(ROWS), np.arange(300), s).any()
-    assert s["why"] == IDLE
+    assert s["law"]["why"] == IDLE
 
 
 @pytest.mark.parametrize(("late", "begins"), [(0, True), (99, True), (101, False)])
@@ -153,4 +156,4 @@ def test_nothing_begins_later_in_its_part_than_another_fades_out(late, begins):
     s = state(1000)
     out = course(parameters(), np.ones(ROWS), 1000 + late + np.arange(200), s)
     assert out.any() == begins
-    assert s["why"] == (PLAYS if begins else IDLE)
+    assert s["law"]["why"] == (PLAYS if begins else IDLE)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from micromanip.rt.laws.limiter import limit
+from micromanip.rt.laws.saturation import limit
 
 from .builders import limiter
 

@@ -20,7 +20,6 @@ def played(move, cycles, s=None, stop=False, number=1, steady=None):
     move.fill(p, number, stop=stop)
     if s is None:
         s = record(MOVE_STATE)
-        s["held"] = 1
     out = np.zeros(cycles)
     move_course(p, s, np.ones(cycles, bool) if steady is None else steady, out)
     return out, s
@@ -67,15 +66,9 @@ def test_a_stop_brings_it_to_rest_on_its_course(move, at):
 
 
 @ALL
-@pytest.mark.parametrize("why", ["unsteady", "not held"])
-def test_what_ends_the_hold_ends_it_where_it_is_and_for_good(move, why):
+def test_what_ends_the_hold_ends_it_where_it_is_and_for_good(move):
     before, s = played(move, 400)
-    if why == "not held":
-        s["held"] = 0
-        played(move, 1, s)
-        s["held"] = 1
-    else:
-        played(move, 1, s, steady=np.zeros(1, bool))
+    played(move, 1, s, steady=np.zeros(1, bool))
     assert s["over"] == 1
     assert not played(move, 500, s)[0].any()
     assert s["offset_um"] == pytest.approx(before[-1])

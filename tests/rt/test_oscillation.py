@@ -35,7 +35,7 @@ def energies(cell, error_um, setpoint_um):
     for k, (error, setpoint) in enumerate(zip(error_um, setpoint_um, strict=True)):
         a["strain_error_um"], a["setpoint_um"] = error, setpoint
         cell.noticed = watch_oscillation(p, s, Y, True)
-        found[k] = a["watch"]["band_energy"]
+        found[k] = cell.s["watch"][Y]["band_energy"]
     return found
 
 

@@ -254,12 +254,12 @@ def test_after_a_gap_it_starts_anew():
 @pytest.mark.parametrize("predict", [0, 1])
 def test_a_jump_is_not_believed_while_it_is_followed(gap_ms, predict, silent):
     """However long the signal was away, or the loop stood still, and however long it stays there."""
-    p, s = tracker(jump_um=50.0, predict=predict), record(REFERENCE_STATE, followed=1)
+    p, s = tracker(jump_um=50.0, predict=predict), record(REFERENCE_STATE)
     for k in range(1, 100):
         signal_sample(p, s, 10.0, k * MS)
     s["silent"] = silent
     for k in range(100 + gap_ms, 1000 + gap_ms):
-        signal_sample(p, s, 70.0, k * MS)
+        signal_sample(p, s, 70.0, k * MS, True)
         signal_reference(p, s, k * MS)
         assert s["w"][0] + s["w"][3] == pytest.approx(10.0, abs=1e-6)
     assert s["rejected"] == 900
@@ -268,7 +268,7 @@ def test_a_jump_is_not_believed_while_it_is_followed(gap_ms, predict, silent):
 
 @pytest.mark.parametrize("gap_ms", [21, 100, 5000])
 def test_after_an_outage_a_place_within_reach_is_believed(gap_ms):
-    p, s = tracker(jump_um=50.0), record(REFERENCE_STATE, followed=1)
+    p, s = tracker(jump_um=50.0), record(REFERENCE_STATE)
     for k in range(1, 100):
         signal_sample(p, s, 10.0, k * MS)
     s["silent"] = 10 * gap_ms
@@ -285,19 +285,19 @@ def test_a_loop_that_stood_still_believes_what_went_on_meanwhile(gap_ms, silent,
     p, s = tracker(jump_um=40.0), record(REFERENCE_STATE)
     for k in range(1, 200):
         signal_sample(p, s, 1.5 * k - 290.0, k * MS)
-    s["followed"], s["silent"] = 1, silent
+    s["silent"] = silent
     value_um = s["sampled_um"] + 1.5 * gap_ms
-    signal_sample(p, s, value_um, (199 + gap_ms) * MS)
+    signal_sample(p, s, value_um, (199 + gap_ms) * MS, True)
     assert (s["sampled_um"] == value_um, s["rejected"] == 0) == (believed, believed)
 
 
 def test_one_that_wanders_back_after_it_was_doubted_for_long_is_lost_all_the_same():
-    p, s = tracker(jump_um=50.0), record(REFERENCE_STATE, followed=1)
+    p, s = tracker(jump_um=50.0), record(REFERENCE_STATE)
     for k in range(1, 100):
         signal_sample(p, s, 10.0, k * MS)
     s["silent"] = 7
     for k in range(100, 300):
-        signal_sample(p, s, 70.0 if k < 200 else 30.0, k * MS)
+        signal_sample(p, s, 70.0 if k < 200 else 30.0, k * MS, True)
     assert (s["silent"], s["rejected"], s["sampled_um"]) == (7, 200, 10.0)
 
 

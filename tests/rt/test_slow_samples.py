@@ -166,13 +166,13 @@ def test_what_passed_while_the_gauge_was_given_up_is_not_integrated():
     cell.run(50)
     cell.spoiled["strain", Y] = None
     cell.run(100)
-    assert cell.s["axis"][Y]["watch"]["coast"] > 0
-    assert cell.s["axis"][Y]["watch"]["raised"] & (1 << COASTING)
+    assert cell.s["watch"][Y]["coast"] > 0
+    assert cell.s["watch"][Y]["raised"] & (1 << COASTING)
     pid, p = cell.s["axis"][Y]["pid"], cell.p["axis"][Y]["pid"]
     integrator = float(pid["integrator"])
     cell.spoiled.clear()
     cell.step()
-    assert cell.s["axis"][Y]["watch"]["coast"] == 0
+    assert cell.s["watch"][Y]["coast"] == 0
     assert pid["integrator"] == pytest.approx(integrator + p["integral"] * pid["error"], abs=1e-9)
 
 
@@ -190,8 +190,8 @@ def test_held_samples_are_no_oscillation(every, late):
     cell.arm()
     cell.run(1500)
     assert (cell.s["state"], cell.s["fault"]) == (TRACKING, NO_FAULT)
-    assert cell.s["axis"][Y]["watch"]["band_energy"] < 0.25
-    assert not cell.s["axis"][Y]["watch"]["raised"] & (1 << FALLBACK)
+    assert cell.s["watch"][Y]["band_energy"] < 0.25
+    assert not cell.s["watch"][Y]["raised"] & (1 << FALLBACK)
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from micromanip.rt.loop import supervise
+from micromanip.rt.cycle import watch_loop
 from micromanip.rt.states import (
     FAULT,
     HOLDING,
@@ -37,7 +37,8 @@ class Supervised(BenchCell):
         self.heard_ns = None
 
     def begin_cycle(self, missed):
-        supervise(self.p, self.s, self.now_ns if self.heard_ns is None else self.heard_ns, self.now_ns, missed)
+        super().begin_cycle(missed)
+        watch_loop(self.p, self.s, self.now_ns - (self.now_ns if self.heard_ns is None else self.heard_ns), missed)
 
     def cycle(self, missed=0):
         self.step(periods=1 + missed)

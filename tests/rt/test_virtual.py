@@ -7,8 +7,8 @@ import pytest
 from micromanip_drivers.simulated.driver import SimulatedCell
 
 from micromanip.design.experiment import with_axes
+from micromanip.rt.bumpless import swap_cell
 from micromanip.rt.states import TRACKING
-from micromanip.rt.swap import swap_cell
 from micromanip.settings.compile.cell import compile_cell
 from micromanip.settings.schema.actuator import Actuator, Resonance
 from micromanip.settings.schema.axis import Inner

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from micromanip.rt.outrun import AT_ONCE, UNSEEN
+from micromanip.rt.axis_order import see_behind
 from micromanip.rt.states import NO_FAULT, TRACKING
+from micromanip.rt.supervisor import AT_ONCE, MANY
 from micromanip.rt.telemetry import DEVICE_ABOVE, DEVICE_BELOW, ROW, write_row
-from micromanip.rt.waiting import see_waiting, wait
 from micromanip.rt.wire.gate import GATE, acknowledge, has_sent, near, put_back
 
 from .bench_cell import BenchCell
@@ -48,11 +48,11 @@ class OnAWire(BenchCell):
 
     def begin_cycle(self, missed):
         super().begin_cycle(missed)
-        see_waiting(self.p, self.s, self.outputs)
+        see_behind(self.p, self.s, self.outputs)
 
     @property
     def waits(self):
-        return self.s["axis"]["waits"][:3]
+        return self.s["order"]["behind"][:3]
 
 
 @pytest.fixture
@@ -114,13 +114,13 @@ def test_one_wait_however_long_is_over_when_it_is_seen(cell):
     cell.answers = False
     cell.run(200)
     assert np.all(np.abs(cell.waits[:2]) > AT_ONCE)
-    assert np.all(cell.s["axis"]["unseen"][:2] < UNSEEN)
+    assert np.all(cell.s["axis"]["supervisor"]["missing"][:2] < MANY)
 
 
 @pytest.mark.parametrize(("direction", "bit"), [(0, 0), (1, DEVICE_BELOW), (-1, DEVICE_ABOVE)])
 def test_the_row_says_so(cell, direction, bit):
     row = np.zeros(1, ROW)[0]
-    wait(cell.s["axis"][1], direction)
+    cell.s["order"][1]["behind"] = direction
     write_row(cell.p, cell.s, cell.signals, row, cell.now_ns, 0, 0, 1)
     assert int(row["axis"][1]["fresh"]) & (DEVICE_BELOW | DEVICE_ABOVE) == bit
 

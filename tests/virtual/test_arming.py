@@ -7,6 +7,7 @@ import pytest
 
 from micromanip.host.refusals import refusals
 from micromanip.rt.arming import forget_checks
+from micromanip.rt.bumpless import swap_cell
 from micromanip.rt.phases import CHECKING_GAUGE, CHECKING_STAGE, CLOSED, LIFTING, PARKED, SWEEPING
 from micromanip.rt.states import (
     ARM,
@@ -25,7 +26,6 @@ from micromanip.rt.states import (
     STRAIN_CHECK,
     TRACKING,
 )
-from micromanip.rt.swap import swap_cell
 from micromanip.settings.check import prepare
 from micromanip.settings.load import load
 from micromanip.virtual.cell import VirtualCell
@@ -143,7 +143,7 @@ def test_a_session_does_not_arm_on_the_estimate_of_the_one_before(tmp_path, kind
     assert CLOSED not in rows["phase"]
     if refused:
         assert set(rows["state"]) == {READY}
-        assert s["axis"]["refused"].tolist() == [STAGE_MISSING, 0, 0]
+        assert s["arming"]["refused"].tolist() == [STAGE_MISSING, 0, 0]
         (reason,) = refusals(ARM, s, "READY", load(tmp_path / "cell.yaml"), [])
         assert "stage_x is silent" in reason
         assert np.ptp(rows["axis"]["voltage_V"], axis=0).max() == 0.0
@@ -202,7 +202,7 @@ def test_a_loop_that_was_never_closed_is_checked_whatever_was_closed_before(tmp_
         limits = parameters[0]["axis"][2]["strain_check"]
         limits["low"], limits["high"] = -limits["high"].copy(), -limits["low"].copy()
     wired.arm()
-    assert wired.state[0]["axis"]["strain_check"]["passed"].tolist() == [1, 1, 0]
+    assert wired.state[0]["arming"]["strain_check"]["passed"].tolist() == [1, 1, 0]
     wired.run(0.9, command=DISARM)
     swap_cell(wired.parameters[0], later.parameters[0], wired.state[0])
     wired.parameters[:] = later.parameters
@@ -220,8 +220,8 @@ def test_only_what_may_have_changed_is_checked_again(tmp_path):
     armed = cell(tmp_path, force="{static_N: 0.0, tooth_N: 0.0, noise_N: 0.0}")
     armed.arm()
     armed.run(1.2, command=DISARM)
-    forget_checks(armed.state[0]["axis"][1], True)
-    forget_checks(armed.state[0]["axis"][2], False)
+    forget_checks(armed.state[0]["arming"][1], True)
+    forget_checks(armed.state[0]["arming"][2], False)
     rows = armed.arm()
     assert phases(rows) == [PARKED, CHECKING_GAUGE, LIFTING, CHECKING_STAGE, SWEEPING, LIFTING, CLOSED]
     assert np.count_nonzero(rows["phase"] == CHECKING_GAUGE) == 2000
@@ -256,7 +256,7 @@ def test_arming_is_refused_with_its_reason(tmp_path, channel, bits, axis_bits, s
     s = refused.state[0]
     assert set(rows["state"]) == {READY}
     assert (rows["axis"]["voltage_V"] == 0.0).all()
-    assert (s["refused"], s["axis"][1]["refused"], s["axis"][0]["refused"]) == (bits, axis_bits, 0)
+    assert (s["refused"], s["arming"][1]["refused"], s["arming"][0]["refused"]) == (bits, axis_bits, 0)
     (reason,) = refusals(ARM, s, "READY", prepared.configuration, [])
     assert said in reason
 

@@ -20,7 +20,7 @@ def tracked(prepared, seconds=7.0):
     cell = VirtualCell(prepared.parameters, prepared.wiring, prepared.samples)
     cell.arm()
     rows = cell.run(seconds)
-    a = cell.state[0]["axis"]
+    a = cell.state[0]["figures"]
     return np.sqrt(a["error_squares"] / a["errors"]), np.sqrt(a["uncompensated_squares"] / a["errors"]), cell, rows
 
 

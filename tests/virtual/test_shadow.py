@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from micromanip.rt.bumpless import swap_cell
 from micromanip.rt.faults import EVENTS
 from micromanip.rt.records import CELL_STATE
 from micromanip.rt.shadow import shadow_cycle, start_shadow, takes_back
@@ -19,7 +20,6 @@ from micromanip.rt.states import (
     TRACKING,
     WITHDRAW,
 )
-from micromanip.rt.swap import swap_cell
 from micromanip.settings.check import prepare
 from micromanip.virtual.cell import VirtualCell
 
@@ -89,7 +89,7 @@ def wrong_model(axis):
 
 
 def figures(state, name):
-    return state["axis"]["figures"][name]
+    return state["figures"][name]
 
 
 def test_the_same_tuning_computes_the_same(shadowed):

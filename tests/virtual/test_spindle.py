@@ -30,7 +30,7 @@ def improvement(prepared, seconds=6.0):
     cell = VirtualExperiment(prepared, process=True).cell(prepared.configuration)
     cell.arm()
     cell.run(seconds, every=100)
-    axes = cell.state[0]["axis"]
+    axes = cell.state[0]["figures"]
     assert (axes["errors"] > 4.0 * 10_000).all()
     return np.sqrt(axes["uncompensated_squares"] / axes["error_squares"])
 

@@ -269,7 +269,7 @@ def test_frames_that_come_late_make_nothing_swing(tmp_path, of, at_s, frames):
     assert tracking.state[0]["fault"] == NO_FAULT
     played = np.concatenate(rows)
     assert np.abs(played["axis"]["path_error_um"]).max() < most_um, "before, up to 460 um"
-    assert not tracking.state[0]["axis"]["waits"].any()
+    assert not tracking.state[0]["order"]["behind"].any()
     again = replayed(tracking.parameters, before, played)
     assert np.array_equal(again["axis"]["voltage_V"], played["axis"]["voltage_V"])
 
@@ -341,7 +341,7 @@ def test_a_worker_that_stands_still_makes_nothing_swing(tmp_path, at_s, moments)
     assert tracking.state[0]["fault"] == NO_FAULT
     played = np.concatenate(rows)
     assert np.abs(played["axis"]["path_error_um"]).max() < most_um
-    assert not tracking.state[0]["axis"]["waits"].any()
+    assert not tracking.state[0]["order"]["behind"].any()
     again = replayed(tracking.parameters, before, played)
     assert np.array_equal(again["axis"]["voltage_V"], played["axis"]["voltage_V"])
 

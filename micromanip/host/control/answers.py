@@ -91,7 +91,7 @@ def report(candidate: Candidate | None, status: Any) -> replies.Candidate:
 
 def _comparison(status: Any, cell: Any, axes: list[str]) -> dict[str, Comparison]:
     """Figures of both tunings by axis, of those that are controlled; `cell` are the candidate's parameters."""
-    active, candidate = status["state"][0]["axis"], status["shadow"][0]["axis"]
+    active, candidate = status["state"][0]["figures"], status["shadow"][0]["figures"]
     return {
         name: Comparison(active=_figures(active[i], mode), candidate=_figures(candidate[i], mode))
         for i, name in enumerate(axes)
@@ -113,8 +113,7 @@ def _trial(status: Any, cell: Any, axes: list[str]) -> dict[str, TrialError]:
     return found
 
 
-def _figures(axis: Any, mode: int) -> TuningFigures:
-    figures = axis["figures"]
+def _figures(figures: Any, mode: int) -> TuningFigures:
     innovation_um = _root(figures["innovation"]) if mode == STAGE else None
     return TuningFigures(innovation_um=innovation_um, feedback_V=_root(figures["feedback"]))
 

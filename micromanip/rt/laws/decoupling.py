@@ -19,6 +19,7 @@ from micromanip.rt.record import MAX_AXES, Record, record
 
 from .joints import MAX_MODES
 from .motion import position
+from .saturation import slewed
 
 EASED = 0.01
 """Change of a share, um of set-point per um, in the time in which the authority comes."""
@@ -33,8 +34,7 @@ DECOUPLING_STATE = record(
 @compiled
 def ease_share(p: Record, s: Record, j: int, step: float) -> None:
     """Lead the share of axis `j` nearer to that of the parameters, by `step` at most."""
-    away = p["share"][j] - s["share"][j]
-    s["share"][j] = p["share"][j] if abs(away) <= step else s["share"][j] + (step if away > 0.0 else -step)
+    s["share"][j] = slewed(s["share"][j], p["share"][j], step)
     if s["share"][j] != 0.0:
         s["active"] = 1
 

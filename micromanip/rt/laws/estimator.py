@@ -153,6 +153,22 @@ def predict_to(p: Record, s: Record, cycle: int) -> None:
 
 
 @compiled
+def follow_stage(
+    p: Record, s: Record, sensor: Record, given_um: float, cycle: int, cycles_per_ns: float, usable: bool
+) -> None:
+    """Predict to `cycle`; correct with a fresh sample of the `sensor` at its own age, where that is `usable`.
+
+    It starts with a fresh sample only, at rest at the set-point `given_um`: what the sensor said before may be old.
+    """
+    if s["running"] != 0:
+        predict_to(p, s, cycle)
+        if sensor["fresh"] and usable:
+            update(p, s, cycle - int(sensor["age_ns"] * cycles_per_ns + 0.5), sensor["value"])
+    elif sensor["fresh"]:
+        start_estimator(p, s, cycle, given_um, sensor["value"])
+
+
+@compiled
 def believed(p: Record, s: Record, innovation: float) -> float:
     """What of an innovation (um) is applied; the limit opens or closes for the next one."""
     limit_um = p["innovation_um"] + s["opened_um"] if s["repeated"] < _REPEATED else p["repeated_um"]

@@ -40,6 +40,8 @@ EXCITATION_STATE = record(("number", "i8"), ("begun_cycle", "i8"), ("over", "i8"
 @compiled
 def excitation(p: Record, s: Record, cycle: int, allowed: bool) -> float:
     """What is added in this cycle, um; 0 where nothing is, or may be."""
+    if p["lines"] == 0:
+        return 0.0
     if s["number"] != p["number"]:
         s["number"], s["begun_cycle"], s["over"], s["level"] = p["number"], cycle, 0, 0.0
     k = cycle - s["begun_cycle"]

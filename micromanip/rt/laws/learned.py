@@ -34,8 +34,6 @@ LEARNED_PARAMETERS = record(
 )
 """``rows`` 0 is none. ``number`` tells one memory from the next; 0 plays nothing, and ends what is played softly."""
 LEARNED_STATE = record(
-    ("part_begun", "i8"),
-    ("other_tool", "i8"),
     ("number", "i8"),
     ("part", "i8"),
     ("why", "i8"),
@@ -43,10 +41,9 @@ LEARNED_STATE = record(
     ("apart_um", "f8"),
     ("played_um", "f8"),
 )
-"""``part_begun``: the cycle in which the part that runs began, -1 where none does, left here by the cell, as is
-``other_tool``: not 0 where the memory is of another one; ``part`` is the ``part_begun`` that a correction began with
-last; ``apart_um`` how far the reference was from the path when it was last looked at; ``played_um`` is what was last
-added to the reference, which counts while ``level`` is above 0."""
+"""``part`` is the cycle in which the part began that a correction began with last; ``apart_um`` how far the reference
+was from the path when it was last looked at; ``played_um`` is what was last added to the reference, which counts
+while ``level`` is above 0."""
 _LATEST_FADES = 2
 """Later in its part nothing begins: a correction that still fades out is over by then."""
 
@@ -59,25 +56,25 @@ def _played(p: Record, samples: Any, k: int, level: float) -> float:
 
 
 @compiled
-def _begin(p: Record, s: Record, cycle: int) -> None:
+def _begin(p: Record, s: Record, order: Record, cycle: int) -> None:
     """Begin with a part that has not been played to."""
-    part = s["part_begun"]
-    if part < 0 or part == s["part"] or p["number"] == 0 or s["level"] > 0.0 or s["other_tool"] != 0:
+    part = order["part_begun"]
+    if part < 0 or part == s["part"] or p["number"] == 0 or s["level"] > 0.0 or order["other_tool"] != 0:
         return
     if cycle - part <= _LATEST_FADES * p["fade_cycles"]:
         s["part"], s["number"], s["why"] = part, p["number"], PLAYS
 
 
 @compiled
-def _judge(p: Record, s: Record, w: Any, samples: Any, k: int, allowed: bool) -> int:
+def _judge(p: Record, s: Record, order: Record, w: Any, samples: Any, k: int, allowed: bool) -> int:
     """Whether the correction goes on in cycle `k` of its part, or why it ends."""
     if p["number"] != s["number"]:
         return WITHDRAWN
     if k >= p["rows"]:
         return FINISHED
-    if s["other_tool"] != 0:
+    if order["other_tool"] != 0:
         return OTHER_TOOL
-    if s["part_begun"] != s["part"]:
+    if order["part_begun"] != s["part"]:
         return PART_ENDED
     if not allowed:
         return BROKEN_OFF
@@ -86,13 +83,18 @@ def _judge(p: Record, s: Record, w: Any, samples: Any, k: int, allowed: bool) ->
 
 
 @compiled
-def add_learned(p: Record, s: Record, w: Any, samples: Any, cycle: int, allowed: bool) -> None:
-    """Add what is played in this cycle to the reference `w`: position, velocity and acceleration."""
+def add_learned(p: Record, s: Record, order: Record, w: Any, samples: Any, cycle: int, allowed: bool) -> None:
+    """Add what is played in this cycle to the reference `w`: position, velocity and acceleration.
+
+    `order` says which part runs and whether the tool is another one: ``axis_order.py``.
+    """
+    if not 0 < 2 * p["rows"] <= len(samples):
+        return
     if s["why"] != PLAYS:
-        _begin(p, s, cycle)
+        _begin(p, s, order, cycle)
     k = cycle - s["part"]
     if s["why"] == PLAYS:
-        s["why"] = _judge(p, s, w, samples, k, allowed)
+        s["why"] = _judge(p, s, order, w, samples, k, allowed)
     step, level = 1.0 / p["fade_cycles"], s["level"]
     s["level"] = min(1.0, level + step) if s["why"] == PLAYS else max(0.0, level - step)
     if s["level"] == 0.0:

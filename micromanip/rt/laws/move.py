@@ -40,7 +40,6 @@ MOVE_PARAMETERS = record(
 """``number`` tells one move from the next; places in um from where it began; frequencies in turns per cycle."""
 MOVE_STATE = record(
     ("number", "i8"),
-    ("held", "i8"),
     ("over", "i8"),
     ("begun_cycle", "i8"),
     ("passed", "f8"),
@@ -49,7 +48,7 @@ MOVE_STATE = record(
     ("speed_um", "f8"),
     ("acceleration_um", "f8"),
 )
-"""``held``: the cell is, and nothing is wrong. Speed and acceleration are per cycle."""
+"""Speed and acceleration are per cycle."""
 
 
 @compiled
@@ -72,8 +71,11 @@ def course(p: Record, k: float) -> float:
 
 
 @compiled
-def advance_move(p: Record, s: Record, cycle: int, steady: bool) -> None:
-    """One cycle of the move: ``speed_um`` is by how much the axis is held elsewhere after it."""
+def advance_move(p: Record, s: Record, cycle: int, allowed: bool) -> None:
+    """One cycle of the move: ``speed_um`` is by how much the axis is held elsewhere after it.
+
+    It is `allowed` while the cell is held, nothing is wrong and the axis has its sensors and its own gains.
+    """
     before = s["speed_um"]
     s["speed_um"] = s["acceleration_um"] = 0.0
     if s["number"] != p["number"]:
@@ -82,7 +84,7 @@ def advance_move(p: Record, s: Record, cycle: int, steady: bool) -> None:
         s["pace"] = 1.0
     if p["kind"] == NO_MOVE or s["over"] != 0:
         return
-    if not steady or s["held"] == 0:
+    if not allowed:
         s["over"] = 1
         return
     if p["stop"] != 0:

@@ -8,7 +8,7 @@ time and extrapolated to now in closed form (``motion.py``), with a surer one be
 (``steady.py``); it can also just hold the sample. Only finite samples inside ``[low_um,
 high_um]`` are taken, and none that jumps by more than ``jump_um`` from where it is expected; ``silent`` counts the
 cycles since one was. A signal that stays where it jumped to is believed after the horizon, but not while the axis
-follows it (``followed``): once it has been ``doubted`` for so long it goes on being silent until the watch calls it
+follows it (`followed`): once it has been ``doubted`` for so long it goes on being silent until the watch calls it
 lost, wherever it wanders.
 
 The horizon counts cycles that ran: a loop that stood still heard nothing of a signal that may have gone on, and what it
@@ -71,10 +71,10 @@ REFERENCE_STATE = record(
     ("sampled_um", "f8"),
     ("rejected", "i8"),
     ("silent", "i8"),
-    ("followed", "i8"),
     ("doubted", "i8"),
     ("jog_um", "f8"),
     ("jog_step_um", "f8"),
+    ("ahead_um", "f8"),
 )
 
 
@@ -94,11 +94,8 @@ def own_reference(p: Record, w: Any, t_s: float, samples: Any) -> None:
         k = max(0, min(last, int(place + 0.5)))
         w[0] = samples[k, p["column"]]
         if 0.0 <= place <= last:
-            w[1] = (
-                0.5
-                * p["samples_per_s"]
-                * (samples[min(last, k + 1), p["column"]] - samples[max(0, k - 1), p["column"]])
-            )
+            before, after = samples[max(0, k - 1), p["column"]], samples[min(last, k + 1), p["column"]]
+            w[1] = 0.5 * p["samples_per_s"] * (after - before)
         return
     if t < 0.0:
         return
@@ -132,7 +129,7 @@ def is_foreseen(p: Record, s: Record, gap_s: float) -> bool:
 
 
 @compiled
-def signal_sample(p: Record, s: Record, value_um: float, time_ns: int) -> None:
+def signal_sample(p: Record, s: Record, value_um: float, time_ns: int, followed: bool = False) -> None:
     """Take a fresh sample of the reference signal, measured at `time_ns`; one out of order is ignored."""
     if not (math.isfinite(value_um) and p["low_um"] <= value_um <= p["high_um"]):
         s["rejected"] += 1
@@ -147,7 +144,7 @@ def signal_sample(p: Record, s: Record, value_um: float, time_ns: int) -> None:
         extrapolate(p, detuning, own, gap_s, s["w"])
         innovation = value_um - position(s["w"])
     # once nothing is expected any more, whoever follows it stands where it was last
-    lost = s["followed"] != 0 and not math.isfinite(innovation)
+    lost = followed and not math.isfinite(innovation)
     moved_um = value_um - s["sampled_um"] if lost else 0.0
     if abs(innovation if math.isfinite(innovation) else moved_um) > p["jump_um"] or (lost and s["doubted"] != 0):
         s["rejected"] += 1
@@ -208,3 +205,21 @@ def jog_reference(p: Record, s: Record, moves: bool) -> None:
     for i in range(REFERENCE_STATES):
         s["w"][i] = 0.0
     s["w"][0] = s["jog_um"]
+
+
+@compiled
+def reference_now(p: Record, s: Record, preview_s: float, now_ns: int, t_s: float, samples: Any) -> None:
+    """Reference state ``w`` of this very moment, from the axis' own source or its signal.
+
+    Of an own source the position `preview_s` ahead as well: ``ahead_um``. It begins at `t_s` 0.
+    """
+    if p["kind"] == SIGNAL:
+        signal_reference(p, s, now_ns)
+        return
+    if p["kind"] == JOG:
+        jog_reference(p, s, t_s >= 0.0)
+    else:
+        own_reference(p, s["w"], t_s, samples)
+    s["ahead_um"] = s["w"][0]
+    if p["kind"] != JOG and preview_s > 0.0:
+        s["ahead_um"] = previewed(p, s, t_s + preview_s, samples)

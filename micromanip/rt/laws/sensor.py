@@ -12,10 +12,7 @@ BELIEVED = 1000
 """Consecutive unusable cycles after which a reading that jumped away is believed: then the sensor was moved."""
 _END = 0.01
 """The ends of a range, as a share of it."""
-_ANY = (-math.inf, math.inf)
 
-LINE_PARAMETERS = record(("signal", "i8"), ("age_ns", "i8"))
-"""A digital input: its place in the image (-1: not wired), and how old it may be."""
 SENSOR_STATE = record(
     ("value", "f8"),
     ("time_ns", "i8"),
@@ -78,6 +75,14 @@ def read_signal(signal: Record, s: Record, now_ns: int, max_age_ns: int, range_u
 
 
 @compiled
+def read_sensor(
+    place: int, signals: Any, s: Record, now_ns: int, max_age_ns: int, range_um: Any, rate_um_per_ns: float
+) -> bool:
+    """The same of the signal at `place` of the image; below 0 it is not wired, and left alone."""
+    return place >= 0 and read_signal(signals[place], s, now_ns, max_age_ns, range_um, rate_um_per_ns)
+
+
+@compiled
 def is_silent(s: Record, longest_ns: int) -> bool:
     """Whether nothing has arrived for longer than `longest_ns`, or ever."""
     return s["sequence"] == 0 or s["silent_ns"] > longest_ns
@@ -89,22 +94,3 @@ def may_be_at_end(s: Record, range_um: Any) -> bool:
     margin_um = _END * (range_um[1] - range_um[0])
     inside = range_um[0] + margin_um < s["reading"] < range_um[1] - margin_um
     return math.isfinite(s["reading"]) and (s["bad"] > 0 or not inside)
-
-
-@compiled
-def read_line(line: Record, s: Record, signals: Any, now_ns: int) -> None:
-    """Update the state `s` of a digital input; one that is not wired is left alone."""
-    if line["signal"] >= 0:
-        read_signal(signals[line["signal"]], s, now_ns, line["age_ns"], _ANY, math.inf)
-
-
-@compiled
-def is_on(line: Record, s: Record) -> bool:
-    """Whether a digital input says 1, by a sample that may be trusted."""
-    return line["signal"] >= 0 and s["bad"] == 0 and s["value"] > 0.5
-
-
-@compiled
-def is_missing(line: Record, s: Record) -> bool:
-    """Whether a digital input that is wired does not say 1: a broken wire counts as 0."""
-    return line["signal"] >= 0 and not is_on(line, s)

@@ -12,7 +12,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from micromanip.faults import BY_NAME, FaultKind
-from micromanip.rt.outrun import AT_ONCE, BEHIND, FAR, RELAPSED, REMEMBERED, UNSEEN
+from micromanip.rt.supervisor import AT_ONCE, BEHIND, FOLLOWED, MANY, RELAPSED, REMEMBERED
 from micromanip.settings.schema.faults import LOOP_STUCK_S, SIMULATION, SWING_S, SWINGS, Faults
 from micromanip.settings.text import units
 
@@ -69,9 +69,9 @@ def _defaults(section: str) -> Iterator[tuple[str, str]]:
     yield "swings", str(SWINGS)
     yield "swing_s", f"{SWING_S:g}"
     yield "behind", f"{BEHIND:g}"
-    yield "far", str(FAR)
+    yield "far", str(FOLLOWED)
     yield "relapsed", str(RELAPSED)
-    yield "unseen", f"{UNSEEN:g}"
+    yield "unseen", f"{MANY:g}"
     yield "at_once", str(AT_ONCE)
     yield "remembered", str(REMEMBERED)
     yield "stuck_s", _in_both("stuck_s", LOOP_STUCK_S["hardware"], LOOP_STUCK_S["simulation"])

@@ -157,10 +157,10 @@ def excitation_course(p: Any, s: Any, cycle: Any, allowed: Any, out: Any) -> Non
 
 
 @compiled
-def learned_course(p: Any, s: Any, samples: Any, cycle: Any, allowed: Any, out: Any) -> None:
+def learned_course(p: Any, s: Any, order: Any, samples: Any, cycle: Any, allowed: Any, out: Any) -> None:
     """What of a learned correction is added to position, velocity and acceleration, over the numbers of the cycles."""
     for k in range(len(cycle)):
-        add_learned(p, s, out[k], samples, cycle[k], allowed[k])
+        add_learned(p, s, order, out[k], samples, cycle[k], allowed[k])
 
 
 @compiled

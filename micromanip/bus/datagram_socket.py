@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from micromanip.rt.wire.records import ADDRESS_BYTES, BATCH, BUFFER, CONTROL, MAX_BYTES, SO_TIMESTAMPNS
+from micromanip.rt.io.frames import ADDRESS_BYTES, BATCH, BUFFER, CONTROL, MAX_BYTES, SO_TIMESTAMPNS
 
 from .errors import LinkError
 

@@ -30,7 +30,7 @@ class LoopWire(CyclicDriver):
     """Its options are ``LoopWireOptions``, and what is its own."""
 
     CONTEXT: ClassVar[np.dtype[Any]]
-    """Record with the fields of ``WIRE`` (``rt/wire/context.py``)."""
+    """Record with the fields of ``WIRE`` (``rt/io/context.py``)."""
     COUNTERS: ClassVar[tuple[str, ...]]
     """Its fields that are counters for ``statistics``."""
     BAD: ClassVar[tuple[str, ...]]

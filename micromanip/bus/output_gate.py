@@ -1,4 +1,4 @@
-"""The gate of a wire that the loop serves (``rt/wire/gate.py``) in plain Python: set up, and told of."""
+"""The gate of a wire that the loop serves (``rt/io/link_gate.py``) in plain Python: set up, and told of."""
 
 from __future__ import annotations
 
@@ -9,11 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from micromanip.rt.bus_image import FOLLOWING as OUTPUTS_FOLLOW
 from micromanip.rt.bus_image import OUTPUT_NAMES
-from micromanip.rt.bus_image import RESTING as OUTPUTS_REST
-from micromanip.rt.bus_image import UNKNOWN as OUTPUTS_UNKNOWN
-from micromanip.rt.wire.gate import ANSWERS, FOLLOWING, QUIET, RESTING
+from micromanip.rt.io.gate import SWITCH, VOLTAGE
+from micromanip.rt.io.link_gate import ANSWERS, QUIET, RESTING
 
 from .cyclic import Wire
 from .safe_state import SafeOutput
@@ -32,14 +30,15 @@ def close_gate(gate: Any, outputs: Sequence[tuple[float, bool]], silent_cycles: 
         gate["watchdog_ns"] = round(watchdog.begins_ns)
         gate["still_ns"] = watchdog.still_ns
     for i, (safe, switch) in enumerate(outputs):
-        gate["rest"][i], gate["switch"][i], gate["given"][i] = safe, switch, safe
+        gate["safe"][i] = gate["last"][i] = safe
+        gate["kind"][i] = SWITCH if switch else VOLTAGE
         gate["step"][i] = math.inf if switch else 0.0  # until the limits are adopted
 
 
 def adopt_limits(gate: Any, outputs: Sequence[SafeOutput], period_ns: int) -> None:
     """Take over how fast each voltage may change."""
     for i, output in enumerate(outputs):
-        if not gate["switch"][i]:
+        if gate["kind"][i] == VOLTAGE:
             gate["step"][i] = output.slew_V_per_s * period_ns * 1e-9
 
 
@@ -51,11 +50,11 @@ def gate_statistics(gate: Any) -> dict[str, int]:
 def wire_of(gate: Any) -> Wire:
     """Where the wire stands."""
     sent_ns = int(gate["sent_ns"])
-    quiet = int(gate["state"]) == QUIET or time.monotonic_ns() - sent_ns > int(gate["watchdog_ns"])  # or no loop
-    follows = OUTPUTS_FOLLOW if int(gate["state"]) == FOLLOWING else OUTPUTS_REST
-    given = tuple(float(value) for value in gate["given"][: gate["outputs"]])
-    up = not quiet and int(gate["answers"]) >= ANSWERS
-    return Wire(up, OUTPUT_NAMES[OUTPUTS_UNKNOWN if quiet else follows], given, sent_ns, int(gate["begun"]))
+    silent = time.monotonic_ns() - sent_ns > int(gate["watchdog_ns"])  # no loop
+    state = QUIET if silent else int(gate["state"])
+    given = tuple(float(value) for value in gate["last"][: int(gate["outputs"][0])])
+    up = state != QUIET and int(gate["answers"]) >= ANSWERS
+    return Wire(up, OUTPUT_NAMES[state], given, sent_ns, int(gate["begun"]))
 
 
 def wait_for_rest(gate: Any) -> None:

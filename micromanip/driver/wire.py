@@ -12,15 +12,12 @@ from micromanip.bus.number_codec import NumberCodec
 from micromanip.bus.output_gate import adopt_limits, close_gate, gate_statistics, wait_for_rest, wire_of
 from micromanip.bus.watchdog import Milliseconds, Watchdog
 from micromanip.rt.bus_image import DOWN, TAKEN
-from micromanip.rt.record import move, record
-from micromanip.rt.records import MAX_OUTPUTS
-from micromanip.rt.wire.clock_lock import CLOCK_LOCK, set_lock
-from micromanip.rt.wire.codec import begin_frame, put_value, seal
-from micromanip.rt.wire.context import WIRE
-from micromanip.rt.wire.counting import COUNTED
-from micromanip.rt.wire.device_clock import MOST_BITS
-from micromanip.rt.wire.gate import ANSWERS, FOLLOWING, GATE, QUIET, RECENT, RESTING
-from micromanip.rt.wire.records import (
+from micromanip.rt.io.clock_lock import CLOCK_LOCK, set_lock
+from micromanip.rt.io.codec import begin_frame, put_value, seal
+from micromanip.rt.io.context import WIRE
+from micromanip.rt.io.counting import COUNTED
+from micromanip.rt.io.device_clock import MOST_BITS
+from micromanip.rt.io.frames import (
     BATCH,
     CODE,
     DEVICE_CLOCK,
@@ -32,4 +29,7 @@ from micromanip.rt.wire.records import (
     SOCKET,
     UNSIGNED,
 )
-from micromanip.rt.wire.samples import SAMPLES
+from micromanip.rt.io.link_gate import ANSWERS, FOLLOWING, LINK_GATE, QUIET, RECENT, RESTING
+from micromanip.rt.io.samples import SAMPLES
+from micromanip.rt.record import move, record
+from micromanip.rt.records import MAX_OUTPUTS

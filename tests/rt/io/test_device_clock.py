@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from micromanip.rt.wire.device_clock import taken_ns
-from micromanip.rt.wire.records import DEVICE_CLOCK
+from micromanip.rt.io.device_clock import taken_ns
+from micromanip.rt.io.frames import DEVICE_CLOCK
 
 PERIOD_NS = 100_000
 

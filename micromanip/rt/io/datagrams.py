@@ -18,7 +18,7 @@ from numba import types
 from micromanip.rt.clock import now_ns
 from micromanip.rt.jit import compiled
 
-from .records import ADDRESS_BYTES, BATCH, CONTROL, SO_TIMESTAMPNS
+from .frames import ADDRESS_BYTES, BATCH, CONTROL, SO_TIMESTAMPNS
 
 POLLIN = 1
 """What is asked of a descriptor, in a ``struct pollfd``: whether something is there to be received."""

@@ -1,4 +1,4 @@
-"""Values to a frame and back, as a table says (``records.py``): bytes, byte order, range, checksum."""
+"""Values to a frame and back, as a table says (``frames.py``): bytes, byte order, range, checksum."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ from micromanip.rt.intrinsics import EXCHANGE_SIGNATURE
 from micromanip.rt.jit import CFunction, Compiler
 from micromanip.rt.records import MAX_OUTPUTS
 
-from .records import INBOX
+from .worker_records import INBOX
 
 
 class SteadyEntries(NamedTuple):
@@ -30,7 +30,7 @@ class SteadyEntries(NamedTuple):
 def steady_entries(compiled: Compiler, context: np.dtype[np.void], take: Any, give: Any) -> SteadyEntries:
     """Entries of a driver with a `context`; they call these, compiled functions of a module.
 
-    ``take(context, inbox, began_ns)`` and ``give(context, values, task)`` return what ``serving.py`` says.
+    ``take(context, inbox, began_ns)`` and ``give(context, values, task)`` return what ``worker_loop.py`` says.
     """
     signature = EXCHANGE_SIGNATURE.return_type(
         types.CPointer(numba.from_dtype(context)),

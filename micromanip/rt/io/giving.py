@@ -1,4 +1,4 @@
-"""A frame of outputs that leaves through the gate (``gate.py``)."""
+"""A frame of outputs that leaves through the gate (``link_gate.py``)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from micromanip.rt.jit import compiled
 
 from .codec import begin_frame, put_value, seal
 from .datagrams import send
-from .gate import has_sent, near
+from .link_gate import has_sent, near
 
 
 @compiled
@@ -20,14 +20,14 @@ def give(g: Any, f: Any, s: Any, counts: int, outputs: Any, deadline_ns: int) ->
     """
     data = s["sent"]
     begin_frame(f, data, g["sent_count"] % counts)
-    for i in range(g["outputs"]):
+    for i in range(g["outputs"][0]):
         value = near(g, i, outputs[i])
         if put_value(f, f["number"][i], data, value):
-            g["given"][i] = value
+            g["last"][i] = value
         else:
             g["refused_values"] += 1
             g["waits"][i] = 0  # for nothing: it will never be given
-            put_value(f, f["number"][i], data, g["given"][i])
+            put_value(f, f["number"][i], data, g["last"][i])
     seal(f, data)
     g["sent_ns"] = deadline_ns  # also where the system did not take it: then the device is at rest the earlier
     error = send(s, f["length"])

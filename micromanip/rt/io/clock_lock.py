@@ -27,7 +27,7 @@ import numpy as np
 from micromanip.rt.jit import compiled
 from micromanip.rt.record import record
 
-from .gate import RECENT
+from .link_gate import RECENT
 
 CLOCK_LOCK = record(
     ("present", "i8"),

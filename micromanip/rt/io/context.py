@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from .counting import COUNTED
-from .gate import GATE
-from .records import DEVICE_CLOCK, FRAME, SOCKET
+from .frames import DEVICE_CLOCK, FRAME, SOCKET
+from .link_gate import LINK_GATE
 from .samples import SAMPLES
 
 WIRE = (
     ("opened", "i8"),
     ("closed", "i8"),
     ("counts", "i8"),
-    ("gate", GATE),
+    ("gate", LINK_GATE),
     ("samples", SAMPLES),
     ("counted", COUNTED),
     ("clock", DEVICE_CLOCK),

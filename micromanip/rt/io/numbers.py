@@ -13,7 +13,7 @@ import numpy as np
 
 from micromanip.rt.jit import compiled
 
-from .records import FLOATING, SIGNED
+from .frames import FLOATING, SIGNED
 
 _HALF_BITS, _HALF_LEAST_EXPONENT, _HALF_GREATEST_EXPONENT = 10, -14, 31
 

@@ -11,9 +11,9 @@ from micromanip.rt.clock import now_ns, sleep_until
 from micromanip.rt.jit import compiled
 
 from .datagrams import close, receive
-from .gate import QUIET, has_rest, put_back, wait_for_device
+from .frames import BATCH
 from .giving import give
-from .records import BATCH
+from .link_gate import QUIET, put_back, reset_to_safe, wait_for_device
 
 NOT_OPEN = 1
 """What ``exchange`` returns before ``open``: fault X-103."""
@@ -76,7 +76,7 @@ def begin(c: Any) -> int:
     if c["socket"]["descriptor"] < 0:
         return NOT_OPEN
     c["opened"] = 1
-    has_rest(c["gate"])
+    reset_to_safe(c["gate"])
     return 0
 
 

@@ -21,7 +21,7 @@ from micromanip_drivers.ethercat.link import open_interface
 from micromanip.bus.cyclic import call_context
 from micromanip.bus.datagram_socket import lend
 from micromanip.errors import CheckFailed
-from micromanip.rt.io.frames import SIGNED
+from micromanip.rt.io.numbers import SIGNED
 from micromanip.rt.records import SIGNAL
 from micromanip.settings.check import prepare
 

@@ -4,7 +4,7 @@ from typing import Any
 
 from numba import types
 
-from micromanip.rt.io.byte_stream import write_bytes
+from micromanip.rt.io.sockets import write_bytes
 from micromanip.rt.jit import Compiler
 
 _compiled = Compiler(__file__)

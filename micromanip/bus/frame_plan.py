@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.errors import ConfigError
-from micromanip.rt.io.codec import checksum
-from micromanip.rt.io.frames import FLOATING, FRAME, MAX_BYTES, MAX_GOOD, MAX_GROUPS, SIGNED, UNSIGNED
+from micromanip.rt.io.frames import FRAME, MAX_BYTES, MAX_GOOD, MAX_GROUPS, checksum
+from micromanip.rt.io.numbers import FLOATING, SIGNED, UNSIGNED
 from micromanip.rt.records import MAX_SIGNALS
 
 from .number_codec import NumberKeys

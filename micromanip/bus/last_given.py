@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 from micromanip.errors import PermissionDenied
 from micromanip.files import HeldFolder
 from micromanip.rt.io.worker_records import MEMORY
+from micromanip.rt.record import fields
 from micromanip.rt.slot import sealed, size
 
 from . import device_lock
@@ -48,13 +49,12 @@ class LastGiven:
         self._descriptor, self._path = descriptor, path
         self.record = np.zeros(1, MEMORY)
         """In which compiled turns go on."""
-        self.words = np.zeros(size(count), np.int64)
-        self.values = self.words.view(np.float64)
-        """The slot that is written, as whole numbers and as values."""
-        memory = self.record[0]
-        memory["file"], memory["seed"] = descriptor, zlib.crc32(os.pread(descriptor, _HEADER_BYTES, 0))
-        memory["place"] = _HEADER_BYTES, _HEADER_BYTES + self.words.nbytes
-        memory["turn"] = max((int(slot[0]) for slot in self._slots()), default=0)
+        self._words = self.record[0]["slot"][: size(count)]
+        self._values = self._words.view(np.float64)
+        self._memory = memory = fields(self.record[0])
+        memory["file"][0], memory["seed"][0] = descriptor, zlib.crc32(os.pread(descriptor, _HEADER_BYTES, 0))
+        memory["place"][0], memory["place"][1] = _HEADER_BYTES, _HEADER_BYTES + self._words.nbytes
+        memory["turn"][0] = max((int(slot[0]) for slot in self._slots()), default=0)
 
     @classmethod
     def open(cls, device: str, names: Sequence[str], folder: Path | None = None) -> Self:
@@ -94,11 +94,12 @@ class LastGiven:
 
     def write(self, values: Sequence[float]) -> None:
         """Remember what the device was given; NaN for an output that it was not given yet."""
-        memory = self.record[0]
-        memory["turn"] += 1
-        self.words[0], self.values[1:-1] = memory["turn"], values
-        self.words[-1] = sealed(self.words, memory["seed"])
-        os.pwrite(self._descriptor, self.words.tobytes(), memory["place"][memory["turn"] % 2])
+        memory = self._memory
+        turn = memory["turn"][0] + 1
+        memory["turn"][0] = self._words[0] = turn
+        self._values[1:-1] = values
+        self._words[-1] = sealed(self._words, memory["seed"][0])
+        os.pwrite(self._descriptor, self._words.tobytes(), memory["place"][turn % 2])
 
     def read(self) -> list[float | None] | None:
         """What each output was given last, None for one that never was; None where nothing ever was given."""
@@ -115,11 +116,11 @@ class LastGiven:
 
     def _slots(self) -> list[NDArray[np.int64]]:
         """Those that are whole."""
-        found, size, memory = [], self.words.nbytes, self.record[0]
-        for turn, place in enumerate(memory["place"]):
+        found, size = [], self._words.nbytes
+        for turn, place in enumerate(self._memory["place"]):
             data = os.pread(self._descriptor, size, place)
-            slot = np.frombuffer(data, np.int64) if len(data) == size else np.zeros_like(self.words)
-            if slot[0] > 0 and slot[0] % 2 == turn and slot[-1] == sealed(slot, memory["seed"]):
+            slot = np.frombuffer(data, np.int64) if len(data) == size else np.zeros_like(self._words)
+            if slot[0] > 0 and slot[0] % 2 == turn and slot[-1] == sealed(slot, self._memory["seed"][0]):
                 found.append(slot)
         return found
 

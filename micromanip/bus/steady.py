@@ -16,8 +16,8 @@ from .last_given import LastGiven
 from .safe_state import SafeState
 from .schedule import Schedule
 
-_NOTHING = np.zeros(1, MEMORY), np.zeros(0, np.int64), np.zeros(0, np.float64)
-_NOTHING[0]["file"] = -1
+_NOTHING = np.zeros(1, MEMORY)
+_NOTHING["file"] = -1
 
 
 class Served(NamedTuple):
@@ -69,6 +69,6 @@ class SteadyService:
         st["descriptor"], st["look_ns"], st["until_ns"] = self._fileno(), look_ns, until_ns
         st["calls"] = st["performed"] = inbox["received"] = inbox["lost"] = inbox["confirmed"] = 0
         inbox["signal"]["sequence"], inbox["missing"] = image[0]["input"]["sequence"], image[0]["missing"]
-        remembered = _NOTHING if memory is None else (memory.record, memory.words, memory.values)
-        self._serve(self._service, safe.record, schedule.record, image, self._inbox, *remembered)
+        remembered = _NOTHING if memory is None else memory.record
+        self._serve(self._service, safe.record, schedule.record, image, self._inbox, remembered)
         return Served(int(st["calls"]), int(st["performed"]), int(inbox["received"]), int(inbox["lost"]))

@@ -124,12 +124,10 @@ class Cell:
     def compiled_turn(self):
         """Until something was sent; why it ended."""
         self.service[0]["leave"][0] = 0
-        slot = np.zeros(0, np.int64), np.zeros(0)
-        memory = np.array([(0, 0, -1, (0, 0))], MEMORY)
-        if self.memory is not None:
-            memory, *slot = self.memory.record, self.memory.words, self.memory.values
+        memory = np.zeros(1, MEMORY) if self.memory is None else self.memory.record
+        memory["file"] = -1 if self.memory is None else memory["file"]
         records = self.service, self.safe.record, self.schedule.record, self.record, self.samples, memory
-        return worker_loop.serve(*records, *slot)
+        return worker_loop.serve(*records)
 
     def turn(self, compiled):
         if not compiled or self.safe.state == SAFE_RAMP:

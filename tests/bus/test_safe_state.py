@@ -11,8 +11,10 @@ from hypothesis import strategies as st
 from micromanip.bus.driver import Task
 from micromanip.bus.safe_state import LAST_SWITCH, SWITCH, UNUSED, VOLTAGE, SafeOutput, SafeState
 from micromanip.rt.bus_image import FOLLOWING, RESTING, SAFE_RAMP
-from micromanip.rt.io.gate import note_sent, note_taken
+from micromanip.rt.io import gate as law
 from micromanip.rt.jit import plain
+
+may_have_moved, note_sent, note_taken = map(plain, (law.may_have_moved, law.note_sent, law.note_taken))
 
 MS = 1_000_000
 PERIOD_S, RAMP_S, DEAD_NS = 0.01, 0.5, 5 * MS
@@ -42,13 +44,13 @@ class Gate(SafeState):
     def attempted(self, indices, values):
         for i in indices:
             self.fields["value"][i] = values[i]
-            plain(note_sent)(self.fields, i, 0, 0)
+            note_sent(self.fields, i, 0, 0)
 
     def given(self, indices, values):
         self.attempted(indices, values)
         for i in indices:
-            assert plain(note_taken)(self.fields, i, 0)
-            assert not plain(note_taken)(self.fields, i, 0), "once"
+            assert note_taken(self.fields, i, 0)
+            assert not note_taken(self.fields, i, 0), "once"
 
     def rests_with(self, values):
         for i, value in enumerate(values):
@@ -451,6 +453,88 @@ def test_a_task_that_is_held_up_holds_up_no_other():
         values = state.decided([0.0, 0.0], 0, 0)
         state.given([0], values)
     assert values == [pytest.approx(40.0), pytest.approx(80.0, abs=0.01)]
+
+
+BEGINS_NS, RESTS_AT_V = 100, 30.0
+TWO_TASKS = [Task("one", 1.0 / PERIOD_S, (VOLT, FEED_HOLD)), Task("other", 1.0 / PERIOD_S, (ENABLE, SPARE))]
+
+
+@pytest.fixture
+def two_tasks():
+    """In the loop's hand, everything at rest; the device's watchdog leads the voltage to 30 V."""
+    state = SafeState(OUTPUTS, TWO_TASKS, RAMP_S, DEAD_NS, [RESTS_AT_V, 0.0, 0.0, 0.0], BEGINS_NS)
+    for _ in range(2):
+        state.decide([0.0, 0.0, 1.0, 0.0], 0, 0)
+        for task in (0, 1):
+            note_sent(state.fields, task, 0, 0)
+            assert note_taken(state.fields, task, 0)
+    assert state.state == FOLLOWING
+    return state
+
+
+def of_tasks(state, *names):
+    return [tuple(state.fields[name][:2]) for name in names]
+
+
+def test_a_task_confirms_what_it_was_sent_itself_and_last(two_tasks):
+    g = two_tasks.fields
+    two_tasks.decide([5.0, 1.0, 0.0, 0.0], 0, 7)
+    assert two_tasks.decided_ns == 7
+    note_sent(g, 0, 1000, 1001)
+    two_tasks.decide([8.0, 0.0, 1.0, 0.0], 0, 8)
+    note_sent(g, 1, 2000, 2002)
+    assert of_tasks(two_tasks, "sent_ns", "unconfirmed", "fed_ns") == [(1000, 2000), (1, 1), (0, 0)]
+    assert (two_tasks.last, g["touched_ns"][0]) == ([0.0, 0.0, 1.0, 0.25], 2002)
+    assert note_taken(g, 0, 3000)
+    assert (two_tasks.last, g["touched_ns"][0]) == ([5.0, 0.0, 0.0, 0.25], 3000)
+    assert of_tasks(two_tasks, "unconfirmed", "fed_ns") == [(0, 1), (1000, 0)]
+    assert not note_taken(g, 0, 4000), "it was confirmed already"
+    assert note_taken(g, 1, 5000)
+    assert of_tasks(two_tasks, "unconfirmed", "fed_ns") == [(0, 0), (1000, 2000)]
+    assert (two_tasks.last, g["touched_ns"][0]) == ([5.0, 0.0, 0.0, 0.25], 5000)
+
+
+def test_what_is_sent_may_be_there_until_it_is_confirmed(two_tasks):
+    two_tasks.decide([5.0, 1.0, 0.0, 0.0], 0, 0)
+    note_sent(two_tasks.fields, 1, 0, 0)
+    two_tasks.decide([-99.0, 0.0, 0.0, 0.0], 0, 0)
+    assert two_tasks.fields["lowest"][VOLT] == two_tasks.fields["highest"][VOLT] == 0.0, "the other task's"
+    two_tasks.decide([-5.0, 0.0, 0.0, 0.0], 0, 0)
+    note_sent(two_tasks.fields, 0, 0, 0)
+    two_tasks.decide([5.0, 0.0, 0.0, 0.0], 0, 0)
+    note_sent(two_tasks.fields, 0, 0, 0)
+    assert (two_tasks.fields["lowest"][VOLT], two_tasks.fields["highest"][VOLT]) == (-5.0, 5.0)
+    assert note_taken(two_tasks.fields, 0, 0)
+    assert two_tasks.fields["lowest"][VOLT] == two_tasks.fields["highest"][VOLT] == 5.0
+
+
+def test_silence_may_have_moved_what_is_further_than_a_step_from_rest(two_tasks):
+    g = two_tasks.fields
+    for volts, moved in ((19.0, True), (20.0, False), (30.0, False), (40.0, False), (41.0, True), (49.0, True)):
+        for _ in range(3):
+            two_tasks.decide([volts, 0.0, 0.0, 0.0], 0, 0)
+            note_sent(g, 0, 500, 600)
+            note_taken(g, 0, 600)
+        assert may_have_moved(g, 0, 500 + BEGINS_NS + 1) == moved
+        assert not may_have_moved(g, 0, 500 + BEGINS_NS), "the watchdog waits so long"
+        assert not may_have_moved(g, 1, 500 + BEGINS_NS + 1), "its switches go at once"
+    g["still"][0] = 1
+    assert not may_have_moved(g, 0, 1000), "it has been waited for"
+    note_sent(g, 1, 500, 600)
+    assert not may_have_moved(g, 0, 1000), "the other task's command"
+    note_sent(g, 0, 500, 600)
+    assert may_have_moved(g, 0, 1000)
+
+
+def test_what_nobody_knows_may_have_moved():
+    state = SafeState(OUTPUTS, TWO_TASKS, RAMP_S, DEAD_NS, [0.0] * 4, BEGINS_NS)
+    assert may_have_moved(state.fields, 0, BEGINS_NS + 1)
+    state.assume_safe()
+    assert not may_have_moved(state.fields, 0, BEGINS_NS + 1)
+
+
+def test_a_device_that_waits_for_nobody_is_not_moved_by_silence():
+    assert not may_have_moved(SafeState(OUTPUTS, TWO_TASKS, RAMP_S, DEAD_NS).fields, 0, 10**18)
 
 
 ACTS = st.lists(

@@ -10,9 +10,9 @@ whether the device was silent for so long that it may have gone to rest by itsel
 the device was given, by one period each, and rest is reached when it was given them
 (``docs/decisions/0017-bus-workers.md``).
 
-All state is in one record, whose fields are arrays: a Python worker runs these functions as they stand here on its
-``fields``, a compiled one (``worker_loop.py``) runs their machine code on the record itself, and each goes on where the
-other one is. The gate of a wire whose frames are acknowledged (``link_gate.py``) shares what is above ``GATE``.
+All state is in one record of arrays: a Python worker runs these functions as they stand on its ``fields``, a compiled
+one (``worker_loop.py``) their machine code on the record itself, each from where the other one is. The gate of a wire
+in the loop (``link_gate.py``) shares what stands above ``GATE``.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from typing import Any
 from micromanip.rt.bus_image import FOLLOWING, RESTING, SAFE_RAMP
 from micromanip.rt.jit import compiled
 from micromanip.rt.laws.minimum_jerk import minimum_jerk
-from micromanip.rt.record import record
+from micromanip.rt.record import arrays, record
 from micromanip.rt.records import MAX_OUTPUTS
 
 MAX_TASKS = 64
@@ -33,13 +33,9 @@ VOLTAGE, SWITCH, LAST_SWITCH, UNUSED = range(4)
 EQUAL_V = 1e-9
 
 HELD = (
-    ("outputs", "i8", (1,)),
-    ("kind", "i8", (MAX_OUTPUTS,)),
-    ("safe", "f8", (MAX_OUTPUTS,)),
-    ("step", "f8", (MAX_OUTPUTS,)),
-    ("last", "f8", (MAX_OUTPUTS,)),
-    ("lowest", "f8", (MAX_OUTPUTS,)),
-    ("highest", "f8", (MAX_OUTPUTS,)),
+    *arrays("i8", 1, "outputs"),
+    *arrays("i8", MAX_OUTPUTS, "kind"),
+    *arrays("f8", MAX_OUTPUTS, "safe", "step", "last", "lowest", "highest"),
 )
 """Fields of every gate: of so many outputs, by how much two values that the device gets one after the other may differ
 (``step``), what it was given ``last``, and between which bounds lies what it has."""
@@ -75,7 +71,7 @@ def furthest(g: Any, i: int, value: float) -> float:
 
 @compiled
 def asks_for_rest(g: Any, wanted: Any) -> bool:
-    """Whether the loop wants the safe value of every voltage."""
+    """Whether every voltage is to have its safe value."""
     for i in range(g["outputs"][0]):
         if g["kind"][i] == VOLTAGE and not abs(wanted[i] - g["safe"][i]) <= EQUAL_V:
             return False
@@ -84,30 +80,12 @@ def asks_for_rest(g: Any, wanted: Any) -> bool:
 
 GATE = record(
     *HELD,
-    ("state", "i8", (1,)),
-    ("dead_ns", "i8", (1,)),
-    ("ramp_s", "f8", (1,)),
-    ("begins_ns", "i8", (1,)),
-    ("low", "f8", (MAX_OUTPUTS,)),
-    ("high", "f8", (MAX_OUTPUTS,)),
-    ("rest", "f8", (MAX_OUTPUTS,)),
-    ("period_s", "f8", (MAX_OUTPUTS,)),
-    ("task", "i8", (MAX_OUTPUTS,)),
-    ("known", "i8", (MAX_OUTPUTS,)),
-    ("given", "i8", (MAX_OUTPUTS,)),
-    ("start", "f8", (MAX_OUTPUTS,)),
-    ("share", "f8", (MAX_OUTPUTS,)),
-    ("wanted", "f8", (MAX_OUTPUTS,)),
-    ("written_ns", "i8", (1,)),
-    ("value", "f8", (MAX_OUTPUTS,)),
-    ("decided_ns", "i8", (1,)),
-    ("refused", "i8", (1,)),
+    *arrays("i8", 1, "state", "dead_ns", "begins_ns", "written_ns", "decided_ns", "touched_ns", "refused"),
+    *arrays("f8", 1, "ramp_s"),
+    *arrays("f8", MAX_OUTPUTS, "low", "high", "rest", "period_s", "start", "share", "wanted", "value"),
+    *arrays("i8", MAX_OUTPUTS, "task", "known", "given"),
+    *arrays("i8", MAX_TASKS, "sent_ns", "unconfirmed", "fed_ns", "still"),
     ("sent", "f8", (MAX_TASKS, MAX_OUTPUTS)),
-    ("sent_ns", "i8", (MAX_TASKS,)),
-    ("unconfirmed", "i8", (MAX_TASKS,)),
-    ("fed_ns", "i8", (MAX_TASKS,)),
-    ("still", "i8", (MAX_TASKS,)),
-    ("touched_ns", "i8", (1,)),
 )
 """The gate of a bus' worker. A loop that has written nothing for ``dead_ns`` is dead; after ``begins_ns`` of silence
 the device may have begun to go to ``rest`` by itself. Each output lies in ``low`` to ``high`` and is written by the
@@ -129,7 +107,7 @@ def decide(g: Any, now_ns: int) -> None:
         leave(g)
     if state[0] == RESTING and not dead and asks_for_rest(g, g["wanted"]):
         state[0] = FOLLOWING
-    moves = state[0] == SAFE_RAMP and is_moving(g)
+    moves = state[0] == SAFE_RAMP and away(g, VOLTAGE) > 0
     for i in range(g["outputs"][0]):
         value = followed(g, i) if state[0] == FOLLOWING else on_the_way(g, i, moves)
         if g["kind"][i] == VOLTAGE:
@@ -161,13 +139,13 @@ def on_the_way(g: Any, i: int, moves: bool) -> float:
 
 
 @compiled
-def is_moving(g: Any) -> bool:
-    """Whether a voltage is not at rest."""
-    moving = 0
+def away(g: Any, kind: int) -> int:
+    """How many outputs up to this kind are not at rest."""
+    count = 0
     for i in range(g["outputs"][0]):
-        if g["kind"][i] == VOLTAGE and not rests_at(g, i):
-            moving += 1
-    return moving > 0
+        if g["kind"][i] <= kind and not rests_at(g, i):
+            count += 1
+    return count
 
 
 @compiled
@@ -190,21 +168,14 @@ def rests_at(g: Any, i: int) -> bool:
 @compiled
 def rest_if_given(g: Any) -> None:
     """The way to rest ends where every output has arrived."""
-    if g["state"][0] != SAFE_RAMP:
-        return
-    for i in range(g["outputs"][0]):
-        if not rests_at(g, i):
-            return
-    g["state"][0] = RESTING
+    if g["state"][0] == SAFE_RAMP and away(g, UNUSED) == 0:
+        g["state"][0] = RESTING
 
 
 @compiled
 def rests(g: Any) -> bool:
     """Whether the device is known to have the safe value of every voltage, and what was decided leaves it there."""
-    for i in range(g["outputs"][0]):
-        if g["kind"][i] == VOLTAGE and not (abs(g["value"][i] - g["safe"][i]) <= EQUAL_V and rests_at(g, i)):
-            return False
-    return True
+    return asks_for_rest(g, g["value"]) and away(g, VOLTAGE) == 0
 
 
 @compiled
@@ -231,11 +202,11 @@ def may_have_moved(g: Any, task: int, now_ns: int) -> bool:
     """Whether the device's watchdog may have led an output of `task` away from what it was given."""
     if g["still"][task] != 0 or not was_silent(g, task, now_ns):
         return False
-    away = 0
+    moved = 0
     for i in range(g["outputs"][0]):
         if g["task"][i] == task and not is_near_rest(g, i):
-            away += 1
-    return away > 0
+            moved += 1
+    return moved > 0
 
 
 @compiled

@@ -16,7 +16,7 @@ from typing import Any
 from micromanip.rt.bus_image import DOWN, FOLLOWING, RESTING, TAKEN
 from micromanip.rt.bus_image import UNKNOWN as QUIET
 from micromanip.rt.jit import compiled
-from micromanip.rt.record import record
+from micromanip.rt.record import arrays, record
 from micromanip.rt.records import MAX_OUTPUTS
 
 from .gate import HELD, VOLTAGE, asks_for_rest, settle, widen, within_step
@@ -28,24 +28,11 @@ RECENT = 64
 
 LINK_GATE = record(
     *HELD,
-    ("state", "i8"),
-    ("held", "i8"),
-    ("silent_cycles", "i8"),
-    ("patient_cycles", "i8"),
-    ("watchdog_ns", "i8"),
-    ("still_ns", "i8"),
-    ("unanswered_in_a_row", "i8"),
-    ("answers", "i8"),
-    ("begun", "i8"),
-    ("sent_ns", "i8"),
-    ("sent_count", "i8"),
-    ("acknowledged", "i8"),
-    ("waits", "i8", (MAX_OUTPUTS,)),
+    *arrays("i8", 0, "state", "held", "silent_cycles", "patient_cycles", "watchdog_ns", "still_ns"),
+    *arrays("i8", 0, "unanswered_in_a_row", "answers", "begun", "sent_ns", "sent_count", "acknowledged"),
+    *arrays("i8", MAX_OUTPUTS, "waits"),
     ("recent", "f8", (RECENT, MAX_OUTPUTS)),
-    ("unanswered", "i8"),
-    ("refused_values", "i8"),
-    ("held_back", "i8"),
-    ("losses", "i8"),
+    *arrays("i8", 0, "unanswered", "refused_values", "held_back", "losses"),
 )
 """``still_ns`` after the last frame all outputs are at rest by the device's watchdog. An output ``waits`` (1) where
 what was sent last is not yet what was asked for; ``recent`` was sent in each of the last frames. ``sent_count`` frames
@@ -94,9 +81,8 @@ def on_link_lost(g: Any) -> None:
 def near(g: Any, i: int, value: float) -> float:
     """What comes nearest to `value` and is within a step of all that the device may have; NaN stays NaN."""
     nearest = within_step(g, i, value) if math.isfinite(value) else value
-    waits = nearest != value and math.isfinite(value)
-    g["waits"][i] = waits
-    g["held_back"] += waits
+    g["waits"][i] = math.isfinite(value) and nearest != value
+    g["held_back"] += g["waits"][i]
     return nearest
 
 

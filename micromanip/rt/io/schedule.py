@@ -9,19 +9,13 @@ from __future__ import annotations
 from typing import Any
 
 from micromanip.rt.jit import compiled
-from micromanip.rt.record import record
+from micromanip.rt.record import arrays, record
 
 from .gate import MAX_TASKS
 
 TURNS = record(
-    ("tasks", "i8", (1,)),
-    ("period_ns", "i8", (MAX_TASKS,)),
-    ("due_ns", "i8", (MAX_TASKS,)),
-    ("writes", "i8", (MAX_TASKS,)),
-    ("asks", "i8", (MAX_TASKS,)),
-    ("owed", "i8", (MAX_TASKS,)),
-    ("owed_ns", "i8", (MAX_TASKS,)),
-    ("skipped", "i8", (1,)),
+    *arrays("i8", 1, "tasks", "skipped"),
+    *arrays("i8", MAX_TASKS, "period_ns", "due_ns", "writes", "asks", "owed", "owed_ns"),
 )
 """Of each task its period, when it is due, whether it ``writes`` outputs, and whether it only ``asks``: outputs come to
 rest without it. Writes that are ``owed`` come before the next of these, not before ``owed_ns``. ``skipped`` turns were

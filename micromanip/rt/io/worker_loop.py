@@ -17,25 +17,13 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from numba import types
 
+from micromanip.rt import bus_image as of
 from micromanip.rt.bus_exchange import begin_turn, end_turn
-from micromanip.rt.bus_image import (
-    ALIVE_NS,
-    AT_REST,
-    IMAGE,
-    OUTPUT_STATE,
-    OUTPUT_TURN,
-    SAFE_RAMP,
-    SENT_NS,
-    SENT_TURN,
-    TRIES,
-    WRITTEN_NS,
-)
 from micromanip.rt.clock import now_ns
 from micromanip.rt.intrinsics import call_exchange, fence, load_acquire, store_release
-from micromanip.rt.io.byte_stream import write_at
-from micromanip.rt.io.datagrams import wait
 from micromanip.rt.jit import compiled
 from micromanip.rt.record import Record
 from micromanip.rt.signatures import array_of
@@ -43,17 +31,8 @@ from micromanip.rt.slot import sealed
 
 from .gate import GATE, decide, known_last, may_have_moved, note_sent, note_taken, rests
 from .schedule import TURNS, advance, first_due, turn_ns
-from .worker_records import (
-    ASKED,
-    INBOX,
-    LEFT_OVER,
-    MEMORY,
-    ON_THE_RAMP,
-    SENT_IN_DOUBT,
-    SERVICE,
-    SILENT,
-    UNCONFIRMED,
-)
+from .sockets import wait, write_at
+from .worker_records import ASKED, INBOX, LEFT_OVER, MEMORY, ON_THE_RAMP, SENT_IN_DOUBT, SERVICE, SILENT, UNCONFIRMED
 
 _sealed = compiled(sealed)
 
@@ -62,15 +41,15 @@ _sealed = compiled(sealed)
 def take_wanted(g: Record, image: Record) -> None:
     """What the loop wants, and when it wrote that; as before where it is just writing."""
     words = image["words"]
-    for _ in range(TRIES):
-        turn = load_acquire(words, OUTPUT_TURN)
+    for _ in range(of.TRIES):
+        turn = load_acquire(words, of.OUTPUT_TURN)
         if turn & 1 != 0:
             continue
         for i in range(g["outputs"][0]):
             g["value"][i] = image["value"][i]  # no more than scratch: it is decided anew after this
-        written_ns = load_acquire(words, WRITTEN_NS)
+        written_ns = load_acquire(words, of.WRITTEN_NS)
         fence()
-        if load_acquire(words, OUTPUT_TURN) == turn:
+        if load_acquire(words, of.OUTPUT_TURN) == turn:
             for i in range(g["outputs"][0]):
                 g["wanted"][i] = g["value"][i]
             g["written_ns"][0] = written_ns
@@ -80,8 +59,8 @@ def take_wanted(g: Record, image: Record) -> None:
 @compiled
 def note_decided(g: Record, words: Any) -> None:
     """Tell the loop whether what it will be given is rest, and in whose hand the outputs are."""
-    store_release(words, AT_REST, 1 if rests(g) else 0)
-    store_release(words, OUTPUT_STATE, g["state"][0])
+    store_release(words, of.AT_REST, 1 if rests(g) else 0)
+    store_release(words, of.OUTPUT_STATE, g["state"][0])
 
 
 @compiled
@@ -102,35 +81,29 @@ def publish(image: Record, inbox: Record) -> int:
 
 
 @compiled
-def take(g: Record, image: Record, memory: Record, slot: Any, values: Any, task: int, now: int) -> None:
+def take(g: Record, image: Record, memory: Record, task: int, now: int) -> None:
     """The device has taken what it was sent of `task` last: gate, image and file remember that."""
     if not note_taken(g, task, now):
         return
     words = image["words"]
-    begin_turn(words, SENT_TURN)
+    begin_turn(words, of.SENT_TURN)
     for i in range(g["outputs"][0]):
         image["sent"][i] = known_last(g, i)
-    words[SENT_NS] = now
-    end_turn(words, SENT_TURN)
-    if memory["file"] >= 0:
-        remember(g, memory, slot, values)
-
-
-@compiled
-def remember(g: Record, memory: Record, slot: Any, values: Any) -> None:
-    """Write the slot whose turn it is, as ``bus/last_given.py`` does and reads it."""
-    memory["turn"] += 1
-    slot[0] = memory["turn"]
+    words[of.SENT_NS] = now
+    end_turn(words, of.SENT_TURN)
+    if memory["file"][0] < 0:
+        return
+    turn = memory["turn"][0] + 1  # as ``bus/last_given.py`` writes it
+    slot = memory["slot"][: g["outputs"][0] + 2]
+    memory["turn"][0] = slot[0] = turn
     for i in range(g["outputs"][0]):
-        values[1 + i] = known_last(g, i)
-    slot[len(slot) - 1] = _sealed(slot, memory["seed"])
-    write_at(memory["file"], slot, memory["place"][memory["turn"] % 2])
+        slot.view(np.float64)[1 + i] = known_last(g, i)
+    slot[len(slot) - 1] = _sealed(slot, memory["seed"][0])
+    write_at(memory["file"][0], slot, memory["place"][turn % 2])
 
 
 @compiled
-def perform(
-    st: Record, g: Record, t: Record, image: Record, memory: Record, slot: Any, values: Any, task: int, now: int
-) -> int:
+def perform(st: Record, g: Record, t: Record, image: Record, memory: Record, task: int, now: int) -> int:
     """Do `task` with what was decided; 0, or what ``send`` says, or SILENT."""
     if may_have_moved(g, task, now):
         return SILENT
@@ -148,14 +121,12 @@ def perform(
         if g["task"][i] == task:
             store_release(image["turned_ns"], i, now)
     if code == 0:
-        take(g, image, memory, slot, values, task, after_ns)
+        take(g, image, memory, task, after_ns)
     return 0
 
 
 @compiled
-def listen(
-    st: Record, g: Record, image: Record, inbox: Any, memory: Record, slot: Any, values: Any, now: int, due_ns: int
-) -> int:
+def listen(st: Record, g: Record, image: Record, inbox: Any, memory: Record, now: int, due_ns: int) -> int:
     """Wait until `due_ns`, or for what comes before, and hand it over; 0, or why Python is needed."""
     ready = wait(st["poll"], st["descriptor"], min(due_ns, now + st["look_ns"]) - now, st["timespec"])
     if ready < 0:
@@ -167,33 +138,23 @@ def listen(
     for k in range(len(inbox[0]["confirmed"])):
         if inbox[0]["confirmed"][k] != 0:
             inbox[0]["confirmed"][k] = 0
-            take(g, image, memory, slot, values, k, now_ns(st["timespec"]))
+            take(g, image, memory, k, now_ns(st["timespec"]))
     if publish(image, inbox[0]) > 0:
         st["calls"] += 1
     return 0 if code == 0 else LEFT_OVER
 
 
-@compiled.entry(
-    types.int64(
-        array_of(SERVICE),
-        array_of(GATE),
-        array_of(TURNS),
-        array_of(IMAGE),
-        array_of(INBOX),
-        array_of(MEMORY),
-        types.int64[::1],
-        types.float64[::1],
-    )
-)
-def serve(service: Any, gate: Any, turns: Any, images: Any, inbox: Any, memories: Any, slot: Any, values: Any) -> int:
-    """Serve until Python is needed; why it is. `slot` and `values` are the same memory, what is written to the file of
-    what was given last, both (0,) where there is none.
-    """
+_RECORDS = SERVICE, GATE, TURNS, of.IMAGE, INBOX, MEMORY
+
+
+@compiled.entry(types.int64(*map(array_of, _RECORDS)))
+def serve(service: Any, gate: Any, turns: Any, images: Any, inbox: Any, memories: Any) -> int:
+    """Serve until Python is needed; why it is."""
     st, g, t, image, memory = service[0], gate[0], turns[0], images[0], memories[0]
     words = image["words"]
     while True:
         now = now_ns(st["timespec"])
-        store_release(words, ALIVE_NS, now)
+        store_release(words, of.ALIVE_NS, now)
         if load_acquire(st["leave"], 0) != 0 or now >= st["until_ns"]:
             return ASKED
         task = first_due(t)
@@ -203,11 +164,11 @@ def serve(service: Any, gate: Any, turns: Any, images: Any, inbox: Any, memories
             take_wanted(g, image)
             decide(g, now)
             note_decided(g, words)
-            if g["state"][0] == SAFE_RAMP:
+            if g["state"][0] == of.SAFE_RAMP:
                 return ON_THE_RAMP
         if is_due:
-            code = perform(st, g, t, image, memory, slot, values, task, now)
+            code = perform(st, g, t, image, memory, task, now)
         else:
-            code = listen(st, g, image, inbox, memory, slot, values, now, due_ns)
+            code = listen(st, g, image, inbox, memory, now, due_ns)
         if code != 0:
             return code

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from micromanip.rt.record import record
-from micromanip.rt.records import MAX_SIGNALS, SIGNAL
+from micromanip.rt.record import arrays, record
+from micromanip.rt.records import MAX_OUTPUTS, MAX_SIGNALS, SIGNAL
+from micromanip.rt.slot import size
 
 from .gate import MAX_TASKS
 
@@ -25,9 +26,11 @@ SERVICE = record(
 waited on. Python asks for its turn by `leave`. So many tasks were `performed`, and so many `calls` did something.
 `poll` is a ``struct pollfd``."""
 
-MEMORY = record(("turn", "i8"), ("seed", "i8"), ("file", "i8"), ("place", "i8", (2,)))
+MEMORY = record(
+    *arrays("i8", 1, "turn", "seed", "file"), *arrays("i8", 2, "place"), *arrays("i8", size(MAX_OUTPUTS), "slot")
+)
 """The file of what was given last (``bus/last_given.py``), -1 for none: the number of what was written last, the
-checksum's seed, where the two slots lie."""
+checksum's seed, where the two slots lie, and what is written there."""
 
 INBOX = record(
     ("signal", SIGNAL, (MAX_SIGNALS,)),

@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from micromanip.rt.io.device_clock import taken_ns
-from micromanip.rt.io.frames import DEVICE_CLOCK
+from micromanip.rt.io.clock_lock import DEVICE_CLOCK, taken_ns
 
 PERIOD_NS = 100_000
 

@@ -87,7 +87,8 @@ def replacements(node: ast.AST, names: list[str], keys: list[str]) -> Iterator[a
             yield type(node)(constant(always), node.body, node.orelse)
     elif isinstance(node, ast.Return) and node.value is not None:
         yield ast.Return(constant(0.0))
-        if not isinstance(node.value, ast.Compare | ast.BoolOp) and called(node.value) not in ("all", "any"):
+        is_true_or_false = isinstance(node.value, ast.Compare | ast.BoolOp) or called(node.value) in ("all", "any")
+        if not (is_true_or_false or (isinstance(node.value, ast.Constant) and isinstance(node.value.value, bool))):
             yield ast.Return(ast.UnaryOp(ast.USub(), node.value))  # of a truth value it is the same one
     elif isinstance(node, ast.Assign | ast.AugAssign):
         yield ast.Pass()
@@ -135,6 +136,8 @@ def mutants(tree: ast.Module) -> Iterator[tuple[str, ast.Module]]:
             parent, field, i = places(spare)[number]
             node = getattr(parent, field) if i is None else getattr(parent, field)[i]
             for new in replacements(node, names, sorted(loaded)):
+                if isinstance(parent, ast.Subscript) and ast.unparse(new) == "-1":
+                    continue  # a record's numbers are arrays of one
                 changed = copy.deepcopy(original)
                 parent, field, i = places(changed)[number]
                 if i is None:

@@ -64,7 +64,7 @@ class Inbox:
         """What people should know."""
         return self._remarks
 
-    def take_confirmed(self) -> Sequence[int]:
+    def take_confirmed(self) -> list[int]:
         """Tasks whose outputs the device has confirmed since the last call."""
         confirmed, self._confirmed = self._confirmed, []
         return confirmed

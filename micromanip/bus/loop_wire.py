@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.errors import ConfigError
-from micromanip.rt.bus_image import OUTPUT_NAMES
+from micromanip.rt.bus_image import OUTPUT_NAMES, RESTING
 from micromanip.rt.io.gate import SWITCH, VOLTAGE
-from micromanip.rt.io.link_gate import ANSWERS, QUIET, RESTING
+from micromanip.rt.io.link_gate import ANSWERS, QUIET
 from micromanip.rt.records import MAX_OUTPUTS
 
 from .cyclic import CyclicDriver, Wire

@@ -81,7 +81,7 @@ class OutputWriter:
         for number in range(len(self._driver.tasks)):
             self._gate["unconfirmed"][number] = 0
 
-    def _taken(self, inbox: Inbox) -> Sequence[int]:
+    def _taken(self, inbox: Inbox) -> list[int]:
         confirmed = inbox.take_confirmed()  # once: what is sent after it is not confirmed by it
         for number in confirmed:
             self._take(number)

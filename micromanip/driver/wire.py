@@ -10,7 +10,7 @@ from micromanip.bus.loop_wire import LoopWire
 from micromanip.bus.loop_wire_options import LoopOutput, LoopWireOptions
 from micromanip.bus.number_codec import NumberCodec
 from micromanip.bus.watchdog import Milliseconds, Watchdog
-from micromanip.rt.bus_image import DOWN, TAKEN
+from micromanip.rt.bus_image import DOWN, FOLLOWING, RESTING, TAKEN
 from micromanip.rt.io.clock_lock import CLOCK_LOCK, DEVICE_CLOCK, MOST_BITS, set_lock
 from micromanip.rt.io.context import BATCH, SOCKET, WIRE
 from micromanip.rt.io.counting import COUNTED
@@ -23,7 +23,7 @@ from micromanip.rt.io.frames import (
     put_value,
     seal,
 )
-from micromanip.rt.io.link_gate import ANSWERS, FOLLOWING, LINK_GATE, QUIET, RECENT, RESTING
+from micromanip.rt.io.link_gate import ANSWERS, LINK_GATE, QUIET, RECENT
 from micromanip.rt.io.numbers import CODE, FLOATING, SIGNED, UNSIGNED
 from micromanip.rt.record import move, record
 from micromanip.rt.records import MAX_OUTPUTS

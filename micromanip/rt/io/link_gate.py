@@ -13,13 +13,14 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from micromanip.rt.bus_image import DOWN, FOLLOWING, RESTING, TAKEN
-from micromanip.rt.bus_image import UNKNOWN as QUIET
+from micromanip.rt.bus_image import DOWN, FOLLOWING, RESTING, TAKEN, UNKNOWN
 from micromanip.rt.jit import compiled
 from micromanip.rt.record import arrays, record
 from micromanip.rt.records import MAX_OUTPUTS
 
 from .gate import HELD, VOLTAGE, asks_for_rest, settle, widen, within_step
+
+QUIET = UNKNOWN
 
 ANSWERS = 3
 """So many answers, and the device counts as there again."""

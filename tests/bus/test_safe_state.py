@@ -456,7 +456,8 @@ def test_a_task_that_is_held_up_holds_up_no_other():
 
 
 BEGINS_NS, RESTS_AT_V = 100, 30.0
-TWO_TASKS = [Task("one", 1.0 / PERIOD_S, (VOLT, FEED_HOLD)), Task("other", 1.0 / PERIOD_S, (ENABLE, SPARE))]
+TWO_TASKS = [Task("other", 1.0 / PERIOD_S, (ENABLE, SPARE)), Task("one", 1.0 / PERIOD_S, (VOLT, FEED_HOLD))]
+OTHER, ONE = 0, 1
 
 
 @pytest.fixture
@@ -473,41 +474,41 @@ def two_tasks():
 
 
 def of_tasks(state, *names):
-    return [tuple(state.fields[name][:2]) for name in names]
+    return [(state.fields[name][ONE], state.fields[name][OTHER]) for name in names]
 
 
 def test_a_task_confirms_what_it_was_sent_itself_and_last(two_tasks):
     g = two_tasks.fields
     two_tasks.decide([5.0, 1.0, 0.0, 0.0], 0, 7)
     assert two_tasks.decided_ns == 7
-    note_sent(g, 0, 1000, 1001)
+    note_sent(g, ONE, 1000, 1001)
     two_tasks.decide([8.0, 0.0, 1.0, 0.0], 0, 8)
-    note_sent(g, 1, 2000, 2002)
+    note_sent(g, OTHER, 2000, 2002)
     assert of_tasks(two_tasks, "sent_ns", "unconfirmed", "fed_ns") == [(1000, 2000), (1, 1), (0, 0)]
     assert (two_tasks.last, g["touched_ns"][0]) == ([0.0, 0.0, 1.0, 0.25], 2002)
-    assert note_taken(g, 0, 3000)
+    assert note_taken(g, ONE, 3000)
     assert (two_tasks.last, g["touched_ns"][0]) == ([5.0, 0.0, 0.0, 0.25], 3000)
     assert of_tasks(two_tasks, "unconfirmed", "fed_ns") == [(0, 1), (1000, 0)]
-    assert not note_taken(g, 0, 4000), "it was confirmed already"
-    assert note_taken(g, 1, 5000)
+    assert not note_taken(g, ONE, 4000), "it was confirmed already"
+    assert note_taken(g, OTHER, 5000)
     assert of_tasks(two_tasks, "unconfirmed", "fed_ns") == [(0, 0), (1000, 2000)]
     assert (two_tasks.last, g["touched_ns"][0]) == ([5.0, 0.0, 0.0, 0.25], 5000)
 
 
 def test_what_is_sent_may_be_there_until_it_is_confirmed(two_tasks):
     two_tasks.decide([5.0, 1.0, 0.0, 0.0], 0, 0)
-    note_sent(two_tasks.fields, 1, 0, 0)
+    note_sent(two_tasks.fields, OTHER, 0, 0)
     two_tasks.decide([-99.0, 0.0, 0.0, 0.0], 0, 0)
     assert two_tasks.fields["lowest"][VOLT] == two_tasks.fields["highest"][VOLT] == 0.0, "the other task's"
     two_tasks.decide([-5.0, 0.0, 0.0, 0.0], 0, 0)
-    note_sent(two_tasks.fields, 0, 0, 0)
+    note_sent(two_tasks.fields, ONE, 0, 0)
     two_tasks.decide([0.0, 0.0, 0.0, 0.0], 0, 0)
     assert not two_tasks.rests, "it may be at -5 V"
     for volts in (5.0, 0.0):
         two_tasks.decide([volts, 0.0, 0.0, 0.0], 0, 0)
-        note_sent(two_tasks.fields, 0, 0, 0)
+        note_sent(two_tasks.fields, ONE, 0, 0)
     assert (two_tasks.fields["lowest"][VOLT], two_tasks.fields["highest"][VOLT]) == (-5.0, 5.0)
-    assert note_taken(two_tasks.fields, 0, 0)
+    assert note_taken(two_tasks.fields, ONE, 0)
     assert two_tasks.fields["lowest"][VOLT] == two_tasks.fields["highest"][VOLT] == 0.0
 
 
@@ -516,24 +517,25 @@ def test_silence_may_have_moved_what_is_further_than_a_step_from_rest(two_tasks)
     for volts, moved in ((19.0, True), (20.0, False), (30.0, False), (40.0, False), (41.0, True), (49.0, True)):
         for _ in range(3):
             two_tasks.decide([volts, 0.0, 0.0, 0.0], 0, 0)
-            note_sent(g, 0, 500, 600)
-            note_taken(g, 0, 600)
-        assert may_have_moved(g, 0, 500 + BEGINS_NS + 1) == moved
-        assert not may_have_moved(g, 0, 500 + BEGINS_NS), "the watchdog waits so long"
-        assert not may_have_moved(g, 1, 500 + BEGINS_NS + 1), "its switches go at once"
-    g["still"][0] = 1
-    assert not may_have_moved(g, 0, 1000), "it has been waited for"
-    note_sent(g, 1, 500, 600)
-    assert not may_have_moved(g, 0, 1000), "the other task's command"
-    note_sent(g, 0, 500, 600)
-    assert may_have_moved(g, 0, 1000)
+            note_sent(g, ONE, 500, 600)
+            note_taken(g, ONE, 600)
+        assert may_have_moved(g, ONE, 500 + BEGINS_NS + 1) == moved
+        assert not may_have_moved(g, ONE, 500 + BEGINS_NS), "the watchdog waits so long"
+        assert not may_have_moved(g, OTHER, 500 + BEGINS_NS + 1), "its switches go at once"
+    g["still"][ONE] = 1
+    assert not may_have_moved(g, ONE, 1000), "it has been waited for"
+    note_sent(g, OTHER, 500, 600)
+    assert not may_have_moved(g, ONE, 1000), "the other task's command"
+    note_sent(g, ONE, 500, 600)
+    assert may_have_moved(g, ONE, 1000)
 
 
 def test_what_nobody_knows_may_have_moved():
-    state = SafeState(OUTPUTS, TWO_TASKS, RAMP_S, DEAD_NS, [0.0] * 4, BEGINS_NS)
-    assert may_have_moved(state.fields, 0, BEGINS_NS + 1)
+    tasks = [Task("other", 1.0 / PERIOD_S, (0,)), Task("one", 1.0 / PERIOD_S, (1,))]
+    state = SafeState((OUTPUTS[FEED_HOLD], OUTPUTS[VOLT]), tasks, RAMP_S, DEAD_NS, [0.0] * 2, BEGINS_NS)
+    assert may_have_moved(state.fields, ONE, BEGINS_NS + 1)
     state.assume_safe()
-    assert not may_have_moved(state.fields, 0, BEGINS_NS + 1)
+    assert not may_have_moved(state.fields, ONE, BEGINS_NS + 1)
 
 
 def test_a_device_that_waits_for_nobody_is_not_moved_by_silence():

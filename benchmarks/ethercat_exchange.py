@@ -21,8 +21,8 @@ from micromanip_drivers.ethercat.link import open_interface
 from micromanip.bus.cyclic import call_context
 from micromanip.bus.datagram_socket import lend
 from micromanip.errors import CheckFailed
+from micromanip.rt.io.numbers import SIGNED
 from micromanip.rt.records import SIGNAL
-from micromanip.rt.wire.records import SIGNED
 from micromanip.settings.check import prepare
 
 from .exchange import partner

@@ -4,8 +4,8 @@ from typing import Any
 
 from numba import types
 
+from micromanip.rt.io.sockets import write_bytes
 from micromanip.rt.jit import Compiler
-from micromanip.rt.wire.byte_stream import write_bytes
 
 _compiled = Compiler(__file__)
 

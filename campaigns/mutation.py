@@ -33,6 +33,7 @@ EQUIVALENT = ROOT / "tests" / "rt" / "equivalent_mutants.toml"
 TARGETS: dict[str, tuple[str, str | None]] = {
     "micromanip.rt.laws.saturation": ("tests/rt/test_limiter.py", "test_every_branch_is_taken"),
     "micromanip.rt.faults": ("tests/rt/test_faults.py", "test_every_branch_is_taken"),
+    "micromanip.rt.io.gate": ("tests/bus/test_safe_state.py", None),
     "micromanip.bus.safe_state": ("tests/bus/test_safe_state.py", None),
     "micromanip.host.safe.outputs": ("tests/host/test_safe_outputs.py", None),
     "micromanip.host.safe.bus_rest": ("tests/host/test_bus_rest.py", None),
@@ -86,7 +87,8 @@ def replacements(node: ast.AST, names: list[str], keys: list[str]) -> Iterator[a
             yield type(node)(constant(always), node.body, node.orelse)
     elif isinstance(node, ast.Return) and node.value is not None:
         yield ast.Return(constant(0.0))
-        if not isinstance(node.value, ast.Compare | ast.BoolOp) and called(node.value) not in ("all", "any"):
+        is_true_or_false = isinstance(node.value, ast.Compare | ast.BoolOp) or called(node.value) in ("all", "any")
+        if not (is_true_or_false or (isinstance(node.value, ast.Constant) and isinstance(node.value.value, bool))):
             yield ast.Return(ast.UnaryOp(ast.USub(), node.value))  # of a truth value it is the same one
     elif isinstance(node, ast.Assign | ast.AugAssign):
         yield ast.Pass()
@@ -134,6 +136,8 @@ def mutants(tree: ast.Module) -> Iterator[tuple[str, ast.Module]]:
             parent, field, i = places(spare)[number]
             node = getattr(parent, field) if i is None else getattr(parent, field)[i]
             for new in replacements(node, names, sorted(loaded)):
+                if isinstance(parent, ast.Subscript) and ast.unparse(new) == "-1":
+                    continue  # a record's numbers are arrays of one
                 changed = copy.deepcopy(original)
                 parent, field, i = places(changed)[number]
                 if i is None:

@@ -118,8 +118,8 @@ def bridge_functions() -> Functions:
     from . import bridge_functions as compiled  # loaded only where it is going to be called
 
     safe = ctypes.cast(_SAFE, ctypes.c_void_p).value or 0
-    at = compiled.ENTRIES
-    return Functions(at.open.address, at.exchange.address, safe, at.close.address)
+    begin, exchange, _, end = compiled.ENTRIES
+    return Functions(begin.address, exchange.address, safe, end.address)
 
 
 _SAFE = CONTEXT_C(lambda at: wait_for_rest(np.ctypeslib.as_array((ctypes.c_uint8 * IMAGE.itemsize).from_address(at))))

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from micromanip.rt.wire.records import ADDRESS_BYTES, BATCH, BUFFER, CONTROL, MAX_BYTES, SO_TIMESTAMPNS
+from micromanip.rt.io.context import ADDRESS_BYTES, BATCH, BUFFER, CONTROL, SO_TIMESTAMPNS
+from micromanip.rt.io.frames import MAX_BYTES
 
 from .errors import LinkError
 

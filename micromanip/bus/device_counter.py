@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from micromanip.rt.io.counting import COUNTED, OLD, missing_before
 from micromanip.rt.record import move
-from micromanip.rt.wire.counting import COUNTED, OLD, missing_before
 
 _MOST_BITS = 32
 """Of a wider counter the lowest bits count as well."""

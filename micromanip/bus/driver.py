@@ -113,7 +113,7 @@ class Answer:
 
 @dataclass(frozen=True)
 class Steady:
-    """Two compiled functions that do a driver's ordinary work without Python (``rt/steady/serving.py`` calls them)."""
+    """Two compiled functions that do a driver's ordinary work without Python (``rt/io/worker_loop.py`` calls them)."""
 
     receive: int
     send: int

@@ -1,4 +1,4 @@
-"""What a configuration says of a frame, as the table that compiled code walks (``rt/wire/records.py``)."""
+"""What a configuration says of a frame, as the table that compiled code walks (``rt/io/frames.py``)."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.errors import ConfigError
+from micromanip.rt.io.frames import FRAME, MAX_BYTES, MAX_GOOD, MAX_GROUPS, checksum
+from micromanip.rt.io.numbers import FLOATING, SIGNED, UNSIGNED
 from micromanip.rt.records import MAX_SIGNALS
-from micromanip.rt.wire.codec import checksum
-from micromanip.rt.wire.records import FLOATING, FRAME, MAX_BYTES, MAX_GOOD, MAX_GROUPS, SIGNED, UNSIGNED
 
 from .number_codec import NumberKeys
 from .number_options import number_range

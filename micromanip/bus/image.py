@@ -125,11 +125,11 @@ class ProcessImage:
         for i in indices:
             shared.tell(self._turned_ns, i, now_ns)
 
-    def remember_sent(self, values: NDArray[np.float64], now_ns: int) -> None:
-        """Note what the device was given: it is where a worker that takes this one's place begins."""
+    def remember_sent(self, values: Sequence[float], now_ns: int) -> None:
+        """Note what the device was given (NaN: nobody knows), where a worker that takes this one's place begins."""
         turn = self._words[rt.SENT_TURN] | 1
         self.tell(rt.SENT_TURN, turn)
         shared.fence()
-        self._sent[:] = values[: self._count]
+        self._sent[: len(values)] = values
         self._words[rt.SENT_NS] = now_ns
         self.tell(rt.SENT_TURN, turn + 1)

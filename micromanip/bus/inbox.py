@@ -64,10 +64,10 @@ class Inbox:
         """What people should know."""
         return self._remarks
 
-    @property
-    def confirmed(self) -> Sequence[int]:
-        """Tasks whose outputs the device has confirmed."""
-        return self._confirmed
+    def take_confirmed(self) -> list[int]:
+        """Tasks whose outputs the device has confirmed since the last call."""
+        confirmed, self._confirmed = self._confirmed, []
+        return confirmed
 
     @property
     def lost(self) -> int:

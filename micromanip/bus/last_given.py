@@ -21,13 +21,15 @@ import stat
 import zlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.errors import PermissionDenied
 from micromanip.files import HeldFolder
+from micromanip.rt.io.worker_records import MEMORY
+from micromanip.rt.record import fields
 from micromanip.rt.slot import sealed, size
 
 from . import device_lock
@@ -45,11 +47,14 @@ class LastGiven:
     def __init__(self, descriptor: int, count: int, path: Path | None = None) -> None:
         """`descriptor` is that of the whole file, at `path`, `count` the number of outputs; use `open`."""
         self._descriptor, self._path = descriptor, path
-        self._seed = zlib.crc32(os.pread(descriptor, _HEADER_BYTES, 0))
-        self._words = np.zeros(size(count), np.int64)
+        self.record = np.zeros(1, MEMORY)
+        """In which compiled turns go on."""
+        self._words = self.record[0]["slot"][: size(count)]
         self._values = self._words.view(np.float64)
-        self.turn = max((int(slot[0]) for slot in self._slots()), default=0)
-        """Number of what was written last."""
+        self._memory = memory = fields(self.record[0])
+        memory["file"][0], memory["seed"][0] = descriptor, zlib.crc32(os.pread(descriptor, _HEADER_BYTES, 0))
+        memory["place"][0], memory["place"][1] = _HEADER_BYTES, _HEADER_BYTES + self._words.nbytes
+        memory["turn"][0] = max((int(slot[0]) for slot in self._slots()), default=0)
 
     @classmethod
     def open(cls, device: str, names: Sequence[str], folder: Path | None = None) -> Self:
@@ -89,10 +94,12 @@ class LastGiven:
 
     def write(self, values: Sequence[float]) -> None:
         """Remember what the device was given; NaN for an output that it was not given yet."""
-        self.turn += 1
-        self._words[0], self._values[1:-1] = self.turn, values
-        self._words[-1] = sealed(self._words, self._seed)
-        os.pwrite(self._descriptor, self._words.tobytes(), self._place(self.turn))
+        memory = self._memory
+        turn = memory["turn"][0] + 1
+        memory["turn"][0] = self._words[0] = turn
+        self._values[1:-1] = values
+        self._words[-1] = sealed(self._words, memory["seed"][0])
+        os.pwrite(self._descriptor, self._words.tobytes(), memory["place"][turn % 2])
 
     def read(self) -> list[float | None] | None:
         """What each output was given last, None for one that never was; None where nothing ever was given."""
@@ -103,26 +110,17 @@ class LastGiven:
         found = [float(value) if math.isfinite(value) else None for value in values]
         return found if any(value is not None for value in found) else None
 
-    def lend(self, record: Any) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Let compiled code go on, by a STEADY record; the slot that it writes, as whole numbers and as values."""
-        record["memory_turn"], record["memory_seed"], record["memory_file"] = self.turn, self._seed, self._descriptor
-        record["memory_place"] = self._place(0), self._place(1)
-        return self._words, self._values
-
     def close(self) -> None:
         """Let go of it; what was written stays."""
         os.close(self._descriptor)
 
-    def _place(self, turn: int) -> int:
-        return _HEADER_BYTES + turn % 2 * self._words.nbytes
-
     def _slots(self) -> list[NDArray[np.int64]]:
         """Those that are whole."""
         found, size = [], self._words.nbytes
-        for turn in (0, 1):
-            data = os.pread(self._descriptor, size, self._place(turn))
+        for turn, place in enumerate(self._memory["place"]):
+            data = os.pread(self._descriptor, size, place)
             slot = np.frombuffer(data, np.int64) if len(data) == size else np.zeros_like(self._words)
-            if slot[0] > 0 and slot[0] % 2 == turn and slot[-1] == sealed(slot, self._seed):
+            if slot[0] > 0 and slot[0] % 2 == turn and slot[-1] == sealed(slot, self._memory["seed"][0]):
                 found.append(slot)
         return found
 

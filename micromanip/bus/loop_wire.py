@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar
@@ -11,12 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.errors import ConfigError
+from micromanip.rt.bus_image import OUTPUT_NAMES, RESTING
+from micromanip.rt.io.gate import SWITCH, VOLTAGE
+from micromanip.rt.io.link_gate import ANSWERS, QUIET
 from micromanip.rt.records import MAX_OUTPUTS
 
 from .cyclic import CyclicDriver, Wire
 from .driver import Channel
 from .loop_wire_options import LoopOutput, LoopWireOptions
-from .output_gate import adopt_limits, close_gate, gate_statistics, wait_for_rest, wire_of
 from .safe_state import SafeOutput
 
 _UNSAFE = 1
@@ -30,7 +33,7 @@ class LoopWire(CyclicDriver):
     """Its options are ``LoopWireOptions``, and what is its own."""
 
     CONTEXT: ClassVar[np.dtype[Any]]
-    """Record with the fields of ``WIRE`` (``rt/wire/context.py``)."""
+    """Record with the fields of ``WIRE`` (``rt/io/context.py``)."""
     COUNTERS: ClassVar[tuple[str, ...]]
     """Its fields that are counters for ``statistics``."""
     BAD: ClassVar[tuple[str, ...]]
@@ -96,12 +99,15 @@ class LoopWire(CyclicDriver):
     def context(self) -> NDArray[np.uint8]:
         context, watchdog = np.zeros(1, self.CONTEXT), self.options.watchdog
         context[0]["socket"]["descriptor"] = -1
-        close_gate(
-            context[0]["gate"],
-            [(field.safe, field.switch) for field in self._fields.values()],
-            self.silent_cycles,
-            watchdog,
-        )
+        gate = context[0]["gate"]
+        gate["state"], gate["outputs"] = RESTING, len(self._fields)
+        gate["silent_cycles"] = gate["patient_cycles"] = self.silent_cycles
+        gate["watchdog_ns"] = np.iinfo(np.int64).max if watchdog is None else round(watchdog.begins_ns)
+        gate["still_ns"] = 0 if watchdog is None else watchdog.still_ns
+        for i, field in enumerate(self._fields.values()):
+            gate["safe"][i] = gate["last"][i] = field.safe
+            gate["kind"][i] = SWITCH if field.switch else VOLTAGE
+            gate["step"][i] = math.inf if field.switch else 0.0  # until the limits are adopted
         context[0]["wait_ns"] = round(1e3 * self.wait_us)
         self.fill(context[0])
         return context.view(np.uint8)
@@ -115,7 +121,10 @@ class LoopWire(CyclicDriver):
         """Whether the device, which its watchdog has brought to rest, is there and at rest. May raise BusError."""
 
     def adopt(self, context: NDArray[np.uint8], outputs: Sequence[SafeOutput]) -> None:
-        adopt_limits(self.record(context)["gate"], outputs, self.period_ns)
+        gate = self.record(context)["gate"]
+        for i, output in enumerate(outputs):
+            if gate["kind"][i] == VOLTAGE:
+                gate["step"][i] = output.slew_V_per_s * self.period_ns * 1e-9
 
     def safe_in_host(self) -> Callable[[NDArray[np.uint8]], int]:
         return self._made_safe
@@ -123,7 +132,8 @@ class LoopWire(CyclicDriver):
     def statistics(self, context: NDArray[np.uint8]) -> Mapping[str, int]:
         c = self.record(context)
         counted = {name: int(c["counted"][name]) for name in ("lost", "doubled", "late", "restarts")}
-        counts = {name: int(c[name]) for name in self.COUNTERS} | gate_statistics(c["gate"])
+        counts = {name: int(c[name]) for name in self.COUNTERS}
+        counts |= {name: int(c["gate"][name]) for name in ("unanswered", "refused_values", "held_back", "losses")}
         totals = {"performed": int(c["gate"]["sent_count"]), "errors": sum(counts[name] for name in self.BAD)}
         return {**counts, **counted, "clock_steps": int(c["clock"]["steps"]), **totals}
 
@@ -132,7 +142,13 @@ class LoopWire(CyclicDriver):
         return found
 
     def wire(self, context: NDArray[np.uint8]) -> Wire:
-        return wire_of(self.record(context)["gate"])
+        gate = self.record(context)["gate"]
+        sent_ns = int(gate["sent_ns"])
+        silent = time.monotonic_ns() - sent_ns > int(gate["watchdog_ns"])  # no loop
+        state = QUIET if silent else int(gate["state"])
+        given = tuple(float(value) for value in gate["last"][: len(self._fields)])
+        up = state != QUIET and int(gate["answers"]) >= ANSWERS
+        return Wire(up, OUTPUT_NAMES[state], given, sent_ns, int(gate["begun"]))
 
     def record(self, context: NDArray[np.uint8]) -> Any:
         """The context as its record."""
@@ -140,5 +156,6 @@ class LoopWire(CyclicDriver):
 
     def _made_safe(self, context: NDArray[np.uint8]) -> int:
         """Its watchdog has brought it to rest by then; whether it is there, and takes that."""
-        wait_for_rest(self.record(context)["gate"])
+        gate = self.record(context)["gate"]  # nothing may be sent meanwhile
+        time.sleep(max(0, int(gate["sent_ns"]) + int(gate["still_ns"]) - time.monotonic_ns()) * 1e-9)
         return 0 if self.is_at_rest() else _UNSAFE

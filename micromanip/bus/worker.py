@@ -10,8 +10,6 @@ from collections.abc import Callable, Collection, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 
-import numpy as np
-
 from micromanip.errors import PermissionDenied
 from micromanip.rt.bus_image import (
     ALIVE_NS,
@@ -96,16 +94,15 @@ class Worker:
         A `simulated` device that nobody knows anything of counts as one at its safe values.
         """
         self._driver, self._image, self._memory, self._while_opening = driver, image, memory, while_opening
-        tasks = driver.tasks
-        periods_s = {i: 1.0 / task.rate_hz for task in tasks for i in task.outputs}
-        count = len(rules.outputs)
+        tasks, count = driver.tasks, len(rules.outputs)
         self._rules, self._next_rules = rules, rules
         self.safe = SafeState(
             rules.outputs,
-            [periods_s[i] for i in range(count)],
+            tasks,
             rules.ramp_s,
             rules.dead_ns,
             [channel.safe for channel in driver.outputs],
+            math.inf if driver.silence is None else driver.silence.begins_ns,
         )
         # the image's are of this very run, and hold wherever the device has come back; so they have the last word
         for known in (memory.read() if memory is not None else None, image.known(count)):
@@ -113,10 +110,7 @@ class Worker:
                 self.safe.remember(known)
         if simulated:
             self.safe.assume_safe(where_unknown=True)
-        self._values = [output.safe for output in rules.outputs]
-        self._given = np.full(len(image.wanted()[0]), math.nan)  # as long as the image's, the driver's outputs first
         self._writer = OutputWriter(driver, self.safe, self._note_given)
-        self._decided_ns = 0
         self._inbox = Inbox()
         self._schedule = Schedule((), 0)
         self._way = WayToRest(tasks, rules.outputs)
@@ -265,13 +259,10 @@ class Worker:
         if self._ends.is_set() or self._next_rules is not self._rules:
             return
         until_ns = self._report.due_ns
-        served = steady.serve(self.safe, self._writer, self._schedule, self._memory, self._rules.look_ns, until_ns)
+        served = steady.serve(self.safe, self._schedule, self._memory, self._rules.look_ns, until_ns)
         self._counts["performed"] += served.performed
         self._counts["received"] += served.received
         self._counts["lost"] += served.lost
-        self._decided_ns = max(self._decided_ns, served.decided_ns)
-        if served.gave:
-            self._given[: len(self._values)] = self.safe.last
         if served.calls:
             self._patience.note(False, served.calls, time.monotonic_ns())
 
@@ -285,7 +276,7 @@ class Worker:
             self._way.arrived()
             self._reads_back = True
         task = self._schedule.take(now_ns, waiting)
-        if task is not None or now_ns - self._decided_ns >= self._rules.look_ns:
+        if task is not None or now_ns - self.safe.decided_ns >= self._rules.look_ns:
             self._decide(now_ns)
         failed = False
         try:
@@ -313,7 +304,7 @@ class Worker:
 
     def _perform(self, number: int) -> None:
         """Do a task with what was decided. Raises what the driver does."""
-        outcome = self._writer.perform(number, self._values, self._inbox)
+        outcome = self._writer.perform(number, self._inbox)
         if outcome is Outcome.HELD:
             self._counts["held"] += 1
             self._hold(number, time.monotonic_ns())
@@ -336,16 +327,14 @@ class Worker:
 
     def _note_given(self, last: Values) -> None:
         """The device has taken something: `last` is what its outputs were given."""
-        self._given[: len(last)] = last
-        self._image.remember_sent(self._given, time.monotonic_ns())
+        self._image.remember_sent(last, time.monotonic_ns())
         if self._memory is not None:
             self._memory.write(last)
         if self.safe.state != self._image.ask(OUTPUT_STATE):
             self._image.tell(OUTPUT_STATE, self.safe.state)
 
     def _hand_over(self) -> None:
-        self._writer.take_confirmed(self._inbox)
-        for number in self._inbox.confirmed:
+        for number in self._writer.take_confirmed(self._inbox):
             self._way.went_well(number)
         for text in self._inbox.remarks:
             tell("device", text)
@@ -360,9 +349,8 @@ class Worker:
             self.safe.adopt(self._rules.outputs, self._rules.ramp_s, self._rules.dead_ns)
         wanted, written_ns = self._image.wanted()
         was = self.safe.state
-        self._values = self.safe.values(wanted[: len(self._values)].tolist(), written_ns, now_ns)
-        self._decided_ns = now_ns
-        self._image.tell(AT_REST, int(self.safe.rests_with(self._values)))  # before anything else is sent
+        self.safe.decide(wanted[: len(self._rules.outputs)].tolist(), written_ns, now_ns)
+        self._image.tell(AT_REST, int(self.safe.rests))  # before anything else is sent
         if self.safe.state != was:
             self._image.tell(OUTPUT_STATE, self.safe.state)
 

@@ -178,7 +178,7 @@ class Session:
     def _note(self, error: BusError | None) -> BusError | None:
         now_ns = time.monotonic_ns()
         self.arrivals += [Arrival(sample, now_ns) for sample in self._inbox]
-        self.confirmed += self._inbox.confirmed
+        self.confirmed += self._inbox.take_confirmed()
         self._inbox.clear()
         if error is not None:
             self.errors.append(error)

@@ -1,7 +1,9 @@
 """Compiled functions for a cyclic driver on a wire: send and receive without Python, frames to values and back."""
 
-from micromanip.rt.wire.clock_lock import hear_clock, steer
-from micromanip.rt.wire.codec import (
+from micromanip.rt.io.clock_lock import forget_clock, hear_clock, steer, taken_ns
+from micromanip.rt.io.context import BATCH
+from micromanip.rt.io.counting import OLD, RESTARTED, missing_before
+from micromanip.rt.io.frames import (
     BAD_STATUS,
     GOOD,
     NOT_THIS_FRAME,
@@ -11,17 +13,13 @@ from micromanip.rt.wire.codec import (
     bits_at,
     code_of,
     judged,
+    leave_samples,
     put_value,
     seal,
     status_of,
     value_of,
 )
-from micromanip.rt.wire.counting import OLD, RESTARTED, missing_before
-from micromanip.rt.wire.datagrams import close, is_from_peer, length_of, receive, received_ns, send
-from micromanip.rt.wire.device_clock import forget_clock, taken_ns
-from micromanip.rt.wire.gate import acknowledge, has_rest, has_sent, lose, put_back, turn
-from micromanip.rt.wire.giving import give
-from micromanip.rt.wire.numbers import find_code, value_of_code
-from micromanip.rt.wire.records import BATCH
-from micromanip.rt.wire.samples import leave_samples
-from micromanip.rt.wire.serving import NOT_OPEN, begin, end, rest, send_due, send_outputs, take, wait_for_answer
+from micromanip.rt.io.link_gate import acknowledge, has_sent, on_link_lost, put_back, reset_to_safe, turn
+from micromanip.rt.io.link_loop import NOT_OPEN, begin, end, give, rest, send_due, send_outputs, take, wait_for_answer
+from micromanip.rt.io.numbers import find_code, value_of_code
+from micromanip.rt.io.sockets import close, is_from_peer, length_of, receive, received_ns, send

@@ -9,27 +9,21 @@ from micromanip.bus.frame_plan import FramePlan, GroupPlan, fill_number
 from micromanip.bus.loop_wire import LoopWire
 from micromanip.bus.loop_wire_options import LoopOutput, LoopWireOptions
 from micromanip.bus.number_codec import NumberCodec
-from micromanip.bus.output_gate import adopt_limits, close_gate, gate_statistics, wait_for_rest, wire_of
 from micromanip.bus.watchdog import Milliseconds, Watchdog
-from micromanip.rt.bus_image import DOWN, TAKEN
-from micromanip.rt.record import move, record
-from micromanip.rt.records import MAX_OUTPUTS
-from micromanip.rt.wire.clock_lock import CLOCK_LOCK, set_lock
-from micromanip.rt.wire.codec import begin_frame, put_value, seal
-from micromanip.rt.wire.context import WIRE
-from micromanip.rt.wire.counting import COUNTED
-from micromanip.rt.wire.device_clock import MOST_BITS
-from micromanip.rt.wire.gate import ANSWERS, FOLLOWING, GATE, QUIET, RECENT, RESTING
-from micromanip.rt.wire.records import (
-    BATCH,
-    CODE,
-    DEVICE_CLOCK,
-    FLOATING,
+from micromanip.rt.bus_image import DOWN, FOLLOWING, RESTING, TAKEN
+from micromanip.rt.io.clock_lock import CLOCK_LOCK, DEVICE_CLOCK, MOST_BITS, set_lock
+from micromanip.rt.io.context import BATCH, SOCKET, WIRE
+from micromanip.rt.io.counting import COUNTED
+from micromanip.rt.io.frames import (
     FRAME,
     MAX_BYTES,
     NUMBER,
-    SIGNED,
-    SOCKET,
-    UNSIGNED,
+    SAMPLES,
+    begin_frame,
+    put_value,
+    seal,
 )
-from micromanip.rt.wire.samples import SAMPLES
+from micromanip.rt.io.link_gate import ANSWERS, LINK_GATE, QUIET, RECENT
+from micromanip.rt.io.numbers import CODE, FLOATING, SIGNED, UNSIGNED
+from micromanip.rt.record import move, record
+from micromanip.rt.records import MAX_OUTPUTS

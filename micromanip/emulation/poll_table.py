@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from micromanip.rt.wire.datagrams import POLLIN
+from micromanip.rt.io.sockets import POLLIN
 
 
 class PollTable:

@@ -41,7 +41,7 @@ if numba.config.DISABLE_JIT:
 
     def call_exchange(function: int, context: int, outputs: int, inputs: int, now_ns: int, periods: int) -> int:
         """Call a driver's exchange by its address; its return code."""
-        return int(_EXCHANGE_C(function)(context, outputs, inputs, now_ns, periods))
+        return int(_EXCHANGE_C(int(function))(int(context), int(outputs), int(inputs), int(now_ns), int(periods)))
 
 else:
 

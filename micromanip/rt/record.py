@@ -24,8 +24,18 @@ def record(*fields: Field) -> np.dtype[Any]:
     return np.dtype(list(fields), align=True)
 
 
+def arrays(kind: str, length: int, *names: str) -> tuple[Field, ...]:
+    """Fields that are arrays of so many numbers each; 0 for a number alone."""
+    return tuple((name, kind, (length,)) if length else (name, kind) for name in names)
+
+
 def move(source: Any, target: Any) -> Any:
     """Copy one record (an element of an array) into another one of the same kind; returns `target`, to go on with."""
     for name in source.dtype.names:
         target[name] = source[name]
     return target
+
+
+def fields(record: Any) -> dict[str, Any]:
+    """Views of a record's arrays, on which Python runs laws: an element costs 57 ns (of an attribute 41, of it 600)."""
+    return {name: memoryview(record[name]) for name in record.dtype.names}

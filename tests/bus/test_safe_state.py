@@ -8,8 +8,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from micromanip.bus.driver import Task
 from micromanip.bus.safe_state import LAST_SWITCH, SWITCH, UNUSED, VOLTAGE, SafeOutput, SafeState
 from micromanip.rt.bus_image import FOLLOWING, RESTING, SAFE_RAMP
+from micromanip.rt.io import gate as law
+from micromanip.rt.jit import plain
+
+may_have_moved, note_sent, note_taken = map(plain, (law.may_have_moved, law.note_sent, law.note_taken))
 
 MS = 1_000_000
 PERIOD_S, RAMP_S, DEAD_NS = 0.01, 0.5, 5 * MS
@@ -25,16 +30,44 @@ OUTPUTS = (
 )
 
 
+class Gate(SafeState):
+    """Each output is written by a task of its own."""
+
+    def __init__(self, outputs, periods_s, ramp_s, dead_ns):
+        tasks = [Task(str(i), 1.0 / period_s, (i,)) for i, period_s in enumerate(periods_s)]
+        super().__init__(outputs, tasks, ramp_s, dead_ns)
+
+    def decided(self, *wanted):
+        self.decide(*wanted)
+        return self.values
+
+    def attempted(self, indices, values):
+        for i in indices:
+            self.fields["value"][i] = values[i]
+            note_sent(self.fields, i, 0, 0)
+
+    def given(self, indices, values):
+        self.attempted(indices, values)
+        for i in indices:
+            assert note_taken(self.fields, i, 0)
+            assert not note_taken(self.fields, i, 0), "once"
+
+    def rests_with(self, values):
+        for i, value in enumerate(values):
+            self.fields["value"][i] = value
+        return self.rests
+
+
 class Device:
     """What is given to a device that takes, or does not take, what it is sent; the loop is alive unless told so."""
 
     def __init__(self, outputs=OUTPUTS, ramp_s=RAMP_S, period_s=PERIOD_S):
-        self.state = SafeState(outputs, [period_s] * len(outputs), ramp_s, DEAD_NS)
+        self.state = Gate(outputs, [period_s] * len(outputs), ramp_s, DEAD_NS)
         self.has = []
 
     def turn(self, wanted=77.0, alive=True, takes=True):
         """One task; what was sent."""
-        values = self.state.values([wanted, 1.0, 0.0, 9.0][: len(self.state.last)], 0, 0 if alive else DEAD_NS + 1)
+        values = self.state.decided([wanted, 1.0, 0.0, 9.0][: len(self.state.last)], 0, 0 if alive else DEAD_NS + 1)
         if takes:
             self.state.given(range(len(values)), values)
             self.has.append(values)
@@ -84,7 +117,7 @@ def test_rest_is_what_the_device_was_given_not_what_was_decided(device):
 
 
 def test_each_output_must_have_been_given(device):
-    values = device.state.values([0.0, 1.0, 0.0, 0.0], 0, 0)
+    values = device.state.decided([0.0, 1.0, 0.0, 0.0], 0, 0)
     device.state.given([VOLT, FEED_HOLD], values)
     assert device.state.state == SAFE_RAMP
     device.state.given([ENABLE], values)
@@ -116,24 +149,24 @@ def test_a_dead_loop_is_a_ramp_to_rest_amplifier_last(device):
 def test_the_loop_lives_or_is_dead_by_the_age_of_what_it_wrote(device):
     for _ in range(3):
         device.turn(0.0)
-    device.state.values([0.0, 1.0, 0.0, 9.0], 7 * DEAD_NS, 8 * DEAD_NS)
+    device.state.decided([0.0, 1.0, 0.0, 9.0], 7 * DEAD_NS, 8 * DEAD_NS)
     assert device.state.state == FOLLOWING
-    assert device.state.values([5.0, 1.0, 0.0, 9.0], 7 * DEAD_NS, 8 * DEAD_NS) == [5, 1, 0, 0.25]
-    device.state.values([5.0, 1.0, 0.0, 9.0], 7 * DEAD_NS, 8 * DEAD_NS + 1)
+    assert device.state.decided([5.0, 1.0, 0.0, 9.0], 7 * DEAD_NS, 8 * DEAD_NS) == [5, 1, 0, 0.25]
+    device.state.decided([5.0, 1.0, 0.0, 9.0], 7 * DEAD_NS, 8 * DEAD_NS + 1)
     assert device.state.state == SAFE_RAMP
 
 
 def test_at_whatever_time_it_is_followed(device):
     device.turn(40.0)
     assert device.state.state == RESTING
-    device.state.values([0.0, 1.0, 0.0, 9.0], 7 * DEAD_NS, 8 * DEAD_NS)
+    device.state.decided([0.0, 1.0, 0.0, 9.0], 7 * DEAD_NS, 8 * DEAD_NS)
     assert device.state.state == FOLLOWING
 
 
 def test_outputs_at_rest_stay_there_when_the_loop_dies(device):
     device.turn(40.0)
     device.turn(40.0)
-    device.state.values([40.0, 1.0, 0.0, 9.0], 0, DEAD_NS + 1)
+    device.state.decided([40.0, 1.0, 0.0, 9.0], 0, DEAD_NS + 1)
     assert device.state.state == RESTING
 
 
@@ -173,7 +206,7 @@ def test_what_differs_by_a_nanovolt_is_rest(device):
 
 def test_outputs_that_the_loop_itself_has_at_rest_stay_in_its_hand(device):
     device.follow(0.0)
-    values = device.state.values([0.0, 0.0, 1.0, 9.0], 0, 0)
+    values = device.state.decided([0.0, 0.0, 1.0, 9.0], 0, 0)
     device.state.given(ALL, values)
     assert (values, device.state.state) == ([0, 0, 1, 0.25], FOLLOWING)
 
@@ -217,11 +250,6 @@ def test_the_voltages_rest_at_a_safe_value_of_their_own():
     assert device.state.rests_with([10.0, 0.0, 0.0, 0.0])
     assert not device.state.rests_with([-10.0, 0.0, 0.0, 0.0])
     assert not device.state.rests_with([0.0, 0.0, 0.0, 0.0])
-
-
-def test_each_output_has_a_period():
-    with pytest.raises(ValueError, match="shorter"):
-        SafeState(OUTPUTS, [PERIOD_S], RAMP_S, DEAD_NS)
 
 
 def test_a_break_in_the_middle_of_the_ramp_costs_nothing(device):
@@ -400,31 +428,118 @@ def test_a_bus_without_voltages_rests_as_soon_as_it_was_given_its_values():
 
 def test_a_bus_with_nothing_to_bring_to_rest_rests():
     for outputs in ((), (SafeOutput(UNUSED, 0.25),)):
-        state = SafeState(outputs, [PERIOD_S] * len(outputs), RAMP_S, DEAD_NS)
+        state = Gate(outputs, [PERIOD_S] * len(outputs), RAMP_S, DEAD_NS)
         assert state.state == RESTING
-        state.values([9.0] * len(outputs), 0, 0)
+        state.decided([9.0] * len(outputs), 0, 0)
         state.leave()
         assert state.state == RESTING
 
 
 def test_voltages_of_tasks_of_their_own_ramp_each_at_its_rate():
     outputs = [SafeOutput(VOLTAGE, 0.0, -20.0, 150.0, SLEW_V_PER_S)] * 2
-    state = SafeState(outputs, [PERIOD_S, 2 * PERIOD_S], RAMP_S, DEAD_NS)
+    state = Gate(outputs, [PERIOD_S, 2 * PERIOD_S], RAMP_S, DEAD_NS)
     state.read_back([80.0, 80.0])
     for turn in range(TURNS):
-        values = state.values([0.0, 0.0], 0, 0)
+        values = state.decided([0.0, 0.0], 0, 0)
         state.given([0] if turn % 2 else [0, 1], values)
     assert values == [0.0, pytest.approx(0.0, abs=0.1)]
     assert state.state == RESTING
 
 
 def test_a_task_that_is_held_up_holds_up_no_other():
-    state = SafeState([OUTPUTS[VOLT]] * 2, [PERIOD_S] * 2, RAMP_S, DEAD_NS)
+    state = Gate([OUTPUTS[VOLT]] * 2, [PERIOD_S] * 2, RAMP_S, DEAD_NS)
     state.read_back([80.0, 80.0])
     for _ in range(TURNS // 2):
-        values = state.values([0.0, 0.0], 0, 0)
+        values = state.decided([0.0, 0.0], 0, 0)
         state.given([0], values)
     assert values == [pytest.approx(40.0), pytest.approx(80.0, abs=0.01)]
+
+
+BEGINS_NS, RESTS_AT_V = 100, 30.0
+TWO_TASKS = [Task("other", 1.0 / PERIOD_S, (ENABLE, SPARE)), Task("one", 1.0 / PERIOD_S, (VOLT, FEED_HOLD))]
+OTHER, ONE = 0, 1
+
+
+@pytest.fixture
+def two_tasks():
+    """In the loop's hand, everything at rest; the device's watchdog leads the voltage to 30 V."""
+    state = SafeState(OUTPUTS, TWO_TASKS, RAMP_S, DEAD_NS, [RESTS_AT_V, 0.0, 0.0, 0.0], BEGINS_NS)
+    for _ in range(2):
+        state.decide([0.0, 0.0, 1.0, 0.0], 0, 0)
+        for task in (0, 1):
+            note_sent(state.fields, task, 0, 0)
+            assert note_taken(state.fields, task, 0)
+    assert state.state == FOLLOWING
+    return state
+
+
+def of_tasks(state, *names):
+    return [(state.fields[name][ONE], state.fields[name][OTHER]) for name in names]
+
+
+def test_a_task_confirms_what_it_was_sent_itself_and_last(two_tasks):
+    g = two_tasks.fields
+    two_tasks.decide([5.0, 1.0, 0.0, 0.0], 0, 7)
+    assert two_tasks.decided_ns == 7
+    note_sent(g, ONE, 1000, 1001)
+    two_tasks.decide([8.0, 0.0, 1.0, 0.0], 0, 8)
+    note_sent(g, OTHER, 2000, 2002)
+    assert of_tasks(two_tasks, "sent_ns", "unconfirmed", "fed_ns") == [(1000, 2000), (1, 1), (0, 0)]
+    assert (two_tasks.last, g["touched_ns"][0]) == ([0.0, 0.0, 1.0, 0.25], 2002)
+    assert note_taken(g, ONE, 3000)
+    assert (two_tasks.last, g["touched_ns"][0]) == ([5.0, 0.0, 0.0, 0.25], 3000)
+    assert of_tasks(two_tasks, "unconfirmed", "fed_ns") == [(0, 1), (1000, 0)]
+    assert not note_taken(g, ONE, 4000), "it was confirmed already"
+    assert note_taken(g, OTHER, 5000)
+    assert of_tasks(two_tasks, "unconfirmed", "fed_ns") == [(0, 0), (1000, 2000)]
+    assert (two_tasks.last, g["touched_ns"][0]) == ([5.0, 0.0, 0.0, 0.25], 5000)
+
+
+def test_what_is_sent_may_be_there_until_it_is_confirmed(two_tasks):
+    two_tasks.decide([5.0, 1.0, 0.0, 0.0], 0, 0)
+    note_sent(two_tasks.fields, OTHER, 0, 0)
+    two_tasks.decide([-99.0, 0.0, 0.0, 0.0], 0, 0)
+    assert two_tasks.fields["lowest"][VOLT] == two_tasks.fields["highest"][VOLT] == 0.0, "the other task's"
+    two_tasks.decide([-5.0, 0.0, 0.0, 0.0], 0, 0)
+    note_sent(two_tasks.fields, ONE, 0, 0)
+    two_tasks.decide([0.0, 0.0, 0.0, 0.0], 0, 0)
+    assert not two_tasks.rests, "it may be at -5 V"
+    for volts in (5.0, 0.0):
+        two_tasks.decide([volts, 0.0, 0.0, 0.0], 0, 0)
+        note_sent(two_tasks.fields, ONE, 0, 0)
+    assert (two_tasks.fields["lowest"][VOLT], two_tasks.fields["highest"][VOLT]) == (-5.0, 5.0)
+    assert note_taken(two_tasks.fields, ONE, 0)
+    assert two_tasks.fields["lowest"][VOLT] == two_tasks.fields["highest"][VOLT] == 0.0
+
+
+def test_silence_may_have_moved_what_is_further_than_a_step_from_rest(two_tasks):
+    g = two_tasks.fields
+    for volts, moved in ((19.0, True), (20.0, False), (30.0, False), (40.0, False), (41.0, True), (49.0, True)):
+        for _ in range(3):
+            two_tasks.decide([volts, 0.0, 0.0, 0.0], 0, 0)
+            note_sent(g, ONE, 500, 600)
+            note_taken(g, ONE, 600)
+        assert may_have_moved(g, ONE, 500 + BEGINS_NS + 1) == moved
+        assert not may_have_moved(g, ONE, 500 + BEGINS_NS), "the watchdog waits so long"
+        assert not may_have_moved(g, OTHER, 500 + BEGINS_NS + 1), "its switches go at once"
+    g["still"][ONE] = 1
+    assert not may_have_moved(g, ONE, 1000), "it has been waited for"
+    note_sent(g, OTHER, 500, 600)
+    assert not may_have_moved(g, ONE, 1000), "the other task's command"
+    note_sent(g, ONE, 500, 600)
+    assert may_have_moved(g, ONE, 1000)
+
+
+def test_what_nobody_knows_may_have_moved():
+    tasks = [Task("other", 1.0 / PERIOD_S, (0,)), Task("one", 1.0 / PERIOD_S, (1,))]
+    state = SafeState((OUTPUTS[FEED_HOLD], OUTPUTS[VOLT]), tasks, RAMP_S, DEAD_NS, [0.0] * 2, BEGINS_NS)
+    assert may_have_moved(state.fields, ONE, BEGINS_NS + 1)
+    state.assume_safe()
+    assert not may_have_moved(state.fields, ONE, BEGINS_NS + 1)
+
+
+def test_a_device_that_waits_for_nobody_is_not_moved_by_silence():
+    assert not may_have_moved(SafeState(OUTPUTS, TWO_TASKS, RAMP_S, DEAD_NS).fields, 0, 10**18)
 
 
 ACTS = st.lists(
@@ -443,13 +558,13 @@ def test_whatever_happens_the_device_sees_no_step_and_no_value_out_of_range(acts
     has, remembered, state = begins_at, begins_at, None
     for what, wanted in acts:
         if what == "killed" or state is None:
-            state = SafeState(OUTPUTS, [PERIOD_S] * 4, RAMP_S, DEAD_NS)
+            state = Gate(OUTPUTS, [PERIOD_S] * 4, RAMP_S, DEAD_NS)
             state.remember([remembered, 1.0, 0.0, 0.25])
         if what in ("cut", "silent"):
             state.leave()
         if what == "cut":
             state.read_back([has, None, None, None])
-        values = state.values([wanted, 1.0, 0.0, 0.0], 0, DEAD_NS + 1 if what == "dead" else 0)
+        values = state.decided([wanted, 1.0, 0.0, 0.0], 0, DEAD_NS + 1 if what == "dead" else 0)
         assert -20.0 <= values[VOLT] <= 150.0
         if what == "held":
             continue

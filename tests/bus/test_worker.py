@@ -358,7 +358,7 @@ def test_the_loop_is_told_that_the_device_rests_when_it_has_taken_that_and_not_b
 def test_before_anything_else_is_sent_it_is_not_at_rest(bench):
     told = []
     bench.until(lambda: bench.cycle(0.0) == 0)
-    bench.driver.before_each = lambda: told.append((bench.worker._values[0], bench.image.ask(AT_REST)))
+    bench.driver.before_each = lambda: told.append((bench.safe.values[0], bench.image.ask(AT_REST)))
     bench.follow(40.0)
     assert {rests for value, rests in told if value != 0.0} == {0}
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from micromanip.bus.driver import Outcome
 from micromanip.bus.errors import OutputRefused
-from micromanip.rt.steady.records import INBOX, NOTHING_SENT, UNCONFIRMED
+from micromanip.rt.io.worker_records import INBOX, NOTHING_SENT, UNCONFIRMED
 
 _FUNCTION = ctypes.CFUNCTYPE(
     ctypes.c_int32, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64

@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from micromanip.rt.axis_order import see_behind
+from micromanip.rt.io.link_gate import LINK_GATE, acknowledge, has_sent, near, put_back
 from micromanip.rt.states import NO_FAULT, TRACKING
 from micromanip.rt.supervisor import AT_ONCE, MANY
 from micromanip.rt.telemetry import DEVICE_ABOVE, DEVICE_BELOW, ROW, write_row
-from micromanip.rt.wire.gate import GATE, acknowledge, has_sent, near, put_back
 
 from .bench_cell import BenchCell
 
@@ -27,19 +27,19 @@ class OnAWire(BenchCell):
         """Arm, then put the gate between."""
         self.gate = None
         self.arm()
-        self.gate = np.zeros(1, GATE)[0]
+        self.gate = np.zeros(1, LINK_GATE)[0]
         self.gate["outputs"] = 3
         self.places = [int(self.p["axis"][i]["voltage"]) for i in range(3)]
         for k, voltage in zip(self.places, self.voltages, strict=True):
             self.gate["step"][k] = STEP_V
-            self.gate["lowest"][k] = self.gate["highest"][k] = self.gate["given"][k] = voltage
+            self.gate["lowest"][k] = self.gate["highest"][k] = self.gate["last"][k] = voltage
         return self
 
     def step(self, command=0, periods=1):
         if self.gate is not None:
             self.asked = list(self.voltages)
             for k in self.places:
-                self.gate["given"][k] = near(self.gate, k, self.outputs[k])
+                self.gate["last"][k] = near(self.gate, k, self.outputs[k])
             has_sent(self.gate)
             put_back(self.gate, self.outputs)
             if self.answers:
@@ -76,7 +76,7 @@ def test_an_axis_waits_near_what_its_device_has_and_goes_on_when_that_has_follow
     gaps_V, waited = [], np.zeros(3, int)
     for _ in range(300):
         cell.step()
-        given_V = [float(cell.gate["given"][k]) for k in cell.places]
+        given_V = [float(cell.gate["last"][k]) for k in cell.places]
         gaps_V.append(np.abs(np.array(cell.asked) - given_V))
         waited = np.maximum(waited, np.abs(cell.waits))
     assert np.all(waited > 20)
@@ -102,7 +102,7 @@ def test_however_it_answers_no_axis_asks_for_more_than_a_step_beyond(spells):
             moved_um = cell.s["axis"]["setpoint_um"][:3] - before_um
             assert np.all(moved_um[cell.waits > 0] <= 0.0)
             assert np.all(moved_um[cell.waits < 0] >= 0.0)
-            given_V = [float(cell.gate["given"][k]) for k in cell.places]
+            given_V = [float(cell.gate["last"][k]) for k in cell.places]
             assert np.max(np.abs(np.array(cell.asked) - given_V)) <= STEP_V
     cell.answers = True
     cell.run(60)
@@ -127,11 +127,11 @@ def test_the_row_says_so(cell, direction, bit):
 
 def test_only_what_has_to_wait_is_put_back():
     """Not what is no number, nor what can go: the loop's own values stay."""
-    gate = np.zeros(1, GATE)[0]
+    gate = np.zeros(1, LINK_GATE)[0]
     gate["outputs"], gate["step"][:3] = 3, STEP_V
     outputs = np.array([3.0, -7.0, math.nan])
     for i in range(3):
-        gate["given"][i] = near(gate, i, outputs[i])
+        gate["last"][i] = near(gate, i, outputs[i])
     put_back(gate, outputs)
     assert outputs[:2].tolist() == [3.0, -STEP_V]
     assert math.isnan(outputs[2])

@@ -16,17 +16,19 @@ import pytest
 
 from micromanip.bus.bridge import BusBridge
 from micromanip.bus.cyclic import EXCHANGE_C
-from micromanip.bus.driver import BusOptions, Channel
+from micromanip.bus.driver import BusOptions, Channel, Task
 from micromanip.bus.image import ProcessImage
 from micromanip.bus.safe_state import VOLTAGE, SafeOutput, SafeState
 from micromanip.replay.kernel import NO_SWAP, NOTHING_DIFFERS, replay_rows
 from micromanip.rt.bus_exchange import exchange_image
 from micromanip.rt.bus_image import ALIVE_NS, EPOCH, EPOCH_SEEN, IMAGE, LINK, LINK_UP, OUTPUT_STATE
 from micromanip.rt.bus_image import FOLLOWING as FOLLOWING_BUS
+from micromanip.rt.io.gate import note_sent, note_taken
+from micromanip.rt.io.link_gate import FOLLOWING, LINK_GATE, acknowledge, has_sent, near, put_back
+from micromanip.rt.jit import plain
 from micromanip.rt.records import MAX_AXES, MAX_OUTPUTS, MAX_SIGNALS, SIGNAL
 from micromanip.rt.states import NO_FAULT, TRACKING
 from micromanip.rt.telemetry import DEVICE_ABOVE, DEVICE_BELOW
-from micromanip.rt.wire.gate import FOLLOWING, GATE, acknowledge, has_sent, near, put_back
 from micromanip.settings.check import prepare
 from micromanip.virtual.cell import VirtualCell
 
@@ -208,7 +210,7 @@ class Wire:
         self.sensors = [inputs.index(f"{kind}_{name}") for kind in ("strain", "stage") for name in "xyz"]
         self.others = [k for k in range(len(inputs)) if k not in self.sensors]
         self.measured = tracking.signals.copy()
-        self.gate = np.zeros(1, GATE)[0]
+        self.gate = np.zeros(1, LINK_GATE)[0]
         self.gate["outputs"], self.gate["state"] = 3, FOLLOWING
         for i in range(3):
             self.gate["step"][i] = tracking.parameters[0]["axis"]["limiter"]["slew_V"][i]
@@ -223,10 +225,10 @@ class Wire:
         """As the loop calls it."""
         outputs, inputs, gate = at(outputs_at, float, MAX_OUTPUTS), at(inputs_at, SIGNAL, MAX_SIGNALS), self.gate
         for i in range(3):
-            gate["given"][i] = near(gate, i, outputs[i])
+            gate["last"][i] = near(gate, i, outputs[i])
         has_sent(gate)
         put_back(gate, outputs)
-        code = self._cell(self._context, gate["given"].ctypes.data, self.measured.ctypes.data, now_ns, periods)
+        code = self._cell(self._context, gate["last"].ctypes.data, self.measured.ctypes.data, now_ns, periods)
         inputs[self.others] = self.measured[self.others]
         self.on_the_way.append((now_ns + self.late * PERIOD_NS, int(gate["sent_count"]), self.measured.copy()))
         while self.on_the_way and self.on_the_way[0][0] <= now_ns:
@@ -285,9 +287,10 @@ class Turns:
     def __init__(self, tracking):
         self.record = BusBridge(self, BusOptions(), 10**12).context().view(IMAGE)
         self.image, self.stands, self.cycles = ProcessImage(self.record), False, 0
-        self.safe = SafeState([SafeOutput(VOLTAGE, 0.0, -20.0, 150.0, 40e3)] * 3, [5e-4] * 3, 0.2, 10**12)
+        tasks = [Task("turn", 2000.0, (0, 1, 2))]
+        self.safe = SafeState([SafeOutput(VOLTAGE, 0.0, -20.0, 150.0, 40e3)] * 3, tasks, 0.2, 10**12)
         self.safe.read_back(tracking.outputs[:3].tolist())
-        self.safe.state = FOLLOWING_BUS
+        self.safe.fields["state"][0] = FOLLOWING_BUS
         self.given = tracking.outputs.copy()
         for word, value in ((EPOCH_SEEN, 1), (EPOCH, 1), (LINK, LINK_UP), (OUTPUT_STATE, FOLLOWING_BUS)):
             self.image.tell(word, value)
@@ -300,11 +303,12 @@ class Turns:
     def turn(self, now_ns):
         """Give what the gate lets through."""
         wanted, written_ns = self.image.wanted()
-        if written_ns:
-            self.given[:3] = self.safe.values(wanted[:3].tolist(), written_ns, now_ns)
-        self.safe.given(range(3), self.given[:3].tolist())
+        self.safe.decide((wanted if written_ns else self.given)[:3].tolist(), written_ns, now_ns)
+        plain(note_sent)(self.safe.fields, 0, now_ns, now_ns)
+        plain(note_taken)(self.safe.fields, 0, now_ns)
+        self.given[:3] = self.safe.values
         self.image.tell_turn(range(3), now_ns)
-        self.image.remember_sent(self.given, now_ns)
+        self.image.remember_sent(self.safe.last, now_ns)
 
     def exchange(self, _, outputs_at, inputs_at, now_ns, periods):
         """As the loop calls it."""

@@ -155,7 +155,8 @@ class CanBus(BusDriver):
         from . import exchange  # compiled: loaded only where it is going to be called
 
         tables = self._tables = MessageTables(self._received, self._sent, self.options.fd, self._silence_ns)
-        return Steady(*exchange.ENTRIES.addresses, tables.record, lambda: tables.descriptor)
+        receive, send = exchange.ENTRIES.addresses
+        return Steady(receive, send, tables.record, lambda: tables.descriptor)
 
     def statistics(self) -> Mapping[str, int]:
         counters = [message.counter for message in self._received if message.counter]

@@ -168,7 +168,8 @@ class CanOpen(BusDriver):
 
         tables = PdoTables(received, sent, watched, self._receiver.syncs, (self._sync_task, self._sync_ns))
         self._tables = tables
-        return Steady(*exchange.ENTRIES.addresses, tables.record, lambda: tables.descriptor)
+        receive, send = exchange.ENTRIES.addresses
+        return Steady(receive, send, tables.record, lambda: tables.descriptor)
 
     def statistics(self) -> Mapping[str, int]:
         counts = {**self._link.statistics(), **self._receiver.counters}

@@ -150,8 +150,8 @@ def command_drives(c: Any, code: int, outputs: Any, deadline_ns: int) -> None:
     As without drives, but for their targets while they are not enabled, or not yet where the loop asks them to be.
     """
     g = c["gate"]
-    for i in range(g["outputs"]):
-        c["asked"][i] = outputs[i] if code == 0 else g["rest"][i]
+    for i in range(g["outputs"][0]):
+        c["asked"][i] = outputs[i] if code == 0 else g["safe"][i]
     for k in range(c["drives"]):
         d = c["drive"][k]
         ask_drive(d, code, outputs[d["enable"]] == 1.0, deadline_ns)
@@ -224,7 +224,7 @@ def aim(c: Any, d: Any) -> None:
         return
     if d["taken_up"] != 0:
         return
-    given, wanted = g["given"][i], c["asked"][i]
+    given, wanted = g["last"][i], c["asked"][i]
     away = wanted - given
     if abs(away) <= d["take_up"]:
         d["taken_up"] = 1
@@ -239,7 +239,7 @@ def where_it_is(c: Any, d: Any) -> float:
     A position that can't be sent as a target forbids that it be enabled; the nearest that can is sent meanwhile.
     """
     g, f, i = c["gate"], c["send"], d["target"]
-    rest: float = g["rest"][i]
+    rest: float = g["safe"][i]
     if d["actual_number"] < 0:
         d["fits"] = 1
         return rest

@@ -25,8 +25,8 @@ from micromanip.driver.datagrams import (
     judged,
     leave_samples,
     length_of,
-    lose,
     missing_before,
+    on_link_lost,
     put_back,
     received_ns,
     rest,
@@ -100,7 +100,7 @@ def take_good(c: Any, data: Any, came_ns: int, inputs: Any, deadline_ns: int) ->
     if c["al_status"] != OP:
         c["not_operating"] += 1
         c["unusable"] = 0
-        lose(g)  # a slave has left OP, and leads its outputs by itself
+        on_link_lost(g)  # a slave has left OP, and leads its outputs by itself
         return 0
     missing += c["unusable"]
     c["unusable"] = missing + 1
@@ -132,7 +132,7 @@ def follow_clock(c: Any, deadline_ns: int, periods: int) -> None:
     steer(lock, deadline_ns, periods, g["silent_cycles"])
     g["held"] = 1 - lock["locked"]
     if g["held"] != 0 and g["state"] == FOLLOWING:
-        lose(g)
+        on_link_lost(g)
 
 
 @compiled

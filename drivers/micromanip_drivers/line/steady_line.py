@@ -39,7 +39,8 @@ class SteadyLine:
             return None
         from . import exchange  # compiled: loaded only where it is going to be called
 
-        return Steady(*exchange.ENTRIES.addresses, tables.record, lambda: tables.descriptor)
+        receive, send = exchange.ENTRIES.addresses
+        return Steady(receive, send, tables.record, lambda: tables.descriptor)
 
     def lend(self) -> None:
         """Let them go on from where Python is."""

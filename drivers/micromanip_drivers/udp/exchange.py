@@ -27,8 +27,8 @@ from micromanip.driver.datagrams import (
     judged,
     leave_samples,
     length_of,
-    lose,
     missing_before,
+    on_link_lost,
     received_ns,
     rest,
     send_due,
@@ -65,7 +65,7 @@ def take_one(c: Any, k: int, inputs: Any, deadline_ns: int) -> int:
         return 0
     if missing == RESTARTED:
         forget_clock(c["clock"])
-        lose(c["gate"])
+        on_link_lost(c["gate"])
         return 0
     came_ns = received_ns(s, k)
     if f["clock"]["present"] != 0:

@@ -15,9 +15,9 @@ from numba import types
 
 from micromanip.bus.ethercat.al_states import OP, STATUS_MASK
 from micromanip.bus.ethercat.registers import AL_STATUS
+from micromanip.rt.io.frames import bits_at, put_bits
 from micromanip.rt.record import record
 from micromanip.rt.signatures import array_of
-from micromanip.rt.wire.codec import bits_at, put_bits
 
 from ..compiled import compiled
 from .controller import ESC

@@ -10,7 +10,7 @@ from pathlib import Path
 from micromanip.bus.ethercat.registers import ETHERTYPE
 from micromanip.emulation.line.port import Hear, SocketPort
 from micromanip.errors import DeviceUnavailable
-from micromanip.rt.wire.records import SO_TIMESTAMPNS
+from micromanip.rt.io.context import SO_TIMESTAMPNS
 from micromanip.testbus.event_loop import EventLoop
 
 _READ_BYTES = 2048

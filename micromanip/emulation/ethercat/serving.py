@@ -15,12 +15,12 @@ from numba import types
 from micromanip.bus.ethercat.al_states import OP, STATUS_MASK
 from micromanip.bus.ethercat.registers import AL_STATUS
 from micromanip.rt.clock import now_ns
+from micromanip.rt.io.context import SOCKET
+from micromanip.rt.io.frames import FRAME, put_code, put_value, value_of
+from micromanip.rt.io.sockets import length_of, receive, received_ns, send, wait_for_any
 from micromanip.rt.record import record
 from micromanip.rt.records import MAX_SIGNALS, SIGNAL
 from micromanip.rt.signatures import array_of
-from micromanip.rt.wire.codec import put_code, put_value, value_of
-from micromanip.rt.wire.datagrams import length_of, receive, received_ns, send, wait_for_any
-from micromanip.rt.wire.records import FRAME, SOCKET
 
 from ..arrivals import ARRIVED, note
 from ..compiled import compiled

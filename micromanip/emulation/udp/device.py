@@ -27,9 +27,9 @@ from micromanip.emulation.line.udp_port import UdpPort
 from micromanip.emulation.messages import MessageFigures
 from micromanip.emulation.upkeep import Upkeep
 from micromanip.errors import UsageError
+from micromanip.rt.io.counting import OLD
+from micromanip.rt.io.frames import MAX_BYTES
 from micromanip.rt.jit import prepare
-from micromanip.rt.wire.counting import OLD
-from micromanip.rt.wire.records import MAX_BYTES
 from micromanip.testbus.event_loop import EventLoop
 
 from .serving import BAD, SERVED, compose, serve, understand

@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 from numba import types
 
+from micromanip.rt.io.context import SOCKET
+from micromanip.rt.io.counting import COUNTED, OLD, missing_before
+from micromanip.rt.io.frames import FRAME, MAX_GROUPS, begin_frame, code_of, judged, put_bits, put_value, seal, value_of
+from micromanip.rt.io.sockets import length_of, receive, send_back
 from micromanip.rt.record import record
 from micromanip.rt.records import MAX_OUTPUTS, MAX_SIGNALS, SIGNAL
 from micromanip.rt.signatures import array_of
-from micromanip.rt.wire.codec import begin_frame, code_of, judged, put_bits, put_value, seal, value_of
-from micromanip.rt.wire.counting import COUNTED, OLD, missing_before
-from micromanip.rt.wire.datagrams import length_of, receive, send_back
-from micromanip.rt.wire.records import FRAME, MAX_GROUPS, SOCKET
 
 from ..arrivals import ARRIVED, note
 from ..compiled import compiled

@@ -56,9 +56,9 @@ class BusRest:
         self._way = WayToRest(bus.tasks, outputs)
         self._way.failed(None)  # whatever it reads is nobody's here
         self._task_of = self._way.task_of
-        periods_s = [1.0 / bus.tasks[self._task_of[i]].rate_hz for i in range(len(outputs))]
         rests = [channel.safe for channel in bus.outputs]
-        self._safe = SafeState(outputs, periods_s, ramp_s, 0, rests)
+        begins_ns = math.inf if bus.silence is None else bus.silence.begins_ns
+        self._safe = SafeState(outputs, bus.tasks, ramp_s, 0, rests, begins_ns)
         self._writer = OutputWriter(bus, self._safe, self._note)
         self._inbox = Inbox()
         self._memory: LastGiven | None = None
@@ -175,8 +175,7 @@ class BusRest:
                 if lost is None:
                     self._way.failed(number, broke=True)
                 lost = lost or problem
-            self._writer.take_confirmed(self._inbox)
-            for number in self._inbox.confirmed:
+            for number in self._writer.take_confirmed(self._inbox):
                 self._went_well(number)
             self._inbox.clear()
 
@@ -189,7 +188,8 @@ class BusRest:
 
     def _turn(self, number: int, now_ns: int, schedule: Schedule) -> None:
         """Do a task. Raises BusError."""
-        outcome = self._writer.perform(number, self._next(now_ns), self._inbox)
+        self._safe.decide((), 0, now_ns)  # of a loop that never was nothing is taken
+        outcome = self._writer.perform(number, self._inbox)
         if outcome is None:
             self._went_well(number)
         elif outcome is Outcome.HELD:
@@ -198,10 +198,6 @@ class BusRest:
     def _went_well(self, number: int) -> None:
         self._problems.pop(number, None)
         self._way.went_well(number)
-
-    def _next(self, now_ns: int) -> list[float]:
-        """The next values on the way to rest: of a loop that never was nothing is taken."""
-        return self._safe.values((), 0, now_ns)
 
     def _listen(self, schedule: Schedule, now_ns: int, lost: BusError | None) -> None:
         due_ns = min(schedule.next_ns() or now_ns, now_ns + _LOOK_NS)
@@ -219,9 +215,8 @@ class BusRest:
         now_s = time.monotonic()
         if now_s - self._begun_s > self._longest_s:
             return True
-        taken_s = self._writer.taken_s
         return all(
-            now_s - max(taken_s.get(number, 0.0), self._since_s.get(number, self._begun_s))
+            now_s - max(self._writer.taken_s(number), self._since_s.get(number, self._begun_s))
             > PATIENCE_S + _TURNS / self._bus.tasks[number].rate_hz
             for number in self._way.open_tasks(self._safe.unsafe)
         )

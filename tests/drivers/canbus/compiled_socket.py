@@ -11,7 +11,7 @@ from micromanip_drivers.canbus.driver import CanBus
 from micromanip_drivers.canbus.tables import MessageTables
 
 from micromanip.bus.driver import Steady
-from micromanip.rt.steady.records import INBOX
+from micromanip.rt.io.worker_records import INBOX
 
 from ..compiled_turns import CompiledTurns, call_receive, call_send
 

@@ -15,8 +15,8 @@ from micromanip_drivers.canbus.sent_message import SentMessage
 
 from micromanip.bus.inbox import Inbox
 from micromanip.errors import ConfigError
+from micromanip.rt.io.worker_records import NOTHING_SENT
 from micromanip.rt.records import MAX_OUTPUTS
-from micromanip.rt.steady.records import NOTHING_SENT
 
 from ..compiled_turns import assert_sent_alike, bits
 from .compiled_socket import compiled

@@ -23,8 +23,8 @@ from micromanip_drivers.canopen.sampling import Sampling, SyncTimes
 
 from micromanip.bus.driver import Steady
 from micromanip.bus.inbox import Inbox
+from micromanip.rt.io.worker_records import INBOX
 from micromanip.rt.records import MAX_OUTPUTS
-from micromanip.rt.steady.records import INBOX
 
 from ..compiled_turns import assert_sent_alike, bits, call_receive, call_send
 

@@ -77,7 +77,7 @@ class Talk:
         outputs = np.array([wanted_V, float(permitted), float(resets)])
         command_drives(self.c, code, outputs, self.now_ns)
         at = self.image.image_at
-        self.c["gate"]["given"][0] = self.c["asked"][0]  # as the gate does
+        self.c["gate"]["last"][0] = self.c["asked"][0]  # as the gate does
         return int(self.c["send"]["template"][at : at + 2].view(np.uint16)[0]), float(self.c["asked"][0])
 
     @property

@@ -45,10 +45,10 @@ def test_garbage_at_the_master(count):
     driver = Ethercat(options(lock={}), PERIOD_NS)
     context = driver.context()
     c, signals = driver.record(context), np.zeros(48, SIGNAL)
-    c["gate"]["sent_count"], c["gate"]["given"][0], k = 100, 12.5, 3
+    c["gate"]["sent_count"], c["gate"]["last"][0], k = 100, 12.5, 3
     c["socket"]["received"][:] = 0xA5
     frame = driver._image.frame
-    before, sent = {name: c["gate"][name].tobytes() for name in ("given", "recent", "rest")}, c["send"].tobytes()
+    before, sent = {name: c["gate"][name].tobytes() for name in ("last", "recent", "safe")}, c["send"].tobytes()
     for number in range(count):
         data = garbage(chance, frame)
         c["socket"]["received"][k][: len(data)] = np.frombuffer(data, np.uint8)
@@ -78,7 +78,7 @@ def test_garbage_at_both_ends_of_a_ring(count):
     for at in (driver._image.position_at, driver._image.clock_position_at, driver._image.status_at + 2):
         half[at] = 1
     far = half[:11] + b"\x12" + half[12:]
-    before = {name: c["gate"][name].tobytes() for name in ("given", "recent", "rest")}
+    before = {name: c["gate"][name].tobytes() for name in ("last", "recent", "safe")}
     for number in range(count):
         data = garbage(chance, bytes(half), bytes(far))
         c["socket"]["received"][k][: len(data)] = np.frombuffer(data, np.uint8)

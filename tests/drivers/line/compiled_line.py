@@ -15,7 +15,7 @@ from micromanip_drivers.line.port_options import SerialPort
 
 from micromanip.bus.errors import TransientError
 from micromanip.bus.inbox import Inbox
-from micromanip.rt.steady.records import INBOX
+from micromanip.rt.io.worker_records import INBOX
 
 from ..compiled_turns import CompiledTurns, call_receive, call_send
 

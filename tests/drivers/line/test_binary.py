@@ -162,10 +162,10 @@ def test_what_nothing_answers_is_taken_when_the_device_is_heard_after_it(stream)
     for _ in range(3):
         assert one.perform(task, [0.0] * len(one.outputs), inbox) is Outcome.SENT
     one.receive(inbox, time.monotonic_ns())
-    assert inbox.confirmed == []  # a hole in both directions
+    assert inbox.take_confirmed() == []  # a hole in both directions
     port.coming.append((time.monotonic_ns(), strains(1)))
     one.receive(inbox, time.monotonic_ns())
-    assert inbox.confirmed == [task]
+    assert inbox.take_confirmed() == [task]
 
 
 def test_identity_must_be_told_twice():

@@ -11,7 +11,7 @@ from micromanip_drivers.line.binary_options import Binary
 
 from micromanip.bus.driver import Outcome
 from micromanip.bus.inbox import Inbox
-from micromanip.rt.steady.records import NOTHING_SENT, UNCONFIRMED
+from micromanip.rt.io.worker_records import NOTHING_SENT, UNCONFIRMED
 
 from ..compiled_turns import assert_sent_alike, bits
 from .board import FRAMING, frame

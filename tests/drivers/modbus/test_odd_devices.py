@@ -70,12 +70,12 @@ def test_a_device_that_limits_what_is_written_is_told_of_once_and_in_numbers(ser
     for value in (0.0, 3.0, 7.0):
         unit.turn([value])
         said += unit.inbox.remarks
-        assert not unit.inbox.confirmed, "it has another value than the one that was sent"
+        assert not unit.inbox.take_confirmed(), "it has another value than the one that was sent"
     assert [text.partition(": ")[2] for text in said] == [
         "register 16 was set to 500 instead of 0: does the device limit it?"
     ]
     unit.turn([500.0])
-    assert unit.inbox.confirmed == [0]
+    assert unit.inbox.take_confirmed() == [0]
 
 
 def test_a_late_answer_to_a_write_is_no_limit():

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from micromanip.rt.wire.counting import COUNTED, OLD, RESTARTED, missing_before
+from micromanip.rt.io.counting import COUNTED, OLD, RESTARTED, missing_before
 
 WIDTHS = st.sampled_from([2**8, 2**16, 2**32])
 

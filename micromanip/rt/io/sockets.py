@@ -1,8 +1,9 @@
-"""Datagrams without Python: the system calls of a non-blocking socket, as compiled code makes them.
+"""System calls of descriptors that do not block, as compiled code makes them: datagrams, terminals, TCP, a file.
 
-The socket is opened and connected by Python (``bus/datagram_socket.py``). A call costs some 1 us where nothing has
-come, and never waits. The kernel says when a datagram came: by the wall clock, which may be stepped, so that counts
-within what is known for sure: after the one before it and after the queue was last seen empty, and before now.
+A socket for datagrams is opened and connected by Python (``bus/datagram_socket.py``). A call costs some 1 us where
+nothing has come, and never waits. The kernel says when a datagram came: by the wall clock, which may be stepped, so
+that counts within what is known for sure: after the one before it and after the queue was last seen empty, and before
+now.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from numba import types
 from micromanip.rt.clock import now_ns
 from micromanip.rt.jit import compiled
 
-from .records import ADDRESS_BYTES, BATCH, CONTROL, SO_TIMESTAMPNS
+from .context import ADDRESS_BYTES, BATCH, CONTROL, SO_TIMESTAMPNS
 
 POLLIN = 1
 """What is asked of a descriptor, in a ``struct pollfd``: whether something is there to be received."""
@@ -44,6 +45,19 @@ if numba.config.DISABLE_JIT:
         size, to = ctypes.c_size_t(int(length)), ctypes.c_void_p(int(name))
         return int(_libc.sendto(int(descriptor), ctypes.c_void_p(data), size, flags, to, int(name_bytes)))
 
+    def _read(descriptor: int, place: int, most: int) -> int:
+        return int(_libc.read(int(descriptor), ctypes.c_void_p(int(place)), ctypes.c_size_t(int(most))))
+
+    def _write(descriptor: int, place: int, count: int) -> int:
+        return int(_libc.write(int(descriptor), ctypes.c_void_p(int(place)), ctypes.c_size_t(int(count))))
+
+    def _pwrite(descriptor: int, place: int, count: int, at: int) -> int:
+        where = ctypes.c_void_p(int(place)), ctypes.c_size_t(int(count)), ctypes.c_int64(int(at))
+        return int(_libc.pwrite(int(descriptor), *where))
+
+    def _ioctl(descriptor: int, request: int, place: int) -> int:
+        return int(_libc.ioctl(int(descriptor), ctypes.c_ulong(int(request)), ctypes.c_void_p(int(place))))
+
     def _ppoll(descriptors: int, count: int, timespec: int, mask: int) -> int:
         return int(_libc.ppoll(ctypes.c_void_p(descriptors), ctypes.c_ulong(count), ctypes.c_void_p(timespec), None))
 
@@ -67,6 +81,10 @@ else:
     _sendto = types.ExternalFunction(
         "sendto", types.int64(types.int32, types.intp, types.uint64, types.int32, types.intp, types.uint32)
     )
+    _read = types.ExternalFunction("read", types.int64(types.int32, types.intp, types.uint64))
+    _write = types.ExternalFunction("write", types.int64(types.int32, types.intp, types.uint64))
+    _pwrite = types.ExternalFunction("pwrite", types.int64(types.int32, types.intp, types.uint64, types.int64))
+    _ioctl = types.ExternalFunction("ioctl", types.int32(types.int32, types.uint64, types.intp))
     _ppoll = types.ExternalFunction("ppoll", types.int32(types.intp, types.uint64, types.intp, types.intp))
     _close = types.ExternalFunction("close", types.int32(types.int32))
     _clock_gettime = types.ExternalFunction("clock_gettime", types.int32(types.int32, types.intp))
@@ -178,3 +196,31 @@ def close(s: Any) -> None:
     if s["descriptor"] >= 0:
         _close(s["descriptor"])
         s["descriptor"] = -1
+
+
+@compiled
+def read_bytes(descriptor: int, place: int, most: int) -> int:
+    """What is there, at most so many bytes, to an address: how many, 0 where the other end is gone, minus an error
+    number.
+    """
+    count = _read(descriptor, place, most)
+    return count if count >= 0 else -_errno()
+
+
+@compiled
+def write_bytes(descriptor: int, place: int, count: int) -> int:
+    """Hand over so many bytes from an address: how many the system took, or minus an error number."""
+    taken = _write(descriptor, place, count)
+    return taken if taken >= 0 else -_errno()
+
+
+@compiled
+def write_at(descriptor: int, words: Any, at: int) -> int:
+    """Write `words` of 8 bytes into a file, from `at` on: 0, or minus an error number."""
+    return 0 if _pwrite(descriptor, words.ctypes.data, 8 * len(words), at) >= 0 else -_errno()
+
+
+@compiled
+def ask(descriptor: int, request: int, place: int) -> int:
+    """An ``ioctl`` that answers with a number (int32) at an address: 0, or minus an error number."""
+    return 0 if _ioctl(descriptor, request, place) >= 0 else -_errno()

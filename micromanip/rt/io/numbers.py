@@ -1,6 +1,6 @@
 """Codes to values and back: integers, signed ones, IEEE 754 numbers of 16, 32 and 64 bits, with scale and limits.
 
-Where a code lies in a frame is for others: whole bytes in ``codec.py``, bits of a CAN frame in its driver. A number
+Where a code lies in a frame is for others: whole bytes in ``frames.py``, bits of a CAN frame in its driver. A number
 is a record with the fields of ``CODE``; `bits` is its width, `scratch` uint64 (1,).
 """
 
@@ -13,7 +13,10 @@ import numpy as np
 
 from micromanip.rt.jit import compiled
 
-from .records import FLOATING, SIGNED
+UNSIGNED, SIGNED, FLOATING = range(3)
+
+CODE = (("kind", "i8"), ("scale", "f8"), ("offset", "f8"), ("lowest_code", "f8"), ("highest_code", "f8"))
+"""Fields of a number of any layout: value = scale x code + offset; a code outside of its two is not sent."""
 
 _HALF_BITS, _HALF_LEAST_EXPONENT, _HALF_GREATEST_EXPONENT = 10, -14, 31
 

@@ -10,10 +10,10 @@ from typing import Any
 from micromanip.rt.clock import now_ns, sleep_until
 from micromanip.rt.jit import compiled
 
-from .datagrams import close, receive
-from .gate import QUIET, has_rest, put_back, wait_for_device
-from .giving import give
-from .records import BATCH
+from .context import BATCH
+from .frames import begin_frame, put_value, seal
+from .link_gate import QUIET, has_sent, near, put_back, reset_to_safe, wait_for_device
+from .sockets import close, receive, send
 
 NOT_OPEN = 1
 """What ``exchange`` returns before ``open``: fault X-103."""
@@ -48,7 +48,7 @@ def send_due(c: Any, code: int, outputs: Any, deadline_ns: int) -> None:
             send_outputs(c, outputs, deadline_ns)
         put_back(c["gate"], outputs)
     elif c["gate"]["state"] != QUIET:
-        send_outputs(c, c["gate"]["rest"], deadline_ns)
+        send_outputs(c, c["gate"]["safe"], deadline_ns)
 
 
 @compiled
@@ -56,6 +56,31 @@ def send_outputs(c: Any, outputs: Any, deadline_ns: int) -> None:
     """Send `outputs`, as far as the gate lets them."""
     if give(c["gate"], c["send"], c["socket"], c["counts"], outputs, deadline_ns) != 0:
         c["not_sent"] += 1
+
+
+@compiled
+def give(g: Any, f: Any, s: Any, counts: int, outputs: Any, deadline_ns: int) -> int:
+    """Send `outputs` as a frame `f` with its count, which begins anew after `counts`: 0, or the system's error number.
+
+    Each is what it is, or what is next to it and near enough to what the device has. One that is not finite or out of
+    range stays as it was.
+    """
+    data = s["sent"]
+    begin_frame(f, data, g["sent_count"] % counts)
+    for i in range(g["outputs"][0]):
+        value = near(g, i, outputs[i])
+        if put_value(f, f["number"][i], data, value):
+            g["last"][i] = value
+        else:
+            g["refused_values"] += 1
+            g["waits"][i] = 0  # for nothing: it will never be given
+            put_value(f, f["number"][i], data, g["last"][i])
+    seal(f, data)
+    g["sent_ns"] = deadline_ns  # also where the system did not take it: then the device is at rest the earlier
+    error = send(s, f["length"])
+    if error == 0:
+        has_sent(g)
+    return error
 
 
 @compiled
@@ -76,7 +101,7 @@ def begin(c: Any) -> int:
     if c["socket"]["descriptor"] < 0:
         return NOT_OPEN
     c["opened"] = 1
-    has_rest(c["gate"])
+    reset_to_safe(c["gate"])
     return 0
 
 

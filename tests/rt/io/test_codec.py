@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from micromanip.bus.frame_plan import FramePlan, GroupPlan
-from micromanip.rt.wire.codec import (
+from micromanip.rt.io.frames import (
     GOOD,
     NOT_THIS_FRAME,
     WRONG_CHECKSUM,

@@ -6,7 +6,7 @@ import random
 import numpy as np
 import pytest
 
-from micromanip.rt.wire.clock_lock import CLOCK_LOCK, hear_clock, late_ns, set_lock, steer
+from micromanip.rt.io.clock_lock import CLOCK_LOCK, hear_clock, late_ns, set_lock, steer
 
 PERIOD_NS, TIME_CONSTANT_S, WITHIN_US, SILENT = 100_000, 0.02, 10.0, 50
 SETTLED = 2_500

@@ -1,14 +1,87 @@
-"""Values to a frame and back, as a table says (``records.py``): bytes, byte order, range, checksum."""
+"""A frame as a table: where its numbers lie; its values to bytes and back, and as samples for the loop.
+
+A frame has a fixed length. `template` is the frame before anything is written into it; where `fixed` is 1, a frame
+that comes must have the template's byte. Groups are numbers that were sampled together: group 0 with every frame,
+another one when its own counter has changed (a laser tracker's reading, say, that a faster frame carries along).
+"""
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 
 from micromanip.rt.jit import compiled
+from micromanip.rt.record import record
+from micromanip.rt.records import MAX_SIGNALS
 
-from .numbers import find_code, value_of_code
+from .numbers import CODE, find_code, value_of_code
+
+MAX_BYTES = 1472
+"""What one datagram carries over Ethernet without being cut."""
+MAX_GROUPS, MAX_GOOD = 8, 8
+
+NUMBER = record(
+    ("present", "i8"),
+    ("at", "i8"),
+    ("size", "i8"),
+    ("big", "i8"),
+    ("bit", "i8"),
+    ("bits", "i8"),
+    *CODE,
+    ("low", "f8"),
+    ("high", "f8"),
+)
+"""A number of `size` whole bytes, or where that is 0 of `bits` from bit number `bit` of its first byte on, the lowest
+first; a value outside of `low` to `high` is not sent."""
+
+CHECKSUM = record(
+    ("size", "i8"),
+    ("first", "i8"),
+    ("big", "i8"),
+    ("reflected", "i8"),
+    ("constant", "u8"),
+    ("table", "u8", (256,)),
+)
+"""A CRC: a register that begins with 0 and takes in the bytes from `first` on, xor a constant.
+
+Initial value and final xor of a CRC add a constant to it that depends on the number of bytes alone, which is fixed.
+"""
+
+GROUP = record(("counter", NUMBER), ("latency_ns", "i8"))
+"""Numbers that were sampled together, `latency_ns` before the frame was finished; without a counter with each frame."""
+
+FRAME = record(
+    ("length", "i8"),
+    ("template", "u1", (MAX_BYTES,)),
+    ("fixed", "u1", (MAX_BYTES,)),
+    ("checksum", CHECKSUM),
+    ("counter", NUMBER),
+    ("acknowledged", NUMBER),
+    ("clock", NUMBER),
+    ("status", NUMBER),
+    ("mask", "u8"),
+    ("good", "u8", (MAX_GOOD,)),
+    ("goods", "i8"),
+    ("groups", "i8"),
+    ("group", GROUP, (MAX_GROUPS,)),
+    ("numbers", "i8"),
+    ("number", NUMBER, (MAX_SIGNALS,)),
+    ("group_of", "i8", (MAX_SIGNALS,)),
+    ("bits", "u8", (1,)),
+)
+"""One kind of frame; `acknowledged` is the count of the frame that its sender has taken last, `clock` the device's time
+stamp, `bits` scratch for the bits of a number."""
+
+SAMPLES = record(
+    ("group_count", "i8", (MAX_GROUPS,)),
+    ("group_known", "i8", (MAX_GROUPS,)),
+    ("missing", "i8", (MAX_GROUPS,)),
+    ("lost", "i8", (MAX_SIGNALS,)),
+)
+"""Where the counter of each group stands. ``missing`` is scratch: samples of each group that are missing before the one
+that has come, -1 for none. ``lost`` are those of each number that never came, since the start."""
 
 GOOD, WRONG_LENGTH, WRONG_CHECKSUM, NOT_THIS_FRAME = range(4)
 """What ``judged`` says of bytes that came."""
@@ -151,3 +224,38 @@ def seal(f: Any, data: Any) -> None:
     c = f["checksum"]
     if c["size"] > 0:
         put_bits(data, f["length"] - c["size"], c["size"], c["big"], checksum(f, data))
+
+
+@compiled
+def leave_samples(
+    s: Any, f: Any, data: Any, inputs: Any, lost: Any, missing: int, time_ns: int, passed: int = 0
+) -> None:
+    """The values of a fresh frame of `time_ns`, `missing` after the one before, as samples.
+
+    Group 0 has `passed` more before this one, which came with it and which nobody needs. What never came is added to
+    `lost` of each number.
+    """
+    for g in range(f["groups"]):
+        s["missing"][g] = missing if g == 0 else missing_of_group(s, f, g, data)
+    status = status_of(f, data)
+    for i in range(f["numbers"]):
+        g = f["group_of"][i]
+        if s["missing"][g] < 0:
+            continue
+        value = value_of(f, f["number"][i], data)
+        signal = inputs[i]
+        signal["value"], signal["time_ns"] = value, time_ns - f["group"][g]["latency_ns"]
+        signal["status"] = status if math.isfinite(value) or status != 0 else BAD_STATUS
+        signal["sequence"] += 1 + s["missing"][g] + (passed if g == 0 else 0)
+        lost[i] += s["missing"][g]
+
+
+@compiled
+def missing_of_group(s: Any, f: Any, g: int, data: Any) -> int:
+    """Samples missing before the one that the frame brings of a slower group; -1 where it brings none."""
+    n = f["group"][g]["counter"]
+    count = np.int64(code_of(n, data))
+    ahead = (count - s["group_count"][g]) % (1 << n["bits"])
+    known = s["group_known"][g] != 0
+    s["group_count"][g], s["group_known"][g] = count, 1
+    return ahead - 1 if known else 0

@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from micromanip.rt.wire.device_clock import taken_ns
-from micromanip.rt.wire.records import DEVICE_CLOCK
+from micromanip.rt.io.clock_lock import DEVICE_CLOCK, taken_ns
 
 PERIOD_NS = 100_000
 

@@ -10,10 +10,9 @@ from numba import types
 from micromanip.bus.ethercat.process_data import bytes_of, packed_numbers
 from micromanip.bus.frame_plan import FramePlan, GroupPlan
 from micromanip.bus.number_options import BITS, number_range
+from micromanip.rt.io.frames import FRAME, code_of, put_value, value_of
 from micromanip.rt.jit import Compiler
 from micromanip.rt.signatures import array_of
-from micromanip.rt.wire.codec import code_of, put_value, value_of
-from micromanip.rt.wire.records import FRAME
 
 compiled = Compiler(__file__)
 

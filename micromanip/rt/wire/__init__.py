@@ -1,1 +1,0 @@
-"""The loop's way to a wire of its own: frames from tables, datagrams, a device's clock and counter."""

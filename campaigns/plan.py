@@ -65,14 +65,14 @@ _OFTEN = {
 }
 """How often each kind of step comes, in shares."""
 _AFTERMATH = {
-    "power": 4,
-    "reads fail": 3,
     "park": 6,
     "start": 6,
+    "power": 4,
     "spoil": 4,
     "repair": 2,
     "cut": 3,
     "freeze": 3,
+    "reads fail": 3,
     "arm": 3,
     "disarm": 1,
 }

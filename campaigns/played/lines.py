@@ -97,7 +97,7 @@ class CommandValue(_Lines):
 
 
 class Board:
-    """Sends a frame of readings 100 times a second, AA 55, length, kind, counter, ..., CRC; takes such with voltages."""
+    """Sends readings 100 times a second in frames AA 55, length, kind, counter, ..., CRC; takes such with voltages."""
 
     def __init__(self, amplifier):
         self.amplifier, self._rest = amplifier, b""

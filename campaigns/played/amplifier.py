@@ -12,13 +12,14 @@ LATE_S = 0.15
 """An answer that is late comes after its time."""
 OUTPUTS = ("voltage_x", "voltage_y")
 _UM_PER_V, _DITHER_UM = 1.2, 2e-3
-_BY_SURPRISE_V = 30.0
-"""What it has after power-on, where nobody knows what that is."""
 
 
 @dataclass(frozen=True)
 class Habits:
-    """What it does by itself. `watchdog_ms` None: it keeps its values; `opening_ms`: deaf for so long once opened."""
+    """What it does by itself. `watchdog_ms` None: it keeps its values; `opening_ms`: deaf for so long once opened.
+
+    After power-on "unknown" is the one time what it had last, the other time rest.
+    """
 
     watchdog_ms: float | None = None
     rest_ms: float = 0.0
@@ -90,8 +91,8 @@ class Amplifier:
             if on == self.on:
                 return
             self.on = on
-            kept = {"rest": dict.fromkeys(OUTPUTS, 0.0), "unknown": dict.fromkeys(OUTPUTS, _BY_SURPRISE_V)}
-            volts = kept.get(self.habits.after_power_on, self._registers) if on else dict.fromkeys(OUTPUTS, 0.0)
+            keeps = self.habits.after_power_on == "last" or (self.habits.after_power_on == "unknown" and self.boots % 2)
+            volts = dict(self._registers) if on and keeps else dict.fromkeys(OUTPUTS, 0.0)
             if on:
                 self.boots += 1
                 self._registers, self._ready_s = dict(volts), time.monotonic() + self.habits.boot_ms * 1e-3

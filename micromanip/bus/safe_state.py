@@ -71,6 +71,9 @@ class SafeState:
         self._periods_s = periods_s
         self._last = [output.safe for output in outputs]
         self._lowest, self._highest = list(self._last), list(self._last)  # what the device may have
+        self._sent: list[tuple[float, float]] = [UNKNOWN] * len(outputs)
+        """Between what its register may hold, wherever the output went by itself; ``UNKNOWN``: nothing was sent."""
+        self._led = [False] * len(outputs)  # to rest by the watchdog, and given nothing since
         self._start, self._share = list(self._last), [0.0] * len(outputs)
         self._known, self._given = [False] * len(outputs), [False] * len(outputs)  # ever, and since it was left
         self.state = SAFE_RAMP
@@ -95,6 +98,7 @@ class SafeState:
                 if self._outputs[i].kind == VOLTAGE:
                     self._lowest[i] -= self._steps[i]
                     self._highest[i] += self._steps[i]
+                self._sent[i] = self._lowest[i], self._highest[i]
 
     def read_back(self, values: Known) -> None:
         """What the device says that it has; one that lies outside of its range begins at the nearest bound.
@@ -115,16 +119,17 @@ class SafeState:
         """What the device has once its link was opened, `silent_ns` after the last command: which voltages are unknown.
 
         `values` is what it reads back, which goes before all else but for a register: one that still reads what was
-        written last, long after the watchdog has led the output to rest, tells the set-point and not the output. One
-        that was given its safe value last rests where the watchdog does not say it: so a person's word is asked for
-        once.
+        written last, long after the watchdog has led the output to rest, tells the set-point and not the output; and
+        where nobody knows what it has after power-on, so may any other. One that was given its safe value last rests
+        where the watchdog does not say it: so a person's word is asked for once.
         """
         unknown, values = [], list(values)
-        at_rest = watchdog is not None and watchdog.leads_to_rest and silent_ns >= watchdog.still_ns
+        still = watchdog is not None and watchdog.ms is not None and silent_ns >= watchdog.still_ns
         for i, output in enumerate(self._outputs):
             if output.kind != VOLTAGE:
                 continue
-            if at_rest and self._reads_as_given(i, values[i]):
+            self._led[i] = self._led[i] or still
+            if self._led[i] and self._may_be_a_set_point(i, values[i], watchdog):
                 values[i] = None
             if values[i] is not None:
                 continue
@@ -139,10 +144,14 @@ class SafeState:
         self.read_back(values)
         return unknown
 
-    def _reads_as_given(self, i: int, value: float | None) -> bool:
-        if value is None or not self._known[i]:
+    def _may_be_a_set_point(self, i: int, value: float | None, watchdog: Watchdog | None) -> bool:
+        """Whether what output `i` reads may be left from before its watchdog led it to rest."""
+        if value is None or abs(value - self._rests_at[i]) <= self._steps[i] + _EQUAL_V:
             return False
-        return self._lowest[i] - self._steps[i] <= value <= self._highest[i] + self._steps[i]
+        if watchdog is None or not watchdog.leads_to_rest:
+            return True
+        low, high = self._sent[i]
+        return math.isfinite(low) and low - self._steps[i] <= value <= high + self._steps[i]
 
     def assume_safe(self, *, where_unknown: bool = False) -> None:
         """Take the voltages, `where_unknown` those of which nothing is known, for being at their safe values."""
@@ -205,6 +214,7 @@ class SafeState:
         """The device has taken `values` of these outputs, as far as its protocol can tell."""
         for i in indices:
             self._last[i] = self._lowest[i] = self._highest[i] = values[i]
+            self._sent[i], self._led[i] = (values[i], values[i]), False
             self._known[i] = self._given[i] = True
             if self.state == SAFE_RAMP:
                 self._share[i] += self._periods_s[i] / self._ramp_s
@@ -214,6 +224,8 @@ class SafeState:
         """It is not known whether the device has taken `values` of these outputs."""
         for i in indices:
             self._lowest[i], self._highest[i] = min(self._lowest[i], values[i]), max(self._highest[i], values[i])
+            low, high = self._sent[i]
+            self._sent[i] = (min(low, values[i]), max(high, values[i])) if math.isfinite(low) else (values[i],) * 2
 
     def lend(self, steady: Any) -> None:
         """Let the compiled loop go on from here, where the outputs follow or rest: `steady` is a STEADY record."""
@@ -227,10 +239,16 @@ class SafeState:
 
     def take_back(self, steady: Any, given: Sequence[int]) -> None:
         """Go on from where the compiled loop is; `given` are the outputs that the device has taken meanwhile."""
-        rows = steady["output"][: len(self._outputs)]
+        rows, before = steady["output"][: len(self._outputs)], (self._lowest, self._highest)
         self._last, self._lowest, self._highest = (rows[name].tolist() for name in ("last", "lowest", "highest"))
+        for i, (was, now) in enumerate(
+            zip(zip(*before, strict=True), zip(self._lowest, self._highest, strict=True), strict=True)
+        ):
+            if i in given or was != now:
+                self._sent[i] = now
         for i in given:
             self._known[i] = self._given[i] = True
+            self._led[i] = False
 
     @property
     def last(self) -> list[float]:

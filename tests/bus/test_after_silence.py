@@ -14,7 +14,7 @@ from micromanip.bus.driver import BusDriver, BusOptions, Channel, Task
 from micromanip.bus.errors import LinkError
 from micromanip.bus.image import ProcessImage
 from micromanip.bus.last_given import LastGiven
-from micromanip.bus.safe_state import VOLTAGE, SafeOutput
+from micromanip.bus.safe_state import VOLTAGE, SafeOutput, SafeState
 from micromanip.bus.watchdog import UNKNOWN, Watchdog, after_silence
 from micromanip.bus.worker import Rules, Worker
 from micromanip.host.safe.bus_rest import BusRest
@@ -230,3 +230,25 @@ def test_a_device_that_reads_back_other_than_rest_after_its_silence_is_led_on_fr
     assert BusRest(line, OUTPUTS, 0.1).run() == []
     assert line.amplifier.volts == 0.0
     assert line.amplifier.largest <= STEP_V + 1e-9
+
+
+@pytest.mark.parametrize("after_power_on", ["last", "unknown"])
+def test_a_register_tells_nothing_where_the_watchdog_may_have_led_the_output_away_from_it(after_power_on):
+    safe = _left_at_60()
+    keys = Watchdog(ms=300, rest_ms=50, after_power_on=after_power_on)
+    assert safe.after_silence(keys, keys.still_ns, [60.0]) == [0]
+    assert _left_at_60().after_silence(keys, keys.still_ns, [1.0]) == []
+
+
+def test_a_register_still_tells_the_set_point_where_the_link_is_lost_before_anything_was_given():
+    safe = _left_at_60()
+    assert safe.after_silence(WATCHDOG, WATCHDOG.still_ns, [60.0]) == []
+    safe.attempted([0], [0.0])
+    assert safe.after_silence(WATCHDOG, 10_000_000, [60.0]) == []
+    assert safe.last == [0.0]
+
+
+def _left_at_60():
+    safe = SafeState(OUTPUTS, [1.0 / RATE_HZ], 0.1, 500_000_000)
+    safe.remember([60.0])
+    return safe

@@ -75,7 +75,7 @@ class Cell:
             said = "without_watchdog: true"
         elif not guarded:
             said += "\n    without_watchdog: true"
-        return habits, said, habits.opening_ms + 100.0 if habits.opening_ms else 0.0
+        return habits, said, habits.opening_ms + 500.0 if habits.opening_ms else 0.0
 
     def bounds(self, text):
         """What the outputs may do, read from a configuration with a reader of our own; None where it is not valid."""
@@ -129,11 +129,11 @@ CELLS = {
     "gcs": Cell("gcs", _tcp(Gcs), 10.0, 2e-3, least_boot_ms=0.0),
     "modbus": Cell(
         "units", _tcp(TcpUnits), 10.0, 0.011, (-160.0, 160.0), 0.0,
-        (*_UNITS, ("way", "tcp: {host: 127.0.0.1, port: PLACE}")),
+        (*_UNITS, ("rate_hz", 100), ("way", "tcp: {host: 127.0.0.1, port: PLACE}")),
     ),
     "rtu": Cell(
-        "units", _serial(RtuUnits), 10.0, 0.011, (-160.0, 160.0),
-        names=(*_UNITS, ("way", "serial: {device: PLACE, baud: 1000000}")),
+        "units", _serial(RtuUnits), 25.0, 0.011, (-160.0, 160.0),
+        names=(*_UNITS, ("rate_hz", 40), ("way", "serial: {device: PLACE, baud: 1000000}")),
     ),
     "text": Cell("text", _serial(CommandValue), 20.0, 2e-3),
     "binary": Cell("line", _serial(Board), 10.0, 0.011),

@@ -239,12 +239,10 @@ class SafeState:
 
     def take_back(self, steady: Any, given: Sequence[int]) -> None:
         """Go on from where the compiled loop is; `given` are the outputs that the device has taken meanwhile."""
-        rows, before = steady["output"][: len(self._outputs)], (self._lowest, self._highest)
+        rows, before = steady["output"][: len(self._outputs)], [*zip(self._lowest, self._highest, strict=True)]
         self._last, self._lowest, self._highest = (rows[name].tolist() for name in ("last", "lowest", "highest"))
-        for i, (was, now) in enumerate(
-            zip(zip(*before, strict=True), zip(self._lowest, self._highest, strict=True), strict=True)
-        ):
-            if i in given or was != now:
+        for i, now in enumerate(zip(self._lowest, self._highest, strict=True)):
+            if i in given or now != before[i]:
                 self._sent[i] = now
         for i in given:
             self._known[i] = self._given[i] = True

@@ -39,6 +39,8 @@ class Cell:
     names: tuple = ()
     pauses: bool = True
     """Whether its driver has a key for a pause after opening."""
+    hears_by_reads: bool = False
+    """Nothing but its readings tells that it hears: without them it can't be written to."""
 
     def text(self, place, watchdog=KEEPS, settle_ms=0.0):
         """Its configuration, its device at `place`: a port, or a path."""
@@ -136,8 +138,10 @@ CELLS = {
         names=(*_UNITS, ("rate_hz", 40), ("way", "serial: {device: PLACE, baud: 1000000}")),
     ),
     "text": Cell("text", _serial(CommandValue), 20.0, 2e-3),
-    "binary": Cell("line", _serial(Board), 10.0, 0.011),
-    "udp": Cell("udp", lambda amplifier, _: DatagramPort(amplifier, Datagrams), 4.0, 2e-3, pauses=False),
+    "binary": Cell("line", _serial(Board), 10.0, 0.011, hears_by_reads=True),
+    "udp": Cell(
+        "udp", lambda amplifier, _: DatagramPort(amplifier, Datagrams), 4.0, 2e-3, pauses=False, hears_by_reads=True
+    ),
     "can": Cell(
         "can", lambda amplifier, _: CanNode(amplifier, f"devices-{os.getpid()}"), 5.0, 0.006,
         (-20.0, 150.0), names=(("inputs", "Sensors."), ("outputs", "Voltages.")), pauses=False,

@@ -156,7 +156,8 @@ class WatchedBench:
         """Note what a report says of the outputs."""
         if status["state"] in ("READY", "OFF"):
             elsewhere = [link["outputs"] for link in status["links"].values() if link["outputs"] not in _WITH_THE_LOOP]
-            who = f"{whence} says state {status['state']}" + (f", outputs {elsewhere[0]}" if elsewhere else "")
+            links = [(link["link"], link["outputs"]) for link in status["links"].values()]
+            who = f"{whence} says state {status['state']}" + (f", outputs {elsewhere[0]}" if elsewhere else f" {links}")
             self.oracle.claim(from_ns, to_ns, who, SHOWN if elsewhere and status["state"] == "OFF" else "claim")
         for name, link in status["links"].items():
             if link["outputs"] == "at rest":
@@ -264,7 +265,12 @@ class WatchedBench:
 
     def _is_given_up(self):
         """Whether the device takes nothing, or the product has said that it takes nobody's word for it any more."""
-        return self.amplifier.latched or "is written. Say in `watchdog`" in (self.running.said if self.running else "")
+        unheard = self.cell.hears_by_reads and self.amplifier.fails is not None
+        return (
+            unheard
+            or self.amplifier.latched
+            or "is written. Say in `watchdog`" in (self.running.said if self.running else "")
+        )
 
     def fresh_boxes(self):
         """Whole black boxes since the last call."""

@@ -141,6 +141,11 @@ class SafeState:
                 self._lowest[i], self._highest[i] = low, high
             elif not self._known[i] or not self._is_near(i, output.safe):
                 unknown.append(i)
+                continue
+            if (low, high) != given and self._is_near(
+                i, output.safe
+            ):  # from what it was given, one at rest would leave it
+                self._last[i] = self._start[i] = output.safe
         self.read_back(values)
         return unknown
 

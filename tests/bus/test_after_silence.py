@@ -252,3 +252,12 @@ def _left_at_60():
     safe = SafeState(OUTPUTS, [1.0 / RATE_HZ], 0.1, 500_000_000)
     safe.remember([60.0])
     return safe
+
+
+@pytest.mark.parametrize("keys", [WATCHDOG, None])
+def test_what_may_be_at_rest_by_itself_is_not_given_again_what_was_a_step_away(keys):
+    safe = SafeState(OUTPUTS, [1.0 / RATE_HZ], 0.1, 500_000_000)
+    safe.read_back([6.0])
+    safe.given([0], [STEP_V])
+    assert safe.after_silence(keys, 0, [None]) == []
+    assert safe.values([0.0], 0, 10**9) == [0.0]

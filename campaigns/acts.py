@@ -79,6 +79,8 @@ def _cut(bench, how, ms):
 
 
 def _refuse(bench, ms):
+    if bench.cell.blind:
+        return
     bench.amplifier.refuses = True
     bench.later(ms, lambda: setattr(bench.amplifier, "refuses", False))
 

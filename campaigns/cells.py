@@ -41,6 +41,8 @@ class Cell:
     """Whether its driver has a key for a pause after opening."""
     hears_by_reads: bool = False
     """Nothing but its readings tells that it hears: without them it can't be written to."""
+    blind: bool = False
+    """Nothing tells that a value was lost on its way, or refused: so it must come up at rest, and refuses none."""
 
     def text(self, place, watchdog=KEEPS, settle_ms=0.0):
         """Its configuration, its device at `place`: a port, or a path."""
@@ -63,9 +65,7 @@ class Cell:
             watchdog_ms=draw.choice((150.0, 300.0, 1000.0)) if guarded else None,
             rest_ms=draw.choice((0.0, 0.0, 50.0, 250.0)) if guarded else 0.0,
             latches=guarded and draw.random() < 0.3,
-            after_power_on=draw.choice(
-                ("rest", "rest", "rest", "last", "unknown") if guarded else ("last", "last", "rest")
-            ),
+            after_power_on="rest" if self.blind else draw.choice((*["rest"] * 3, "last", "unknown")[not guarded :]),
             reads_back=draw.random() < 0.5,
             opening_ms=draw.choice((0.0, 0.0, 300.0, 1500.0)) if self.pauses else 0.0,
             boot_ms=max(self.least_boot_ms, draw.choice((0.0, 20.0, 500.0, 1500.0))),
@@ -137,14 +137,14 @@ CELLS = {
         "units", _serial(RtuUnits), 25.0, 0.011, (-160.0, 160.0),
         names=(*_UNITS, ("rate_hz", 40), ("way", "serial: {device: PLACE, baud: 1000000}")),
     ),
-    "text": Cell("text", _serial(CommandValue), 20.0, 2e-3),
-    "binary": Cell("line", _serial(Board), 10.0, 0.011, hears_by_reads=True),
+    "text": Cell("text", _serial(CommandValue), 20.0, 2e-3, blind=True),
+    "binary": Cell("line", _serial(Board), 10.0, 0.011, hears_by_reads=True, blind=True),
     "udp": Cell(
         "udp", lambda amplifier, _: DatagramPort(amplifier, Datagrams), 4.0, 2e-3, pauses=False, hears_by_reads=True
     ),
     "can": Cell(
         "can", lambda amplifier, _: CanNode(amplifier, f"devices-{os.getpid()}"), 5.0, 0.006,
-        (-20.0, 150.0), names=(("inputs", "Sensors."), ("outputs", "Voltages.")), pauses=False,
+        (-20.0, 150.0), names=(("inputs", "Sensors."), ("outputs", "Voltages.")), pauses=False, blind=True,
     ),
 }  # fmt: skip
 """By the bus between controller and device. A line resolves a step to half a count at either end of it."""

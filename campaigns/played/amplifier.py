@@ -40,7 +40,7 @@ class Amplifier:
         self._registers = dict(self._volts)
         for name in OUTPUTS:
             arrivals.add(name, 0.0, itself=True)
-        self._fed_s = time.monotonic()
+        self._fed_s = None  # its watchdog waits for the first command
         self._falls_from = None
         self._has_fallen = False
         self.latched = False
@@ -73,7 +73,7 @@ class Amplifier:
     def look(self):
         """Do what its watchdog does."""
         habits = self.habits
-        if habits.watchdog_ms is None or not self.on or self._has_fallen:
+        if habits.watchdog_ms is None or self._fed_s is None or not self.on or self._has_fallen:
             return
         over_ms = (time.monotonic() - self._fed_s) * 1e3 - habits.watchdog_ms
         if over_ms <= 0.0:
@@ -96,7 +96,7 @@ class Amplifier:
             if on:
                 self.boots += 1
                 self._registers, self._ready_s = dict(volts), time.monotonic() + self.habits.boot_ms * 1e-3
-                self._fed_s, self._falls_from, self._has_fallen, self.latched = time.monotonic(), None, False, False
+                self._fed_s, self._falls_from, self._has_fallen, self.latched = None, None, False, False
             for name in OUTPUTS:
                 self._move(name, volts[name], itself=True)
 

@@ -51,7 +51,6 @@ CAMPAIGNS = {
     "devices": Campaign(
         "random commands, kills, cuts, bad files on devices with habits of their own; each voltage judged", "2 h", 100
     ),
-    "kills": Campaign("kill -9 of each process at random moments; each voltage judged", "10 min", 100),
     "faults": Campaign("faults of nine buses on the whole daemon, each noticed in time and undone", "15 min"),
     "watched": Campaign("minutes recorded in full under browsers, metrics and OPC UA; nothing is lost", "11 min", 10),
     "robustness": Campaign("drawn plants commissioned; true margins beside those claimed", "25 min", 100),

@@ -12,10 +12,10 @@ import math
 from bisect import bisect_right
 from dataclasses import dataclass, field
 
-RULES = ("range", "slew", "unarmed", "claim", "charged", "astray", "crash", "return", "left", "death")
-"""The last six are judged on the bench: outputs that do not rest though they were told to, and can be written; a loop
+RULES = ("range", "slew", "unarmed", "claim", "charged", "astray", "crash", "return", "left")
+"""The last five are judged on the bench: outputs that do not rest though they were told to, and can be written; a loop
 that tracks on while its outputs are in nobody's or the worker's hand; tracebacks and bugs; back to READY; nothing left
-behind; deaths end as documented."""
+behind."""
 SHOWN = "state"
 """Shown and not judged: OFF while the device is elsewhere, in a report that says so itself under `links`."""
 REST_V = 0.5

@@ -319,10 +319,12 @@ class WatchedBench:
                 restarts += 1
                 if restarts > 3:
                     break
+                self.let_go()
+                self.amplifier.reset()
                 if "--at-rest" in self._said_last:
                     self._vouch()
                 self.start()
-                end = max(end, time.monotonic() + _BACK_S / 2) if self.alive else end
+                end = max(end, time.monotonic() + _BACK_S / 2)
                 continue
             try:
                 with self.client() as client:
@@ -332,6 +334,7 @@ class WatchedBench:
                         self.note("its link is given up, which a restart mends")
                         self.running.end()
                         self._vouch()
+                        end = max(end, time.monotonic() + _BACK_S / 2)
                         continue
                     if status["state"] == "READY" and all(link["link"] == "up" for link in links):
                         return None
@@ -345,6 +348,7 @@ class WatchedBench:
     def _vouch(self):
         """A person brings the outputs to rest, and says so."""
         self.let_go()
+        self._said_last = ""
         self.amplifier.rest()
         self.park(0, "--at-rest").join()
 

@@ -3,12 +3,18 @@
 A watchdog that does not latch, a power cycle: the first value after it must not step, whoever writes it.
 """
 
+import contextlib
 import threading
 import time
 
 import numpy as np
 import pytest
 
+from campaigns.arrivals import Arrivals
+from campaigns.played.amplifier import OUTPUTS as OUTPUTS_OF_TWO
+from campaigns.played.amplifier import Amplifier as PlayedAmplifier
+from campaigns.played.amplifier import Habits
+from campaigns.virtual_worker import ANSWERED, Clock, Wire
 from micromanip.bus import device_lock
 from micromanip.bus.driver import BusDriver, BusOptions, Channel, Task
 from micromanip.bus.errors import LinkError
@@ -261,3 +267,22 @@ def test_what_may_be_at_rest_by_itself_is_not_given_again_what_was_a_step_away(k
     safe.given([0], [STEP_V])
     assert safe.after_silence(keys, 0, [None]) == []
     assert safe.values([0.0], 0, 10**9) == [0.0]
+
+
+def test_park_on_a_host_that_is_slow_gives_up_no_output_that_comes_nearer_to_rest(tmp_path):
+    clock = Clock()
+    with clock.in_force():
+        amplifier = PlayedAmplifier(Habits(), Arrivals())
+        amplifier.command(dict.fromkeys(OUTPUTS_OF_TWO, 60.0))
+        wire = SlowWire(clock, amplifier, ANSWERED, KEEPS, connected=False)
+        with contextlib.closing(LastGiven.open(wire.device, OUTPUTS_OF_TWO, tmp_path)) as memory:
+            memory.write([60.0, 60.0])
+        assert BusRest(wire, [SafeOutput(VOLTAGE, 0.0, -20.0, 100.0, 500.0)] * 2, 0.3).run() == []
+    assert [*amplifier.volts().values()] == pytest.approx([0.0, 0.0], abs=1e-9)
+
+
+class SlowWire(Wire):
+    """Each call takes a quarter of a second."""
+
+    def _pass(self, ns):
+        super()._pass(max(ns, 250_000_000))

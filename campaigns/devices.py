@@ -15,29 +15,35 @@ from .cells import CELLS
 from .interleaving import by_rule, interleave
 from .plan import plan
 from .report import Report
+from .virtual_worker import interleaved
 from .watched_bench import WatchedBench
 
-GROUP, TRIES = 6, 3
+GROUP, TRIES, WORKER = 6, 3, "worker"
 """So many interleavings are played on one device. What goes by real processes does not break each time: so often each
-set of steps is tried."""
+set of steps is tried. The worker alone is played in virtual time."""
 
 
 def run(asked):
-    """`count` of them on each bus, or on the one that was asked for."""
-    buses = [asked.bus] if asked.bus else [*CELLS]
+    """`count` of them on each bus, or on the one that was asked for; ten times as many of the worker alone."""
+    buses = [asked.bus] if asked.bus else [*CELLS, WORKER]
     if asked.shrink:
         return _shrunk(asked, buses[0], int(asked.only))
-    numbers = [int(asked.only)] if asked.only else range(asked.count)
-    groups = sorted({(number // GROUP, bus) for number in numbers for bus in buses})
+    chosen = [int(asked.only)] if asked.only else None
+    numbers = {bus: chosen or range(asked.count * (10 if bus == WORKER else 1)) for bus in buses}
+    groups = sorted({(number // _size(bus), bus) for bus in buses for number in numbers[bus]})
     outcomes, report = {bus: [] for bus in buses}, Report()
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(asked.jobs, context, _ended_in_order, max_tasks_per_child=1) as pool:
-        playing = [pool.submit(_played, asked, bus, group, numbers) for group, bus in groups]
+        playing = [pool.submit(_played, asked, bus, group, numbers[bus]) for group, bus in groups]
         for (_, bus), each in zip(groups, playing, strict=True):
             done, left = each.result()
             outcomes[bus] += done
             report.wrong += [f"{bus}: left behind: {one}" for one in left]
     return judged(report, outcomes, f"seed {asked.seed}")
+
+
+def _size(bus):
+    return 10 * GROUP if bus == WORKER else GROUP
 
 
 def _ended_in_order():
@@ -46,6 +52,10 @@ def _ended_in_order():
 
 def _played(asked, bus, group, numbers):
     """The interleavings of one group, on one device; what was left at its end."""
+    if bus == WORKER:
+        return [
+            interleaved(asked.seed, number, asked.folder) for number in numbers if number // _size(bus) == group
+        ], []
     bench, outcomes = _bench(asked, bus, group), []
     try:
         bench.start_known()

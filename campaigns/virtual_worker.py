@@ -273,6 +273,7 @@ class VirtualBench:
         while not self._ends:
             with contextlib.suppress(_KilledError):
                 self._serve()
+        self.largest_V = self.oracle.largest_step_V()
         return [*self.oracle.judge(begin_ns, self.clock.monotonic_ns()), *self.found]
 
     def _serve(self):
@@ -369,5 +370,4 @@ def interleaved(seed, number, folder):
         device_lock.FOLDER, report.say = kept, said
     seconds = (bench.clock.monotonic_ns() - begin_ns) * 1e-9
     course = [[0, f"{bench.habits}, {bench.way}, {bench.silence}, connected: {bench.connected}"], *bench.notes]
-    largest_V = bench.oracle.largest_step_V()
-    return Interleaving(number, bench.steps, seconds, largest_V, bench.arrivals.count, found, course)
+    return Interleaving(number, bench.steps, seconds, bench.largest_V, bench.arrivals.count, found, course)

@@ -12,16 +12,16 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 ROOMS = {  # the first that fits a file has it: pattern of paths, budget, ceiling
     "rt": (r"micromanip/rt/", 5400, 6700),
-    "bus, driver": (r"micromanip/(bus|driver)/", 3000, 4175),
+    "bus, driver": (r"micromanip/(bus|driver)/", 3000, 4221),
     "settings, control": (r"micromanip/(settings|control)/", 5000, 5905),
-    "host": (r"micromanip/host/", 7500, 8720),
+    "host": (r"micromanip/host/", 7500, 8765),
     "design, virtual, replay": (r"micromanip/(design|virtual|replay)/", 13500, 16190),
     "recordings": (r"micromanip/recordings/", 1900, 2330),
     "gateway": (r"micromanip/gateway/", 4200, 4732),
     "cli": (r"micromanip/cli/", 4300, 5620),
     "drivers and their devices": (r"drivers/|micromanip/emulation/\w+/", 15500, 18980),
     "emulation, testbus, conformance": (r"micromanip/(emulation|testbus|conformance)/", 3200, 3400),
-    "campaigns, benchmarks, tools": (r"(campaigns|benchmarks|tools)/", 4200, 6160),
+    "campaigns, benchmarks, tools": (r"(campaigns|benchmarks|tools)/", 4200, 6740),
     "tests": (r"tests/", 40000, 43805),
     "the rest": (r"", 2000, 1865),
 }

@@ -117,7 +117,7 @@ def use_threads(loop: asyncio.AbstractEventLoop, pool: ThreadPoolExecutor) -> No
         pool.shutdown(wait=False)
 
     loop.set_default_executor(pool)
-    loop.shutdown_default_executor = leave  # type: ignore[assignment]
+    loop.shutdown_default_executor = leave  # type: ignore[method-assign]
 
 
 def begun_threads(count: int, name: str, let_go: Callable[[], None] = lambda: None) -> ThreadPoolExecutor:

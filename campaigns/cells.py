@@ -41,6 +41,8 @@ class Cell:
     """Whether its driver has a key for a pause after opening."""
     hears_by_reads: bool = False
     """Nothing but its readings tells that it hears: without them it can't be written to."""
+    guarded: bool = False
+    """Its driver takes no device but one whose watchdog leads to rest."""
     blind: bool = False
     """Nothing tells that a value was lost on its way, or refused: so it must come up at rest, and refuses none."""
 
@@ -60,12 +62,14 @@ class Cell:
     def habits(self, seed, number):
         """What the device of a group of interleavings does by itself, and what its configuration says of that."""
         draw = Random(f"{seed}/{self.driver}/{self.names}/{number}")
-        guarded = draw.random() < 0.6
+        guarded = draw.random() < 0.6 or self.guarded
         habits = Habits(
             watchdog_ms=draw.choice((150.0, 300.0, 1000.0)) if guarded else None,
             rest_ms=draw.choice((0.0, 0.0, 50.0, 250.0)) if guarded else 0.0,
             latches=guarded and draw.random() < 0.3,
-            after_power_on="rest" if self.blind else draw.choice((*["rest"] * 3, "last", "unknown")[not guarded :]),
+            after_power_on="rest"
+            if self.blind or self.guarded
+            else draw.choice((*["rest"] * 3, "last", "unknown")[not guarded :]),
             reads_back=draw.random() < 0.5,
             opening_ms=draw.choice((0.0, 0.0, 300.0, 1500.0)) if self.pauses else 0.0,
             boot_ms=max(self.least_boot_ms, draw.choice((0.0, 20.0, 500.0, 1500.0))),
@@ -140,7 +144,7 @@ CELLS = {
     "text": Cell("text", _serial(CommandValue), 20.0, 2e-3, blind=True),
     "binary": Cell("line", _serial(Board), 10.0, 0.011, hears_by_reads=True, blind=True),
     "udp": Cell(
-        "udp", lambda amplifier, _: DatagramPort(amplifier, Datagrams), 4.0, 2e-3, pauses=False, hears_by_reads=True
+        "udp", lambda amplifier, _: DatagramPort(amplifier, Datagrams), 4.0, 2e-3, pauses=False, hears_by_reads=True, guarded=True
     ),
     "can": Cell(
         "can", lambda amplifier, _: CanNode(amplifier, f"devices-{os.getpid()}"), 5.0, 0.006,

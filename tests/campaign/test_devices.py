@@ -24,7 +24,7 @@ def test_no_interleaving_in_virtual_time_breaks_a_rule(tmp_path, first):
 @pytest.fixture
 def device():
     arrivals = Arrivals()
-    amplifier = Amplifier(Habits(watchdog_ms=100.0, latches=True, boot_ms=1.0), arrivals)
+    amplifier = Amplifier(Habits(watchdog_ms=100.0, latches=True), arrivals)
     port = TcpPort(amplifier, Gcs)
     yield arrivals, amplifier, port
     port.close()

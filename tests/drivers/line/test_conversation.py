@@ -229,7 +229,7 @@ def test_a_question_of_before_is_no_silence_on_a_port_that_was_opened_anew():
         "read": {"position": {"command": "meas", "rate_hz": 100, "fields": {"strain": {}}}},
         "write": {"v": {"command": "set", "rate_hz": 100, "cyclic_safe": True, "fields": {"voltage": {}}}},
     }
-    one, _ = framing(lambda data: [], options=amplifier, silence_ms=20.0)  # noqa: ARG005
+    one, _ = framing(lambda data: [], options=amplifier, silence_ms=20.0)
     assert isinstance(raised(lambda: one.perform(0, (0.0,), Inbox()), passing=TransientError), LinkError)
     one.begin(time.monotonic_ns() + 1_000_000_000)
     assert one.perform(1, (0.0,), Inbox()) is None

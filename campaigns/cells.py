@@ -77,7 +77,7 @@ class Cell:
         ms = "null" if habits.watchdog_ms is None else habits.watchdog_ms
         said = f"watchdog: {{ms: {ms}, rest_ms: {habits.rest_ms}, latches: {str(habits.latches).lower()}, "
         said += f"after_power_on: {habits.after_power_on}}}"
-        if draw.random() < _SILENT_SHARE:
+        if draw.random() < _SILENT_SHARE and not self.guarded:
             said = "without_watchdog: true"
         elif not guarded:
             said += "\n    without_watchdog: true"
@@ -144,7 +144,8 @@ CELLS = {
     "text": Cell("text", _serial(CommandValue), 20.0, 2e-3, blind=True),
     "binary": Cell("line", _serial(Board), 10.0, 0.011, hears_by_reads=True, blind=True),
     "udp": Cell(
-        "udp", lambda amplifier, _: DatagramPort(amplifier, Datagrams), 4.0, 2e-3, pauses=False, hears_by_reads=True, guarded=True
+        "udp", lambda amplifier, _: DatagramPort(amplifier, Datagrams), 4.0, 2e-3,
+        pauses=False, hears_by_reads=True, guarded=True,
     ),
     "can": Cell(
         "can", lambda amplifier, _: CanNode(amplifier, f"devices-{os.getpid()}"), 5.0, 0.006,

@@ -97,6 +97,8 @@ def _power(bench, ms):
 
 def _rest(bench, how, reads):
     """Ask for rest, while readings fail: it must come, if the device could be written to all the time."""
+    if not bench.alive:
+        return
     bench.amplifier.fails = reads
     if how == "disarm":
         _asked(bench, "disarm")

@@ -151,10 +151,10 @@ class SafeState:
 
     def _may_be_a_set_point(self, i: int, value: float | None, watchdog: Watchdog | None) -> bool:
         """Whether what output `i` reads may be left from before its watchdog led it to rest."""
-        if value is None or abs(value - self._rests_at[i]) <= self._steps[i] + _EQUAL_V:
+        if value is None:
             return False
         if watchdog is None or not watchdog.leads_to_rest:
-            return True
+            return abs(value - self._rests_at[i]) > self._steps[i] + _EQUAL_V
         low, high = self._sent[i]
         return math.isfinite(low) and low - self._steps[i] <= value <= high + self._steps[i]
 

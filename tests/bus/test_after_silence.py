@@ -254,6 +254,13 @@ def test_a_register_still_tells_the_set_point_where_the_link_is_lost_before_anyt
     assert safe.last == [0.0]
 
 
+def test_a_register_a_step_from_rest_is_a_set_point_too():
+    safe = SafeState(OUTPUTS, [1.0 / RATE_HZ], 0.1, 500_000_000)
+    safe.remember([2.0 * STEP_V])
+    assert safe.after_silence(WATCHDOG, WATCHDOG.still_ns, [STEP_V]) == []
+    assert safe.last == [0.0]
+
+
 def _left_at_60():
     safe = SafeState(OUTPUTS, [1.0 / RATE_HZ], 0.1, 500_000_000)
     safe.remember([60.0])

@@ -70,7 +70,7 @@ thorough: $(READY) ## what `make test` has fewer of: 60 examples of each search 
 bench: $(READY)   ## speed beside references measured in the same run
 	$(BIN)/micromanip system bench
 
-campaign: $(READY) ## long experiments, listed; `make campaign NAME=kills ARGS="--count 10 --json"` runs one
+campaign: $(READY) ## long experiments, listed; `make campaign NAME=devices ARGS="--count 10 --json"` runs one
 	$(BIN)/python -m campaigns $(NAME) $(ARGS)
 
 docs: $(READY)    ## generated pages and pictures; the manual as a site to search, in out/site

@@ -48,8 +48,9 @@ _PACKAGE = shlex.quote(str(ROOT / "campaigns" / "machines" / "package.sh"))
 _MACHINE = shlex.quote(str(ROOT / "campaigns" / "machines" / "scenarios.sh"))
 
 CAMPAIGNS = {
-    "surprise": Campaign("random commands, kills, stops, cuts, bad files; each voltage judged", "45 min", 1000),
-    "kills": Campaign("kill -9 of each process at random moments; each voltage judged", "10 min", 100),
+    "devices": Campaign(
+        "random commands, kills, cuts, bad files on devices with habits of their own; each voltage judged", "2 h", 100
+    ),
     "faults": Campaign("faults of nine buses on the whole daemon, each noticed in time and undone", "15 min"),
     "watched": Campaign("minutes recorded in full under browsers, metrics and OPC UA; nothing is lost", "11 min", 10),
     "robustness": Campaign("drawn plants commissioned; true margins beside those claimed", "25 min", 100),
@@ -115,7 +116,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1, help="what random cases follow from (1)")
     parser.add_argument("--bus", help="this bus only, where a campaign knows several")
     parser.add_argument("--only", default="", help="this case: a number, a module, or a regular expression of names")
-    parser.add_argument("--shrink", action="store_true", help="surprise: fewer steps of case ONLY that do the same")
+    parser.add_argument("--shrink", action="store_true", help="devices: fewer steps of case ONLY that do the same")
     parser.add_argument("--jobs", type=int, default=1, help="processes at a time, where cases compute")
     parser.add_argument("--json", action="store_true", help="one document on standard output instead of the tables")
     parser.add_argument("--write", action="store_true", help="write docs/reports/NAME.md too")

@@ -74,13 +74,40 @@ def _garbage(bench, seed):
 
 
 def _cut(bench, how, ms):
-    bench.wire.cut(how)
-    bench.later(ms, bench.wire.mend)
+    bench.port.cut(how)
+    bench.later(ms, bench.port.mend)
 
 
 def _refuse(bench, ms):
-    with suppress(AssertionError):
-        bench.device.order(**bench.cell.refusal, for_s=ms * 1e-3)
+    if bench.cell.blind:
+        return
+    bench.amplifier.refuses = True
+    bench.later(ms, lambda: setattr(bench.amplifier, "refuses", False))
+
+
+def _fail(bench, how, ms):
+    bench.amplifier.fails = how
+    bench.later(ms, lambda: setattr(bench.amplifier, "fails", None))
+
+
+def _power(bench, ms):
+    bench.amplifier.switch(False)
+    bench.later(ms, lambda: bench.amplifier.switch(True))
+
+
+def _rest(bench, how, reads):
+    """Ask for rest, while readings fail: it must come, if the device could be written to all the time."""
+    if not bench.alive:
+        return
+    bench.amplifier.fails = reads
+    if how == "disarm":
+        _asked(bench, "disarm")
+    else:
+        _stop(bench)
+        if bench.running is not None and how == "park":
+            bench.later(500, lambda: bench.park(5))
+    bench.see_it_rest(f"{how} while readings are {reads}")
+    bench.amplifier.fails = None
 
 
 def _kill(bench, who):
@@ -104,6 +131,9 @@ ACTS = {
     "garbage": _garbage,
     "cut": _cut,
     "refuse": _refuse,
+    "reads fail": _fail,
+    "power": _power,
+    "rest": _rest,
     "kill": _kill,
     "stop": _stop,
     "spoil": lambda bench, how: bench.config.write_bytes(spoil(bench.text, how)),

@@ -77,7 +77,7 @@ def udp_cell():
 
 def patient_can_cell():
     """An axis held on a bus of 200 Hz."""
-    names = {"inputs": "Sensors.", "outputs": "Voltages.", "age_us": 200000}
+    names = {"name": "cell", "inputs": "Sensors.", "outputs": "Voltages.", "age_us": 200000}
     database = CONFIG / "can" / "manipulator.dbc"
     return assembled("held", "can", database=database, channel=f"patient-{os.getpid()}", **names)
 

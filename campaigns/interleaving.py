@@ -62,13 +62,13 @@ def interleave(bench, number, steps):
     bench.bring_back()
     end_ns = time.monotonic_ns()
     done.largest_step_V = bench.oracle.largest_step_V()
-    done.violations = _few([*bench.oracle.judge(begin_ns, end_ns), *bench.found])
+    done.violations = few([*bench.oracle.judge(begin_ns, end_ns), *bench.found])
     done.seconds, done.arrivals = (end_ns - begin_ns) * 1e-9, bench.arrivals.count - before
     done.course = [[round((at_ns - begin_ns) * 1e-6), text] for at_ns, text in bench.notes]
     return done
 
 
-def _few(violations):
+def few(violations):
     """The worst of each rule, and for claims of each who made one."""
     kept, counts = [], {}
     for each in sorted(violations, key=lambda violation: -violation.size_V):

@@ -1,18 +1,21 @@
 """Judges what arrived at the device: by its values and their times, and never by what the product says of itself.
 
 range     every value is finite and in the range of the last valid configuration
-slew      no two values in a row differ by more than a period of their task allows
+slew      no value differs from what the output has by more than a period of its task allows
 unarmed   outputs that rest stay at rest until `arm` was accepted
 claim     whenever the product says that the outputs rest, they do
+
+What a device does by itself is nobody's fault, and where the next value begins.
 """
 
 import math
 from bisect import bisect_right
 from dataclasses import dataclass, field
 
-RULES = ("range", "slew", "unarmed", "claim", "astray", "crash", "return", "left", "death")
-"""The last five are judged on the bench: a loop that tracks on while its outputs are in nobody's or the worker's hand;
-tracebacks and bugs; back to READY; nothing left behind; deaths end as documented."""
+RULES = ("range", "slew", "unarmed", "claim", "charged", "astray", "crash", "return", "left")
+"""The last five are judged on the bench: outputs that do not rest though they were told to, and can be written; a loop
+that tracks on while its outputs are in nobody's or the worker's hand; tracebacks and bugs; back to READY; nothing left
+behind."""
 SHOWN = "state"
 """Shown and not judged: OFF while the device is elsewhere, in a report that says so itself under `links`."""
 REST_V = 0.5
@@ -21,6 +24,8 @@ REST_NS = 1_000_000_000
 """At rest for so long, and nothing but another `arm` may move it, whatever was accepted before."""
 IN_FLIGHT_NS = 100_000_000
 """A claim may be ahead of what is on its way, by no more than this."""
+BY_ITSELF_NS = 700_000_000
+"""For so long after a device has left rest by itself, nobody can know."""
 CHANGE_NS = 500_000_000
 """For so long after a change of range or slew limit the former ones are right too."""
 
@@ -110,23 +115,21 @@ class Oracle:
         """Between two values in a row of those that are remembered."""
         last, largest = {}, 0.0
         for each in self._arrivals.copy():
-            if not each.refused:
+            if not each.itself:
                 largest = max(largest, abs(each.volts - last.get(each.name, each.volts)))
-                last[each.name] = each.volts
+            last[each.name] = each.volts
         return largest
 
     def _moves(self, arrivals, begin_ns):
         last, rest_since_ns = {}, None
         for k, each in enumerate(arrivals):
             fresh = each.time_ns >= begin_ns
-            if fresh:
+            if fresh and not each.itself:
                 allowed = self._in_force(each.time_ns)
                 yield from self._of_range(each, [bounds[each.name] for bounds in allowed], arrivals, k, begin_ns)
                 if each.name in last:
                     step_V = max(bounds[each.name].step_V + bounds[each.name].fine_V for bounds in allowed)
                     yield from _of_slew(each, last[each.name], step_V, arrivals, k, begin_ns)
-            if each.refused:
-                continue
             last[each.name] = each.volts
             if not fresh:
                 continue
@@ -135,11 +138,10 @@ class Oracle:
             if self._resting and armed:
                 self._resting, rest_since_ns = False, None
             if not resting:
-                if self._resting:
+                if self._resting and not each.itself:
                     what = f"{each.name} left rest for {each.volts:g} V, and nobody had armed"
                     yield Violation("unarmed", what, abs(each.volts), around(arrivals, k, begin_ns))
-                    self._resting = False
-                rest_since_ns = None
+                self._resting, rest_since_ns = False, None
             else:
                 rest_since_ns = each.time_ns if rest_since_ns is None else rest_since_ns
                 if not self._resting and each.time_ns - rest_since_ns >= REST_NS:
@@ -163,10 +165,8 @@ class Oracle:
         yield Violation("range", what, beyond_V, around(arrivals, k, begin_ns))
 
     def _lies(self, arrivals):
-        taken = sorted(
-            ((each.taken_ns or each.time_ns, each.name, each.volts) for each in arrivals if not each.refused),
-            key=lambda entry: entry[0],
-        )
+        taken = [(each.time_ns, each.name, each.volts) for each in arrivals]
+        left_ns = [each.time_ns for each in arrivals if each.itself and abs(each.volts) > REST_V]
         times_ns = [at_ns for at_ns, _, _ in taken]
         before, last = 0, {}
         for claim in sorted(self._claims, key=lambda each: each.from_ns):
@@ -174,7 +174,7 @@ class Oracle:
             last |= {name: volts for _, name, volts in taken[before:begin]}
             before = begin
             volts = self._best(dict(last), taken[begin : bisect_right(times_ns, claim.to_ns + IN_FLIGHT_NS)])
-            if volts:
+            if volts and not any(0 <= claim.to_ns - at_ns < BY_ITSELF_NS for at_ns in left_ns):
                 moved = {name: f"{value:g} V" for name, value in volts.items()}
                 worst_V = max(abs(value - self.bounds[name].rest_V) for name, value in volts.items())
                 yield Violation(claim.rule, f"{claim.who}; the device was at {moved}", worst_V)
@@ -206,10 +206,10 @@ def _of_slew(each, before_V, step_V, arrivals, k, begin_ns):
 
 
 def around(arrivals, k, begin_ns):
-    """What that output was given just before and after: (ms, V), refused ones marked."""
+    """What that output was given just before and after: (ms, V); its own moves are marked."""
     same = [(j, each) for j, each in enumerate(arrivals) if each.name == arrivals[k].name]
     place = next(i for i, (j, _) in enumerate(same) if j == k)
     return [
-        (round((each.time_ns - begin_ns) * 1e-6, 1), each.volts, *(["refused"] if each.refused else []))
+        (round((each.time_ns - begin_ns) * 1e-6, 1), each.volts, *(["itself"] if each.itself else []))
         for _, each in same[max(0, place - 4) : place + 4]
     ]

@@ -3,8 +3,9 @@
 from dataclasses import asdict, dataclass, field
 from random import Random
 
+from .played.amplifier import READS
+from .played.port import CUTS
 from .spoilt_files import SPOILT
-from .wire import CUTS
 
 RAMP_MS = 300
 """start.ramp_s of the cells: cuts are shorter and longer than that."""
@@ -56,11 +57,25 @@ _OFTEN = {
     "freeze": 14,
     "cut": 14,
     "refuse": 3,
+    "reads fail": 14,
+    "power": 14,
+    "rest": 6,
     "kill": 4,
     "park": 1,
 }
 """How often each kind of step comes, in shares."""
-_AFTERMATH = {"park": 6, "start": 6, "spoil": 4, "repair": 2, "cut": 3, "freeze": 3, "arm": 3, "disarm": 1}
+_AFTERMATH = {
+    "park": 6,
+    "start": 6,
+    "power": 4,
+    "spoil": 4,
+    "repair": 2,
+    "cut": 3,
+    "freeze": 3,
+    "reads fail": 3,
+    "arm": 3,
+    "disarm": 1,
+}
 """After a step that ends the controller."""
 _ENDS = {"host": 4, "loop": 4, "host and loop": 1, "all": 3, "stop": 4}
 _END_SHARE = 0.16
@@ -133,6 +148,14 @@ def _more(draw, kind):
         case "cut":
             lasts_ms = draw.choice((20, 80, RAMP_MS // 2, RAMP_MS, 2 * RAMP_MS, 3 * RAMP_MS))
             return {"how": draw.choice(CUTS), "ms": lasts_ms + draw.randrange(20)}
+        case "power":
+            return {
+                "ms": draw.choice((1, 20, 100, 300, 1000, 3000, 20000) if draw.random() < 0.2 else (1, 50, 400, 1500))
+            }
+        case "reads fail":
+            return {"how": draw.choice(READS), "ms": draw.choice((30, 150, 600, 2000))}
+        case "rest":
+            return {"how": draw.choice((*["disarm"] * 6, "stop", "park")), "reads": draw.choice(READS)}
         case "refuse":
             return {"ms": draw.choice((30, 100, 300, 600))}
         case "kill":

@@ -1,4 +1,4 @@
-"""The watched bench: one device that stays up, a wire before it, an oracle, and controllers that come and go."""
+"""The watched bench: one device, an oracle at its outputs, and controllers that come and go."""
 
 import contextlib
 import json
@@ -14,14 +14,15 @@ from micromanip.client import Client
 from micromanip.errors import DeviceUnavailable, MicromanipError
 from micromanip.host.trips.store import TripRecord, trips
 
-from .cells import NO_WATCHDOG_MS
-from .emulated_device import Device
+from .arrivals import Arrivals
+from .cells import KEEPS
 from .oracle import SHOWN, Oracle, Violation
+from .played.amplifier import Amplifier, Habits
 from .running_controller import MICROMANIP, PARK, TAG, Running, command_line, tagged
-from .taps import Arrivals
 
 _LOOK_S = 0.05
 _GONE_S, _START_S, _BACK_S = 40.0, 400.0, 25.0
+_REST_S = 10.0
 _AGAIN_S = 0.02
 _ASTRAY_CYCLES = 60
 """So many cycles in a row a loop may not track without its outputs."""
@@ -33,22 +34,23 @@ MODULES["worker"] = "bus.worker_process"
 
 
 class WatchedBench:
-    """Device, wire, oracle, and the controller of the moment."""
+    """Device, oracle, and the controller of the moment."""
 
-    def __init__(self, folder, cell):
+    def __init__(self, folder, cell, habits=Habits(), watchdog=KEEPS, settle_ms=0.0):  # noqa: B008
+        """What the device does by itself, and what its configuration says of that."""
+        folder.mkdir(parents=True, exist_ok=True)
         self.folder, self.cell = folder, cell
         self.tag = uuid.uuid4().hex
-        place = cell.place(folder)
-        (folder / "device.yaml").write_text(cell.text(place))
-        self.device = Device(folder / "device.yaml", self.tag, NO_WATCHDOG_MS)
         self.arrivals = Arrivals()
-        self.wire = cell.wire(place, folder, self.arrivals)
-        self.text = cell.text(self.wire.place)
+        self.amplifier = Amplifier(habits, self.arrivals)
+        self.port = cell.port(self.amplifier, folder)
+        self.text = cell.text(self.port.place, watchdog, settle_ms)
         self.config = folder / "cell.yaml"
         self.config.write_text(self.text)
         self._trips, self._known = folder / "trips", set()
+
         self.oracle = Oracle(self.arrivals, cell.bounds(self.text))
-        self.running = None
+        self.running, self._said_last = None, ""
         self.starts = 0
         self.found = []
         """Violations beside those of the oracle, since the last interleaving."""
@@ -102,6 +104,15 @@ class WatchedBench:
             time.sleep(0.1)
         self.note(f"the start ended with {self.running.process.poll()}: {self.running.said[-300:]}")
 
+    def start_known(self):
+        """The first: a person vouches for a device that nobody knows anything of."""
+        self.note(f"a device with {self.amplifier.habits}")
+        self.start()
+        if not self.alive and "--at-rest" in self.running.said:
+            self._vouch()
+            self.start()
+        assert self.alive, f"no controller: {self.notes}; {self.running.said}\n{self.text}"
+
     def file_in_force(self, text):
         """The controller has taken over a file, or may have; one that isn't valid changes nothing that is allowed."""
         self._allow(self.cell.bounds(text.decode(errors="replace")))
@@ -119,6 +130,7 @@ class WatchedBench:
         if self.running is None:
             return
         running, self.running = self.running, None
+        self._said_last = running.said
         code = running.process.wait()
         end = time.monotonic() + _GONE_S
         while tagged(running.tag) and time.monotonic() < end:
@@ -144,7 +156,8 @@ class WatchedBench:
         """Note what a report says of the outputs."""
         if status["state"] in ("READY", "OFF"):
             elsewhere = [link["outputs"] for link in status["links"].values() if link["outputs"] not in _WITH_THE_LOOP]
-            who = f"{whence} says state {status['state']}" + (f", outputs {elsewhere[0]}" if elsewhere else "")
+            links = [(link["link"], link["outputs"]) for link in status["links"].values()]
+            who = f"{whence} says state {status['state']}" + (f", outputs {elsewhere[0]}" if elsewhere else f" {links}")
             self.oracle.claim(from_ns, to_ns, who, SHOWN if elsewhere and status["state"] == "OFF" else "claim")
         for name, link in status["links"].items():
             if link["outputs"] == "at rest":
@@ -196,14 +209,17 @@ class WatchedBench:
         self._timers.append(timer)
 
     def freeze(self, who, ms):
-        """Stop a process for a while; False where there is none."""
-        pid = self.device.process.pid if who == "device" else self.process(who)
+        """Stop a process, or the device, for a while."""
+        if who == "device":
+            if self.port.frozen.acquire(timeout=1.0):
+                self.later(ms, self.port.frozen.release)
+            return
+        pid = self.process(who)
         if pid is None:
-            return False
+            return
         with suppress(ProcessLookupError):
             os.kill(pid, signal.SIGSTOP)
         self.later(ms, lambda: _go_on(pid))
-        return True
 
     def process(self, who):
         """Its number; None where it doesn't live."""
@@ -213,16 +229,16 @@ class WatchedBench:
             return self.running.process.pid if self.alive else None
         return self.running.child_of(f"micromanip.{MODULES[who]}")
 
-    def park(self, wait_s):
+    def park(self, wait_s, *more):
         """Start the command; what it says at its end is a claim."""
-        job = threading.Thread(target=self._park, args=(wait_s,))
+        job = threading.Thread(target=self._park, args=(wait_s, *more))
         job.start()
         self._jobs.append(job)
         return job
 
-    def _park(self, wait_s):
+    def _park(self, wait_s, *more):
         done = subprocess.run(
-            [str(MICROMANIP), *PARK, str(self.config), "--wait", str(wait_s)],
+            [str(MICROMANIP), *PARK, str(self.config), "--wait", str(wait_s), *more],
             capture_output=True,
             check=False,
             cwd=self.folder,
@@ -237,6 +253,24 @@ class WatchedBench:
             self.wrong("crash", f"park ended with {done.returncode}: {err[-600:]}")
         if "Traceback" in err:
             self.wrong("crash", f"park: {err[-1500:]}")
+
+    def see_it_rest(self, asked):
+        """The outputs come to rest soon after that was asked for, if they can be written to."""
+        self.wait_for_what_lasts()
+        end = time.monotonic() + _REST_S + self.amplifier.habits.boot_ms * 1e-3
+        while not self.oracle.at_rest() and time.monotonic() < end:
+            time.sleep(_AGAIN_S)
+        if not self.oracle.at_rest() and not self._is_given_up():
+            self.wrong("charged", f"{asked}: the device is at {self.arrivals.volts()}; {self._last_words()}")
+
+    def _is_given_up(self):
+        """Whether the device takes nothing, or the product has said that it takes nobody's word for it any more."""
+        unheard = self.cell.hears_by_reads and self.amplifier.fails is not None
+        return (
+            unheard
+            or self.amplifier.latched
+            or "is written. Say in `watchdog`" in (self.running.said if self.running else "")
+        )
 
     def fresh_boxes(self):
         """Whole black boxes since the last call."""
@@ -256,9 +290,8 @@ class WatchedBench:
     def bring_back(self):
         """By documented means: the file mended, the link whole, a controller in READY with that file in force."""
         self.wait_for_what_lasts()
-        self.wire.mend()
-        with suppress(AssertionError):
-            self.device.order(device="clear")
+        self.port.mend()
+        self.amplifier.reset()
         self.config.write_text(self.text)
         end = time.monotonic() + _BACK_S
         while (refused := self._ready(end)) is None:
@@ -286,8 +319,12 @@ class WatchedBench:
                 restarts += 1
                 if restarts > 3:
                     break
+                self.let_go()
+                self.amplifier.reset()
+                if "--at-rest" in self._said_last:
+                    self._vouch()
                 self.start()
-                end = max(end, time.monotonic() + _BACK_S / 2) if self.alive else end
+                end = max(end, time.monotonic() + _BACK_S / 2)
                 continue
             try:
                 with self.client() as client:
@@ -296,6 +333,8 @@ class WatchedBench:
                     if any(link["link"] == "latched" for link in links):
                         self.note("its link is given up, which a restart mends")
                         self.running.end()
+                        self._vouch()
+                        end = max(end, time.monotonic() + _BACK_S / 2)
                         continue
                     if status["state"] == "READY" and all(link["link"] == "up" for link in links):
                         return None
@@ -305,6 +344,13 @@ class WatchedBench:
                 refused = str(problem)
             time.sleep(_AGAIN_S)
         return f"it does not come back to READY: {refused}; {self._last_words()}"
+
+    def _vouch(self):
+        """A person brings the outputs to rest, and says so."""
+        self.let_go()
+        self._said_last = ""
+        self.amplifier.rest()
+        self.park(0, "--at-rest").join()
 
     def _reloaded(self):
         """Take over the mended file: what was set meanwhile is undone; the reason where it isn't."""
@@ -326,7 +372,7 @@ class WatchedBench:
                 self.let_go()
         with suppress(FileNotFoundError):
             self.socket.unlink()
-        self.park(0).join()
+        self._vouch()
         self.start()
 
     def _last_words(self):
@@ -348,8 +394,7 @@ class WatchedBench:
         finally:
             self._ending.set()
             self._observer.join()
-            self.wire.close()
-            self.device.end()
+            self.port.close()
         return [command_line(pid) for pid in tagged(self.tag)]
 
 

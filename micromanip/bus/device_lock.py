@@ -94,7 +94,7 @@ class DeviceLocks:
         while True:
             descriptor = self._open(at, file, device)
             try:
-                self._lock(descriptor, device, end)
+                self._lock(at, file, descriptor, device, end)
                 if _is_still(at, file, descriptor):
                     return descriptor
             except BaseException:
@@ -127,11 +127,16 @@ class DeviceLocks:
             "folder must be there: see docs/your-cell.md"
         )
 
-    def _lock(self, descriptor: int, device: str, end: float) -> None:
+    def _lock(self, at: int, file: str, descriptor: int, device: str, end: float) -> None:
+        """Take the lock, or take away the file of one that a stranger holds, who is no controller."""
         while True:
             try:
                 fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError as problem:
+                if os.geteuid() == 0 and _is_a_strangers(descriptor):
+                    if _is_still(at, file, descriptor):
+                        os.unlink(file, dir_fd=at)
+                    return
                 if time.monotonic() < end:
                     time.sleep(_POLL_S)
                     continue
@@ -159,6 +164,36 @@ def _holder(descriptor: int) -> str:
                 return f"process {number}" + ("" if uid == os.geteuid() else f" of user {uid}") + told
     said = os.pread(descriptor, 20, 0).decode(errors="replace").strip()
     return f"process {said}" if said.isdigit() else "another process"
+
+
+def _is_a_strangers(descriptor: int) -> bool:
+    """Whether all that have this file open are other users' processes which run nothing of ours; for root only.
+
+    The kernel's word for the lock is who took it, who may have ended; who holds it has the file open.
+    """
+    found, holders = os.fstat(descriptor), []
+    for process in Path("/proc").iterdir():
+        if process.name.isdigit() and int(process.name) != os.getpid():
+            with contextlib.suppress(OSError):
+                if any(_is_file(entry, found) for entry in (process / "fd").iterdir()):
+                    holders.append(process)
+    return bool(holders) and not any(_may_control(process) for process in holders)
+
+
+def _is_file(entry: Path, found: os.stat_result) -> bool:
+    with contextlib.suppress(OSError):
+        return os.path.samestat(entry.stat(), found)
+    return False
+
+
+def _may_control(process: Path) -> bool:
+    try:
+        if process.stat().st_uid == 0:
+            return True
+        words = (process / "cmdline").read_bytes().split(b"\0")
+    except OSError:
+        return True  # gone, or hidden: asked again
+    return any(word.startswith(b"micromanip.") or word.rpartition(b"/")[2] == b"micromanip" for word in words)
 
 
 def _not_to_be_trusted(folder: os.stat_result) -> str | None:

@@ -78,6 +78,7 @@ class SafeState:
         for i, output in enumerate(outputs):
             g["task"][i], g["period_s"][i] = task_of[i], 1.0 / tasks[task_of[i]].rate_hz
             g["rest"][i] = output.safe if rests is None else rests[i]
+            g["register_low"][i], g["register_high"][i] = UNKNOWN
             for name in ("last", "lowest", "highest", "start"):
                 g[name][i] = output.safe
         self.adopt(outputs, ramp_s, dead_ns)
@@ -113,6 +114,7 @@ class SafeState:
                 if g["kind"][i] == VOLTAGE:
                     g["lowest"][i] -= g["step"][i]
                     g["highest"][i] += g["step"][i]
+                g["register_low"][i], g["register_high"][i] = g["lowest"][i], g["highest"][i]
 
     def read_back(self, values: Known) -> None:
         """What the device says that it has; one that lies outside of its range begins at the nearest bound.
@@ -132,19 +134,20 @@ class SafeState:
         """What the device has once its link was opened, `silent_ns` after the last command: which voltages are unknown.
 
         `values` is what it reads back, which goes before all else but for a register: one that still reads what was
-        written last, long after the watchdog has led the output to rest, tells the set-point and not the output. One
-        that was given its safe value last rests where the watchdog does not say it: so a person's word is asked for
-        once.
+        written last, long after the watchdog has led the output to rest, tells the set-point and not the output; and
+        where nobody knows what it has after power-on, so may any other. One that was given its safe value last rests
+        where the watchdog does not say it: so a person's word is asked for once.
         """
         g, unknown, values = self.fields, [], list(values)
-        at_rest = watchdog is not None and watchdog.leads_to_rest and silent_ns >= watchdog.still_ns
+        still = watchdog is not None and watchdog.ms is not None and silent_ns >= watchdog.still_ns
         for i, output in enumerate(self._outputs):
             if output.kind != VOLTAGE:
                 continue
-            value = values[i]
-            if value is not None and at_rest and g["known"][i] and self._is_expected(i, value):
-                value = values[i] = None
-            if value is not None:
+            if still:
+                g["led"][i] = 1
+            if g["led"][i] and self._may_be_a_set_point(i, values[i], watchdog):
+                values[i] = None
+            if values[i] is not None:
                 continue
             given = (g["lowest"][i], g["highest"][i]) if g["known"][i] else UNKNOWN
             low, high = after_silence(watchdog, silent_ns, given, g["rest"][i])
@@ -154,8 +157,21 @@ class SafeState:
                 g["lowest"][i], g["highest"][i] = low, high
             elif not g["known"][i] or _furthest(g, i, output.safe) > g["step"][i] + EQUAL_V:
                 unknown.append(i)
+                continue
+            if (low, high) != given and _furthest(g, i, output.safe) <= g["step"][i] + EQUAL_V:
+                g["last"][i] = g["start"][i] = output.safe  # from what it was given, one at rest would leave it
         self.read_back(values)
         return unknown
+
+    def _may_be_a_set_point(self, i: int, value: float | None, watchdog: Watchdog | None) -> bool:
+        """Whether what output `i` reads may be left from before its watchdog led it to rest."""
+        if value is None:
+            return False
+        g, step = self.fields, self.fields["step"][i]
+        if watchdog is None or not watchdog.leads_to_rest:
+            return bool(abs(value - g["rest"][i]) > step + EQUAL_V)
+        low, high = g["register_low"][i], g["register_high"][i]
+        return bool(math.isfinite(low) and low - step <= value <= high + step)
 
     def assume_safe(self, *, where_unknown: bool = False) -> None:
         """Take the voltages, `where_unknown` those of which nothing is known, for being at their safe values."""

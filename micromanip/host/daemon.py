@@ -36,7 +36,7 @@ from .control.server import ControlSocket
 from .control.socket_file import Access
 from .control.verbs import Verbs
 from .controller import Controller
-from .exhaustion import Exhaustion, begun_threads
+from .exhaustion import Exhaustion, begun_threads, use_threads
 from .learning.service import LearningService
 from .notify import ServiceManager
 from .realtime import NO_NICE, missing_rights
@@ -122,7 +122,7 @@ class Daemon:
     async def run(self) -> Report:
         """The whole life of the controller; returns its final report, raises CheckFailed where the loop died."""
         loop = asyncio.get_running_loop()
-        loop.set_default_executor(begun_threads(_WORKERS, "verbs"))
+        use_threads(loop, begun_threads(_WORKERS, "verbs", self._exhaustion.let_go))
         loop.set_exception_handler(self._exhaustion.unhandled)
         sys.setswitchinterval(_SWITCH_S)
         for number in (signal.SIGINT, signal.SIGTERM):

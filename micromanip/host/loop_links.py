@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import time
 from collections.abc import Callable, Mapping
 
@@ -36,7 +37,9 @@ async def follow(links: Callable[[], Mapping[str, Link]], steering: str | None, 
 def _missing(link: Link, steers: bool) -> str:
     counts = ", ".join(f"{key} {value}" for key, value in link["counts"].items() if value) or "nothing came at all"
     if link["link"] != LINK_NAMES[LINK_UP]:
-        return f"its device does not answer: {counts}"
+        answers = 2 * link["counts"].get("received", 0) > link["counts"].get("unanswered", math.inf)
+        does = "answers, and does not act on what it is sent" if answers else "does not answer"
+        return f"its device {does}: {counts}"
     why = ", whose deadlines are to lock to its clock" if steers else ""
     return f"its outputs do not follow the loop{why}: {counts}"
 

@@ -3,18 +3,24 @@
 A watchdog that does not latch, a power cycle: the first value after it must not step, whoever writes it.
 """
 
+import contextlib
 import threading
 import time
 
 import numpy as np
 import pytest
 
+from campaigns.arrivals import Arrivals
+from campaigns.played.amplifier import OUTPUTS as OUTPUTS_OF_TWO
+from campaigns.played.amplifier import Amplifier as PlayedAmplifier
+from campaigns.played.amplifier import Habits
+from campaigns.virtual_worker import ANSWERED, Clock, Wire
 from micromanip.bus import device_lock
 from micromanip.bus.driver import BusDriver, BusOptions, Channel, Task
 from micromanip.bus.errors import LinkError
 from micromanip.bus.image import ProcessImage
 from micromanip.bus.last_given import LastGiven
-from micromanip.bus.safe_state import VOLTAGE, SafeOutput
+from micromanip.bus.safe_state import VOLTAGE, SafeOutput, SafeState
 from micromanip.bus.watchdog import UNKNOWN, Watchdog, after_silence
 from micromanip.bus.worker import Rules, Worker
 from micromanip.host.safe.bus_rest import BusRest
@@ -230,3 +236,60 @@ def test_a_device_that_reads_back_other_than_rest_after_its_silence_is_led_on_fr
     assert BusRest(line, OUTPUTS, 0.1).run() == []
     assert line.amplifier.volts == 0.0
     assert line.amplifier.largest <= STEP_V + 1e-9
+
+
+@pytest.mark.parametrize("after_power_on", ["last", "unknown"])
+def test_a_register_tells_nothing_where_the_watchdog_may_have_led_the_output_away_from_it(after_power_on):
+    safe = _left_at_60()
+    keys = Watchdog(ms=300, rest_ms=50, after_power_on=after_power_on)
+    assert safe.after_silence(keys, keys.still_ns, [60.0]) == [0]
+    assert _left_at_60().after_silence(keys, keys.still_ns, [1.0]) == []
+
+
+def test_a_register_still_tells_the_set_point_where_the_link_is_lost_before_anything_was_given():
+    safe = _left_at_60()
+    assert safe.after_silence(WATCHDOG, WATCHDOG.still_ns, [60.0]) == []
+    safe.attempted([0], [0.0])
+    assert safe.after_silence(WATCHDOG, 10_000_000, [60.0]) == []
+    assert safe.last == [0.0]
+
+
+def test_a_register_a_step_from_rest_is_a_set_point_too():
+    safe = SafeState(OUTPUTS, [1.0 / RATE_HZ], 0.1, 500_000_000)
+    safe.remember([2.0 * STEP_V])
+    assert safe.after_silence(WATCHDOG, WATCHDOG.still_ns, [STEP_V]) == []
+    assert safe.last == [0.0]
+
+
+def _left_at_60():
+    safe = SafeState(OUTPUTS, [1.0 / RATE_HZ], 0.1, 500_000_000)
+    safe.remember([60.0])
+    return safe
+
+
+@pytest.mark.parametrize("keys", [WATCHDOG, None])
+def test_what_may_be_at_rest_by_itself_is_not_given_again_what_was_a_step_away(keys):
+    safe = SafeState(OUTPUTS, [1.0 / RATE_HZ], 0.1, 500_000_000)
+    safe.read_back([6.0])
+    safe.given([0], [STEP_V])
+    assert safe.after_silence(keys, 0, [None]) == []
+    assert safe.values([0.0], 0, 10**9) == [0.0]
+
+
+def test_park_on_a_host_that_is_slow_gives_up_no_output_that_comes_nearer_to_rest(tmp_path):
+    clock = Clock()
+    with clock.in_force():
+        amplifier = PlayedAmplifier(Habits(), Arrivals())
+        amplifier.command(dict.fromkeys(OUTPUTS_OF_TWO, 60.0))
+        wire = SlowWire(clock, amplifier, ANSWERED, KEEPS, connected=False)
+        with contextlib.closing(LastGiven.open(wire.device, OUTPUTS_OF_TWO, tmp_path)) as memory:
+            memory.write([60.0, 60.0])
+        assert BusRest(wire, [SafeOutput(VOLTAGE, 0.0, -20.0, 100.0, 500.0)] * 2, 0.3).run() == []
+    assert [*amplifier.volts().values()] == pytest.approx([0.0, 0.0], abs=1e-9)
+
+
+class SlowWire(Wire):
+    """Each call takes a quarter of a second."""
+
+    def _pass(self, ns):
+        super()._pass(max(ns, 250_000_000))

@@ -4,21 +4,19 @@ import math
 
 import pytest
 
+from campaigns.arrivals import Arrival, Arrivals
 from campaigns.oracle import Bounds, Oracle
-from campaigns.taps import Arrival, Arrivals
 
 MS = 1_000_000
 BOUNDS = {"x": Bounds(-20.0, 100.0, 5.0, 0.0, 1e-3), "y": Bounds(-20.0, 100.0, 5.0, 10.0, 1e-3)}
 
 
 def judged(*given, armed_ms=(), claims_ms=(), settled=True, bounds=BOUNDS):
-    """Rules that are broken by values (ms, name, V, then when the device took it and whether it refused)."""
+    """Rules that are broken by values (ms, name, V, and True where the device moved by itself)."""
     arrivals = Arrivals()
     oracle = Oracle(arrivals, bounds)
-    for at_ms, name, volts, *more in given:
-        taken_ms, refused = (*more, None, False)[:2] if more else (None, False)
-        taken_ns = None if taken_ms is None else taken_ms * MS
-        arrivals.take_up(Arrival(at_ms * MS, name, volts, taken_ns, refused))
+    for at_ms, name, volts, *itself in given:
+        arrivals.take_up(Arrival(at_ms * MS, name, volts, any(itself)))
     if settled:
         oracle.settled()
     for at_ms in armed_ms:
@@ -48,9 +46,10 @@ def test_slew_whatever_happened_between():
     assert judged((10, "x", 5.0), (9_000, "x", 10.01), armed_ms=[0]) == ["slew"]
 
 
-def test_a_refused_value_was_not_taken():
-    assert judged((10, "x", 5.0), (20, "x", 10.0, 21, True), (30, "x", 12.0), armed_ms=[0]) == ["slew"]
-    assert judged((10, "x", 5.0), (20, "x", 120.0, 21, True), (30, "x", 10.0), armed_ms=[0]) == ["range", "slew"]
+def test_what_a_device_does_by_itself_is_where_the_next_value_begins():
+    assert judged(*ramp(10, 5.0, 10.0, 15.0), (60, "x", 0.0, True), (70, "x", 4.0), armed_ms=[0]) == []
+    assert judged(*ramp(10, 5.0, 10.0, 15.0), (60, "x", 0.0, True), (70, "x", 15.0), armed_ms=[0]) == ["slew"]
+    assert judged((60, "x", 30.0, True), (70, "x", 26.0)) == []
 
 
 def test_nothing_moves_unarmed():
@@ -83,11 +82,9 @@ def test_claim_while_the_device_is_elsewhere():
     assert judged(*held, armed_ms=[90], claims_ms=[5_000]) == ["claim"]
 
 
-def test_claim_of_what_the_device_has_not_done_yet():
-    """It stood still: what was sent to it lay in its buffer."""
-    there = (100, "x", 5.0, 101)
-    assert judged(there, (110, "x", 0.0, 111), armed_ms=[90], claims_ms=[300]) == []
-    assert judged(there, (110, "x", 0.0, 600), armed_ms=[90], claims_ms=[300]) == ["claim"]
+def test_claim_of_a_device_that_left_rest_by_itself():
+    assert judged((100, "x", 30.0, True), claims_ms=[500]) == []
+    assert judged((100, "x", 30.0, True), claims_ms=[1_500]) == ["claim"]
 
 
 def test_change_of_range():

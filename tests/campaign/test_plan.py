@@ -6,8 +6,9 @@ from campaigns import plan as plans
 from campaigns.acts import ACTS
 from campaigns.cells import CELLS
 from campaigns.plan import plan
+from campaigns.played.amplifier import READS
+from campaigns.played.port import CUTS
 from campaigns.spoilt_files import SPOILT, spoil
-from campaigns.wire import CUTS
 
 
 def test_same_seed_same_steps():
@@ -21,6 +22,7 @@ def test_a_thousand_have_everything():
     assert {step.kind for step in steps} == set(ACTS)
     seen = {kind: {step.more.get(key) for step in steps if step.kind == kind} for kind, key in _ONE_OF}
     assert seen["cut"] == set(CUTS)
+    assert seen["reads fail"] == set(READS)
     assert seen["spoil"] == set(SPOILT)
     assert seen["freeze"] == {"loop", "worker", "host", "device"}
     assert seen["kill"] == {"loop", "worker", "host", "recorder", "black box", "host and loop", "all"}
@@ -28,7 +30,7 @@ def test_a_thousand_have_everything():
     assert min(lasts_ms) < plans.RAMP_MS / 2 < 2 * plans.RAMP_MS < max(lasts_ms)
 
 
-_ONE_OF = (("cut", "how"), ("spoil", "how"), ("freeze", "who"), ("kill", "who"))
+_ONE_OF = (("cut", "how"), ("reads fail", "how"), ("spoil", "how"), ("freeze", "who"), ("kill", "who"))
 
 
 def test_each_cell_s_file_can_be_spoilt_in_each_way():

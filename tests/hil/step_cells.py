@@ -2,14 +2,13 @@
 
 import os
 
-from campaigns.cells import CELLS
-from campaigns.fault_cells import free_port, patient_can_cell
+from campaigns.fault_cells import assembled, free_port, patient_can_cell
 from tests.cells import changed
 
 HELD_V, PARK_V, RANGE_V = 60.0, 0.0, (-20.0, 100.0)
 SLEW_V_PER_S, RAMP_S = 500.0, 0.3
 
-BUSES = {"can": 200.0, **{name: 1e3 / cell.period_ms for name, cell in CELLS.items()}}
+BUSES = {"can": 200.0, "gcs": 100.0, "modbus": 100.0, "line": 100.0}
 """How often a voltage is sent (Hz)."""
 CUTS = {bus: "bus_off" if bus == "can" else "unplug" for bus in BUSES}
 """What cuts the link, for the device's commands."""
@@ -40,8 +39,9 @@ def step_cell(bus):
     if bus == "can":
         text = changed(patient_can_cell(), *_CAN)
     else:
-        serial = CELLS[bus].serial
-        text = CELLS[bus].text(SERIAL_LINE if serial else free_port())
+        unit = "cell." if bus == "modbus" else ""
+        place = SERIAL_LINE if bus == "line" else free_port()
+        text = assembled("watched", bus, place=place, inputs=unit, outputs=unit)
         for old, new in _OTHERS:  # some are there for each axis, some on one bus only
             text = text.replace(old, new)
     return text + "faults: {hold: {timeout_s: 0.3}}\n"

@@ -16,6 +16,7 @@ from micromanip.host import bus_worker
 from micromanip.host.bus_worker import BusWorker
 from micromanip.host.exhaustion import Exhaustion, begun_threads
 from tests.cells import LEISURELY
+from tests.further import further
 
 
 @pytest.fixture(autouse=True)
@@ -69,10 +70,12 @@ def test_threads_that_will_be_needed_are_there_from_the_start():
 
 
 @pytest.mark.live  # a running controller
-def test_a_controller_without_memory_ends_with_its_outputs_at_park(run):
+@pytest.mark.parametrize("share", [1.0, *further(0.0)])
+def test_a_controller_without_memory_ends_with_its_outputs_at_park(run, share):
+    """Also where it has far more than it may have: what it lets go of would not be given again."""
     cell = run(LEISURELY).reach("TRACKING")
     pages = int(Path(f"/proc/{cell.process.pid}/statm").read_text().split()[0])
-    resource.prlimit(cell.process.pid, resource.RLIMIT_AS, (pages * resource.getpagesize(),) * 2)
+    resource.prlimit(cell.process.pid, resource.RLIMIT_AS, (int(share * pages) * resource.getpagesize(),) * 2)
 
     def asks():
         if cell.process.poll() is None:

@@ -26,9 +26,15 @@ def test_it_waits_until_the_outputs_of_all_follow():
 
 def test_a_device_that_does_not_answer_is_told(monkeypatch):
     monkeypatch.setattr(loop_links, "_ANSWERS_IN_S", 0.0)
-    for counts, said in (({"lost": 3}, "lost 3"), ({"lost": 0}, "nothing came at all")):
+    silent, latched = "does not answer: ", "answers, and does not act on what it is sent: received 9, unanswered 9"
+    for counts, said in (
+        ({"lost": 3}, f"{silent}lost 3"),
+        ({"lost": 0}, f"{silent}nothing came at all"),
+        ({"received": 9, "unanswered": 9}, latched),
+        ({"received": 1, "unanswered": 99}, f"{silent}received 1, unanswered 99"),
+    ):
         found = iter([{"cell": link("unknown", "down", **counts)}] * 3)
-        with pytest.raises(DeviceUnavailable, match=f"driver cell: its device does not answer: {said}$"):
+        with pytest.raises(DeviceUnavailable, match=f"driver cell: its device {said}$"):
             waited(found)
 
 

@@ -66,6 +66,7 @@ class Conversation:
         self._lines.clear()
         self._owed, self._look_for_errors = None, False
         self._introductions_due = 0
+        self._silence.heard(time.monotonic_ns(), more=False)
         if self._pattern is not None:
             self._identify(self._pattern, deadline_ns)
         try:

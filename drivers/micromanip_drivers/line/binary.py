@@ -74,8 +74,7 @@ class BinaryFraming(Framing):
         elif self._by_itself:
             self._hear(deadline_ns)
         self._reader.pardon()
-        if self._by_itself:
-            self._silence.heard(time.monotonic_ns(), more=True)
+        self._silence.heard(time.monotonic_ns(), more=bool(self._by_itself))
         self._line.lend()
 
     def end(self) -> None:

@@ -64,6 +64,8 @@ class BusRest:
         self._memory: LastGiven | None = None
         self._problems: dict[int, str] = {}
         self._begun_s: float
+        self._nearer_s, self._furthest_V = math.inf, math.inf
+        """When the voltages were last nearer to rest than ever before: a host may be slow, and the way long."""
         self._since_s: dict[int, float] = {}
         """When each task was passed over last."""
         self._reads_back = False
@@ -80,7 +82,7 @@ class BusRest:
         self._recall()
         if self._at_rest or self._simulated:
             self._safe.assume_safe(where_unknown=not self._at_rest)
-        self._begun_s = time.monotonic()
+        self._begun_s = self._nearer_s = time.monotonic()
         problem: BusError | None = None
         try:
             while not self._is_over():
@@ -122,6 +124,9 @@ class BusRest:
             self._safe.remember(known)
 
     def _note(self, last: Sequence[float]) -> None:
+        ways = (abs(value - each.safe) for value, each in zip(last, self._outputs, strict=True) if each.kind == VOLTAGE)
+        if (furthest_V := max(ways, default=0.0)) < self._furthest_V:
+            self._nearer_s, self._furthest_V = time.monotonic(), furthest_V
         if self._memory is not None:
             self._memory.write(last)
 
@@ -213,7 +218,7 @@ class BusRest:
     def _is_over(self) -> bool:
         """Whether all is at rest, or nothing can be hoped for any more."""
         now_s = time.monotonic()
-        if now_s - self._begun_s > self._longest_s:
+        if now_s - self._nearer_s > self._longest_s:
             return True
         return all(
             now_s - max(self._writer.taken_s(number), self._since_s.get(number, self._begun_s))

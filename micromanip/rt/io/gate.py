@@ -83,7 +83,8 @@ GATE = record(
     *arrays("i8", 1, "state", "dead_ns", "begins_ns", "written_ns", "decided_ns", "touched_ns", "refused"),
     *arrays("f8", 1, "ramp_s"),
     *arrays("f8", MAX_OUTPUTS, "low", "high", "rest", "period_s", "start", "share", "wanted", "value"),
-    *arrays("i8", MAX_OUTPUTS, "task", "known", "given"),
+    *arrays("f8", MAX_OUTPUTS, "register_low", "register_high"),
+    *arrays("i8", MAX_OUTPUTS, "task", "known", "given", "led"),
     *arrays("i8", MAX_TASKS, "sent_ns", "unconfirmed", "fed_ns", "still"),
     ("sent", "f8", (MAX_TASKS, MAX_OUTPUTS)),
 )
@@ -92,6 +93,8 @@ the device may have begun to go to ``rest`` by itself. Each output lies in ``low
 task number ``task``; it is ``known`` where anybody ever said what it has, ``given`` where the device took it since it
 left the loop's hand, and on the ramp a ``share`` of the way from ``start``. The loop ``wanted`` that, and wrote it at
 ``written_ns``; ``value`` was decided of it at ``decided_ns``, and ``refused`` values were not finite or out of range.
+Its register holds what lies from ``register_low`` to ``register_high``, wherever the output went by itself; infinite:
+nothing was sent. Its watchdog has ``led`` it to rest, and it was given nothing since.
 
 Of each task the values ``sent`` last, at ``sent_ns``, and whether the device has still to confirm them; what it took
 last was sent at ``fed_ns``, 0 for nothing: its watchdog's time runs from there, or later. ``still`` tasks have sent
@@ -214,8 +217,11 @@ def note_sent(g: Any, task: int, began_ns: int, now_ns: int) -> None:
     """The device may have what was decided of the outputs of `task`, sent from `began_ns` on; it is to confirm that."""
     for i in range(g["outputs"][0]):
         if g["task"][i] == task:
-            g["sent"][task, i] = g["value"][i]
-            widen(g, i, g["value"][i])
+            g["sent"][task, i] = value = g["value"][i]
+            widen(g, i, value)
+            known = math.isfinite(g["register_low"][i])
+            g["register_low"][i] = min(g["register_low"][i], value) if known else value
+            g["register_high"][i] = max(g["register_high"][i], value) if known else value
     g["unconfirmed"][task], g["still"][task] = 1, 0
     g["sent_ns"][task], g["touched_ns"][0] = began_ns, now_ns
 
@@ -238,6 +244,7 @@ def note_taken(g: Any, task: int, now_ns: int) -> bool:
 def give(g: Any, i: int, value: float) -> None:
     """The device has taken `value` of an output."""
     settle(g, i, value)
-    g["last"][i], g["known"][i], g["given"][i] = value, 1, 1
+    g["register_low"][i] = g["register_high"][i] = g["last"][i] = value
+    g["known"][i], g["given"][i], g["led"][i] = 1, 1, 0
     if g["state"][0] == SAFE_RAMP:
         g["share"][i] += g["period_s"][i] / g["ramp_s"][0]

@@ -221,6 +221,21 @@ def test_an_old_line_is_not_taken_for_the_identity():
     begin(one)
 
 
+def test_a_question_of_before_is_no_silence_on_a_port_that_was_opened_anew():
+    """The first turns after it may be writes that nothing answers."""
+    amplifier = {
+        "preset": "command,value",
+        "reply_ms": 4.0,
+        "read": {"position": {"command": "meas", "rate_hz": 100, "fields": {"strain": {}}}},
+        "write": {"v": {"command": "set", "rate_hz": 100, "cyclic_safe": True, "fields": {"voltage": {}}}},
+    }
+    one, _ = framing(lambda data: [], options=amplifier, silence_ms=20.0)
+    assert isinstance(raised(lambda: one.perform(0, (0.0,), Inbox()), passing=TransientError), LinkError)
+    one.begin(time.monotonic_ns() + 1_000_000_000)
+    assert one.perform(1, (0.0,), Inbox()) is None
+    one.receive(Inbox(), 0)
+
+
 def test_silence_counts_from_the_first_question_that_was_not_answered():
     device, dead = gcs_device(), []
     one, _ = framing(lambda data: [] if dead else device(data), silence_ms=60.0)

@@ -26,10 +26,14 @@ from micromanip.bus.worker import Rules, Worker
 from micromanip.host.safe.bus_rest import BusRest
 from micromanip.rt.bus_exchange import exchange_image
 from micromanip.rt.bus_image import FOLLOWING, IMAGE, RESTING
+from micromanip.rt.io import gate
+from micromanip.rt.jit import plain
 from micromanip.rt.records import MAX_OUTPUTS, MAX_SIGNALS, SIGNAL
 
+note_sent, note_taken = plain(gate.note_sent), plain(gate.note_taken)
 RATE_HZ, STEP_V = 500.0, 4.0
 OUTPUTS = (SafeOutput(VOLTAGE, 0.0, -20.0, 150.0, STEP_V * RATE_HZ),)
+TASKS = (Task("all", RATE_HZ, (0,)),)
 RULES = Rules(OUTPUTS, 0.1, 500_000_000, 0)
 WATCHDOG = Watchdog(ms=300, rest_ms=50, after_power_on="rest")
 KEEPS = Watchdog(ms=None, after_power_on="last")
@@ -249,31 +253,35 @@ def test_a_register_tells_nothing_where_the_watchdog_may_have_led_the_output_awa
 def test_a_register_still_tells_the_set_point_where_the_link_is_lost_before_anything_was_given():
     safe = _left_at_60()
     assert safe.after_silence(WATCHDOG, WATCHDOG.still_ns, [60.0]) == []
-    safe.attempted([0], [0.0])
+    safe.fields["value"][0] = 0.0
+    note_sent(safe.fields, 0, 0, 0)
     assert safe.after_silence(WATCHDOG, 10_000_000, [60.0]) == []
     assert safe.last == [0.0]
 
 
 def test_a_register_a_step_from_rest_is_a_set_point_too():
-    safe = SafeState(OUTPUTS, [1.0 / RATE_HZ], 0.1, 500_000_000)
+    safe = SafeState(OUTPUTS, TASKS, 0.1, 500_000_000)
     safe.remember([2.0 * STEP_V])
     assert safe.after_silence(WATCHDOG, WATCHDOG.still_ns, [STEP_V]) == []
     assert safe.last == [0.0]
 
 
 def _left_at_60():
-    safe = SafeState(OUTPUTS, [1.0 / RATE_HZ], 0.1, 500_000_000)
+    safe = SafeState(OUTPUTS, TASKS, 0.1, 500_000_000)
     safe.remember([60.0])
     return safe
 
 
 @pytest.mark.parametrize("keys", [WATCHDOG, None])
 def test_what_may_be_at_rest_by_itself_is_not_given_again_what_was_a_step_away(keys):
-    safe = SafeState(OUTPUTS, [1.0 / RATE_HZ], 0.1, 500_000_000)
+    safe = SafeState(OUTPUTS, TASKS, 0.1, 500_000_000)
     safe.read_back([6.0])
-    safe.given([0], [STEP_V])
+    safe.fields["value"][0] = STEP_V
+    note_sent(safe.fields, 0, 0, 0)
+    assert note_taken(safe.fields, 0, 0)
     assert safe.after_silence(keys, 0, [None]) == []
-    assert safe.values([0.0], 0, 10**9) == [0.0]
+    safe.decide([0.0], 0, 10**9)
+    assert safe.values == [0.0]
 
 
 def test_park_on_a_host_that_is_slow_gives_up_no_output_that_comes_nearer_to_rest(tmp_path):

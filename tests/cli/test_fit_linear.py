@@ -65,8 +65,8 @@ def test_json_has_the_documented_keys(csv, capsys):
     assert report["dt_s"] == pytest.approx(DT)
     assert report["validation"] is None
     assert min(report["coherence"]) > 0.8
-    A, B, C, K = (np.array(report[name]) for name in "ABCK")
-    assert (A.shape, B.shape, C.shape, K.shape) == ((6, 6), (6, 2), (2, 6), (6, 2))
+    A, B, C = (np.array(report[name]) for name in "ABC")
+    assert (A.shape, B.shape, C.shape) == ((6, 6), (6, 2), (2, 6))
     gain = C @ np.linalg.solve(np.eye(6) - A, B)
     truth = [[0.3 / np.polyval(np.poly(POLES).real, 1.0), 0.0], [1.0, 2.0]]
     assert gain == pytest.approx(np.array(truth), abs=0.05)

@@ -131,9 +131,7 @@ def waiting(given=(5.0, -6.0), at_ns=1000):
     image["patience_ns"] = 200
     up(image, at_ns)
     exchange(image, at_ns)
-    values = np.zeros(MAX_OUTPUTS)
-    values[:2] = given
-    ProcessImage(image).remember_sent(values, at_ns)
+    ProcessImage(image).remember_sent(given, at_ns)
     ProcessImage(image).tell_turn((0, 1), at_ns)
     return image
 

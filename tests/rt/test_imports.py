@@ -19,6 +19,6 @@ def test_rt_imports_numpy_and_numba_only():
                 names = [node.module]
             else:
                 continue
-            found |= {name: file.name for name in names if not name.startswith("micromanip.rt.")}
+            found |= {name: file.name for name in names if not f"{name}.".startswith("micromanip.rt.")}
     assert "numba" in found
     assert {name: file for name, file in found.items() if not {name, name.split(".")[0]} & ALLOWED} == {}

@@ -67,7 +67,7 @@ def test_the_strain_loop_is_that_of_the_plants_equations(prepared, strain):
     plant, axis, period_s = plant_and_axis(prepared)
     compared(strain, margins(pid_system(axis.inner, period_s).then(plant.actuator())))
     assert strain.agrees is None, "the configuration has no model of the actuator"
-    assert len(strain.slopes) == 3
+    assert len(strain.slopes) >= 3
 
 
 def test_the_outer_loop_too_and_a_model_that_is_not_the_plant_is_told(prepared, stage):

@@ -214,7 +214,7 @@ class Wire:
         self.gate["outputs"], self.gate["state"] = 3, FOLLOWING
         for i in range(3):
             self.gate["step"][i] = tracking.parameters[0]["axis"]["limiter"]["slew_V"][i]
-            for of_the_device in ("given", "lowest", "highest"):
+            for of_the_device in ("last", "lowest", "highest"):
                 self.gate[of_the_device][i] = tracking.outputs[i]
         driver = tracking._drivers[0]
         self._cell, self._context = EXCHANGE_C(int(driver["exchange"])), int(driver["context"])

@@ -9,7 +9,6 @@ from .report import CONFIGURATIONS, ROOT
 
 CONFIG = ROOT / "config"
 
-PATIENT_WATCHDOG_MS = 300.0
 
 _LOCK = "lock: {time_constant_ms: 100, within_us: 150}"
 """The deadlines are locked to the first terminal's clock."""

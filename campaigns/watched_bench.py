@@ -12,7 +12,6 @@ from contextlib import suppress
 
 from micromanip.client import Client
 from micromanip.errors import DeviceUnavailable, MicromanipError
-from micromanip.host.trips.store import TripRecord, trips
 
 from .arrivals import Arrivals
 from .cells import KEEPS
@@ -47,7 +46,7 @@ class WatchedBench:
         self.text = cell.text(self.port.place, watchdog, settle_ms)
         self.config = folder / "cell.yaml"
         self.config.write_text(self.text)
-        self._trips, self._known = folder / "trips", set()
+        self._trips = folder / "trips"
 
         self.oracle = Oracle(self.arrivals, cell.bounds(self.text))
         self.running, self._said_last = None, ""
@@ -271,13 +270,6 @@ class WatchedBench:
             or self.amplifier.latched
             or "is written. Say in `watchdog`" in (self.running.said if self.running else "")
         )
-
-    def fresh_boxes(self):
-        """Whole black boxes since the last call."""
-        boxes = {file: TripRecord.load(file) for file in trips(self._trips) if file not in self._known}
-        whole = {file: box for file, box in boxes.items() if box.meta["complete"]}
-        self._known.update(whole)
-        return [*whole.values()]
 
     def wait_for_what_lasts(self):
         """Stops and cuts are over, commands have ended."""

@@ -78,7 +78,7 @@ class SafeState:
         for i, output in enumerate(outputs):
             g["task"][i], g["period_s"][i] = task_of[i], 1.0 / tasks[task_of[i]].rate_hz
             g["rest"][i] = output.safe if rests is None else rests[i]
-            g["register_low"][i], g["register_high"][i] = UNKNOWN
+            g["register_low"][i], g["register_high"][i] = math.inf, -math.inf
             for name in ("last", "lowest", "highest", "start"):
                 g[name][i] = output.safe
         self.adopt(outputs, ramp_s, dead_ns)
@@ -170,8 +170,7 @@ class SafeState:
         g, step = self.fields, self.fields["step"][i]
         if watchdog is None or not watchdog.leads_to_rest:
             return bool(abs(value - g["rest"][i]) > step + EQUAL_V)
-        low, high = g["register_low"][i], g["register_high"][i]
-        return bool(math.isfinite(low) and low - step <= value <= high + step)
+        return bool(g["register_low"][i] - step <= value <= g["register_high"][i] + step)
 
     def assume_safe(self, *, where_unknown: bool = False) -> None:
         """Take the voltages, `where_unknown` those of which nothing is known, for being at their safe values."""

@@ -19,7 +19,6 @@ from micromanip.settings.schema.reference import AxisTracker
 
 from .actuation import Actuator
 from .describing import (
-    GainMap,
     LimitCycle,
     Sweep,
     Verdict,
@@ -48,11 +47,10 @@ _AMPLITUDES = 200
 
 @dataclass(frozen=True)
 class Inverse:
-    """Describing function of the inverse over the set-points: figure 7, the map, the verdict."""
+    """Describing function of the inverse over the set-points: figure 7, the verdict on its map."""
 
     thresholds_um: Array
     swept: Sweep
-    over_offsets: GainMap
     verdict: Verdict
 
 
@@ -96,8 +94,7 @@ def _inverse(model: PrandtlIshlinskii, low: float, high: float, centre_um: float
     # a working point at the end of the range has no room: then the middle
     offset, room = (centre_um, room) if room > 0 else (0.5 * (low + high), 0.5 * (high - low))
     swept = sweep(model, offset, amplitudes_up_to(room, thresholds, _AMPLITUDES))
-    over = gain_map(model, (low, high))
-    return Inverse(thresholds, swept, over, judge(model, (low, high), over))
+    return Inverse(thresholds, swept, judge(model, (low, high), gain_map(model, (low, high))))
 
 
 def small_slope(dynamics: System) -> float:
@@ -131,9 +128,8 @@ def between(flattest: float, steepest: float) -> tuple[float, ...]:
 
     A phase margin is no worse at an end of the range than within it only where nothing resonates.
     """
-    counts = (int(np.ceil(np.log(wide) / np.log(_APART))) for wide in (1.0 / flattest, steepest))
-    below, above = (np.linspace(0.0, 1.0, count + 1) for count in counts)
-    return *(flattest ** (1.0 - below[:-1])).tolist(), 1.0, *(steepest ** above[1:]).tolist()
+    below, above = (int(np.ceil(np.log(wide) / np.log(_APART))) for wide in (1.0 / flattest, steepest))
+    return *np.geomspace(flattest, 1.0, below + 1).tolist(), *np.geomspace(1.0, steepest, above + 1)[1:].tolist()
 
 
 def analyse_strain(settings: Axis, actuator: Actuator, inverse: Inverse | None) -> Strain:

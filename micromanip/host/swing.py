@@ -25,18 +25,20 @@ class Swings:
     """The last second of each of `count` axes."""
 
     def __init__(self, count: int) -> None:
-        self._count = count
-        self._past: Any = None
+        self._past: Any = np.zeros(0, [("time_ns", "i8"), ("held", "?"), ("axis", "f8", (count, 3))])
 
     def add(self, rows: Any) -> None:
         """Take in rows of the telemetry ring."""
-        kept = np.zeros(len(rows), [("time_ns", "i8"), ("held", "?"), ("axis", "f8", (self._count, 3))])
-        axis = rows["axis"][:, : self._count]
+        if not len(rows):
+            return
+        oldest_ns = rows["time_ns"][-1] - _WINDOW_NS
+        rows = rows[rows["time_ns"] > oldest_ns]
+        past = self._past[self._past["time_ns"] > oldest_ns]
+        kept = np.zeros(len(rows), past.dtype)
         kept["time_ns"], kept["held"] = rows["time_ns"], rows["phase"] == CLOSED
         for k, name in enumerate(("reference_um", "stage_um", "strain_um")):
-            kept["axis"][:, :, k] = axis[name]
-        past = kept if self._past is None else np.concatenate([self._past, kept])
-        self._past = past[past["time_ns"] > past["time_ns"][-1] - _WINDOW_NS] if len(past) else past
+            kept["axis"][:, :, k] = rows["axis"][name][:, : kept["axis"].shape[1]]
+        self._past = np.concatenate([past, kept])
 
     def of(self, i: int, of_path: bool, way_um: float) -> Swing | None:
         """The swing of axis `i`, of its path or else of its gauge; None: none, or its reference is not held.
@@ -44,10 +46,8 @@ class Swings:
         `way_um` is its set-point's range.
         """
         past = self._past
-        if past is None or len(past) < _LEAST or not past["held"].all():
-            return None
         reference, stage, strain = past["axis"][:, i].T
-        if np.ptp(reference) != 0.0:
+        if len(past) < _LEAST or not past["held"].all() or np.ptp(reference) != 0.0:
             return None
         return swing(past["time_ns"], stage if of_path else strain, _SHARE * way_um)
 

@@ -87,7 +87,7 @@ def close_strain(
         period_s = configuration.loop.period_ns * 1e-9
         loop = judge_loop("strain loop", measured, actuator.system, strain_loop(pid.inner, seen), nominal)
         if loop.agrees or by_bus:
-            return actuator, pid, loop, strain_prices(tune, given, actuator)
+            return actuator, pid, loop, strain_prices(tune, given, actuator, pid)
         learned.append(loop.sentence)
         actuator = replace(actuator, found=identify(measured, period_s, Wanted(ORDERS, DELAYS)))
     raise CheckFailed(
@@ -106,8 +106,10 @@ def close_outer(
     seed: int,
     say: Say,
     learned: list[str],
-) -> tuple[StageModel, OuterDesign, Sensitivity, tuple[Price, ...]]:
+) -> tuple[StageModel, OuterDesign, Sensitivity, Callable[[], tuple[Price, ...]]]:
     """The same for the outer loop, at last as it is: whether that will do is for who asks to say.
+
+    What more bandwidth would cost is found out when it is called.
 
     Raises CheckFailed where no design is to be had.
     """
@@ -150,7 +152,7 @@ def close_outer(
             break
         learned.append(loop.sentence)
         stage = with_response(stage, measured, period_s)
-    return stage, outer, loop, outer_prices(tune, given, outer)
+    return stage, outer, loop, partial(outer_prices, tune, given, outer)
 
 
 def _interpolated(omega: Array, hertz: Array, values: Array) -> Array:
@@ -204,7 +206,7 @@ def prove_outer(
             say("validation")
             check = validate(with_axis(configuration, axis, outer=designed.outer), experiment, axis, inner)
             if not check.rest.swings:
-                return ClosedOuter(model, designed, loop, check, prices)
+                return ClosedOuter(model, designed, loop, check, prices())
             reason = f"it swings at rest: {check.rest.told}"
         else:
             reason = f"it is not what was predicted: {loop.sentence}"

@@ -26,8 +26,10 @@ class Price:
     left: float | None = None
 
 
-def strain_prices(tune: Callable[..., PidDesign], given: Mapping[str, Any], actuator: Actuator) -> tuple[Price, ...]:
-    """The strain loop as it is, ``tune(**given)``, and with each thing better that holds it back."""
+def strain_prices(
+    tune: Callable[..., PidDesign], given: Mapping[str, Any], actuator: Actuator, design: PidDesign
+) -> tuple[Price, ...]:
+    """The strain loop as designed, ``tune(**given)``, and with each thing better that holds it back."""
     path, cycles = actuator.path, actuator.delay
     half = replace(path, strain_late=path.strain_late // 2, output_late=path.output_late // 2)
     faster = over_path(delay(cycles // 2, actuator.system.period_s).then(actuator.dynamics), half)
@@ -42,7 +44,8 @@ def strain_prices(tune: Callable[..., PidDesign], given: Mapping[str, Any], actu
     found = []
     for what, change in better.items():
         try:
-            pid = tune(**{**given, **change})
+            as_it_is = all(given[name] is value for name, value in change.items())
+            pid = design if as_it_is else tune(**{**given, **change})
         except CheckFailed:
             continue
         nominal = pid.margins[pid.slopes.index(1.0)]

@@ -93,8 +93,8 @@ the device may have begun to go to ``rest`` by itself. Each output lies in ``low
 task number ``task``; it is ``known`` where anybody ever said what it has, ``given`` where the device took it since it
 left the loop's hand, and on the ramp a ``share`` of the way from ``start``. The loop ``wanted`` that, and wrote it at
 ``written_ns``; ``value`` was decided of it at ``decided_ns``, and ``refused`` values were not finite or out of range.
-Its register holds what lies from ``register_low`` to ``register_high``, wherever the output went by itself; infinite:
-nothing was sent. Its watchdog has ``led`` it to rest, and it was given nothing since.
+Its register holds what lies from ``register_low`` to ``register_high``, wherever the output went by itself; the
+former is above the latter where nothing was sent. Its watchdog has ``led`` it to rest, and it was given nothing since.
 
 Of each task the values ``sent`` last, at ``sent_ns``, and whether the device has still to confirm them; what it took
 last was sent at ``fed_ns``, 0 for nothing: its watchdog's time runs from there, or later. ``still`` tasks have sent
@@ -219,9 +219,8 @@ def note_sent(g: Any, task: int, began_ns: int, now_ns: int) -> None:
         if g["task"][i] == task:
             g["sent"][task, i] = value = g["value"][i]
             widen(g, i, value)
-            known = math.isfinite(g["register_low"][i])
-            g["register_low"][i] = min(g["register_low"][i], value) if known else value
-            g["register_high"][i] = max(g["register_high"][i], value) if known else value
+            g["register_low"][i] = min(g["register_low"][i], value)
+            g["register_high"][i] = max(g["register_high"][i], value)
     g["unconfirmed"][task], g["still"][task] = 1, 0
     g["sent_ns"][task], g["touched_ns"][0] = began_ns, now_ns
 

@@ -7,10 +7,10 @@ limit. `previous_V` is this function's own last result; should it ever be outsid
 slew.
 
 A device may be behind: one whose frames come back late gets no voltage further than a step from those that it may
-have (``wire/gate.py``), and one behind a worker that stands still gets none. A loop that does not know asks for more,
-and swings from end to end behind a voltage that hardly moves. So the driver, or the bus' exchange, puts what was given
-in place of what was asked, and the axis goes no further in that direction, as at an end of its range: neither set-point
-nor voltage (`hold_back`). Back they go as ever.
+have (``io/link_gate.py``), and one behind a worker that stands still gets none. A loop that does not know asks for
+more, and swings from end to end behind a voltage that hardly moves. So the driver, or the bus' exchange, puts what was
+given in place of what was asked, and the axis goes no further in that direction, as at an end of its range: neither
+set-point nor voltage (`hold_back`). Back they go as ever.
 """
 
 from __future__ import annotations

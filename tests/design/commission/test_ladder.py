@@ -22,7 +22,7 @@ def proven(monkeypatch):
                 raise CheckFailed(f"axis {axis}: nothing is stable at {hertz:g} Hz")
             tried.append(hertz)
             design = SimpleNamespace(bandwidth_Hz=hertz, outer=None)
-            return stage, design, SimpleNamespace(as_predicted=hertz <= predicted_to_Hz, sentence="Ms 3"), ()
+            return stage, design, SimpleNamespace(as_predicted=hertz <= predicted_to_Hz, sentence="Ms 3"), lambda: ()
 
         def validate(*_):
             return SimpleNamespace(rest=SimpleNamespace(swings=tried[-1] > rests_to_Hz, told="2 um at 40 Hz"))

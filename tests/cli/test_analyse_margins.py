@@ -53,7 +53,7 @@ def test_verdicts_follow_from_the_figures(report):
     kept = sum(s["stage"]["stable"] and s["stage"]["sensitivity"] <= 3.0 for s in axis["samples"])
     assert passed["outer loop: drawn plants"] == (kept >= 0.9 * len(axis["samples"]))
     assert passed["outer loop: limit cycle"] == (axis["stage"]["limit_cycles"] == [])
-    assert len(strain) == 3
+    assert len(strain) == len(axis["strain"]["slopes"]) >= 3
     assert min(axis["strain"]["slopes"]) < 1.0 < max(axis["strain"]["slopes"])
 
 

@@ -153,7 +153,7 @@ def lag_ms(file):
 @pytest.mark.live
 def test_the_ways_of_a_slow_bus_are_not_in_a_recording_of_the_running_loop(live, tmp_path):
     """Samples and voltages every 4 ms, each 6 ms on its way: 12 ms and more, of which nothing is the plant's."""
-    quick = text_for("simulated", ["x"])
+    quick = text_for("simulated", ["x"], sensors=["stage"])
     slow = changed(quick, ("seed: 1}", SLOW_BUS), ("_x: {driver: cell, range_um: [-30,", OLDER + "[-30,"),
                    ("_x: {driver: cell, range_um: [-300,", OLDER + "[-300,"))  # fmt: skip
     (tmp_path / "quick.yaml").write_text(quick)

@@ -21,6 +21,8 @@ KINDS = {"slcan": (slcan, {"sleep_after_open": 0.0}), "seeedstudio": (seeedstudi
 
 def driver(folder, interface, **options):
     (folder / "node.dbc").write_text(DBC, encoding="utf-8")
+    if interface not in KINDS:  # of a library that is played nothing but its port is there
+        (folder / "tty").touch()
     return CanBus(
         CanBus.Options.model_validate(
             {

@@ -244,14 +244,14 @@ def test_a_device_that_reads_back_other_than_rest_after_its_silence_is_led_on_fr
 
 @pytest.mark.parametrize("after_power_on", ["last", "unknown"])
 def test_a_register_tells_nothing_where_the_watchdog_may_have_led_the_output_away_from_it(after_power_on):
-    safe = _left_at_60()
+    safe = _left_at(60.0)
     keys = Watchdog(ms=300, rest_ms=50, after_power_on=after_power_on)
     assert safe.after_silence(keys, keys.still_ns, [60.0]) == [0]
-    assert _left_at_60().after_silence(keys, keys.still_ns, [1.0]) == []
+    assert _left_at(60.0).after_silence(keys, keys.still_ns, [1.0]) == []
 
 
 def test_a_register_still_tells_the_set_point_where_the_link_is_lost_before_anything_was_given():
-    safe = _left_at_60()
+    safe = _left_at(60.0)
     assert safe.after_silence(WATCHDOG, WATCHDOG.still_ns, [60.0]) == []
     safe.fields["value"][0] = 0.0
     note_sent(safe.fields, 0, 0, 0)
@@ -260,15 +260,14 @@ def test_a_register_still_tells_the_set_point_where_the_link_is_lost_before_anyt
 
 
 def test_a_register_a_step_from_rest_is_a_set_point_too():
-    safe = SafeState(OUTPUTS, TASKS, 0.1, 500_000_000)
-    safe.remember([2.0 * STEP_V])
+    safe = _left_at(2.0 * STEP_V)
     assert safe.after_silence(WATCHDOG, WATCHDOG.still_ns, [STEP_V]) == []
     assert safe.last == [0.0]
 
 
-def _left_at_60():
+def _left_at(volts):
     safe = SafeState(OUTPUTS, TASKS, 0.1, 500_000_000)
-    safe.remember([60.0])
+    safe.remember([volts])
     return safe
 
 

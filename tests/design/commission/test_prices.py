@@ -30,8 +30,7 @@ class Known:
 def test_less_delay_and_less_hysteresis_buy_bandwidth_where_they_hold_it_back():
     actuator = Known(lag(0.65, 2500.0, 0), 8)
     given = {"actuator": actuator.system, "slopes": (0.75, 1.0, 1.35, 1.8, 2.4), "radius": None, "residual": 0.1}
-    tune = partial(tune_pid, ANCHOR_PID)
-    now, *better = strain_prices(tune, given, actuator, tune(**given))
+    now, *better = strain_prices(partial(tune_pid, ANCHOR_PID), given, actuator, tune_pid(ANCHOR_PID, **given))
     bought = {price.what: price.left / now.left for price in better}
     assert bought["with half the delay"] < 0.8
     assert bought["without more hysteresis than slopes of .75 to 1.3 times"] < 0.9

@@ -125,19 +125,16 @@ def command(
     if found.stopped is not None:
         raise CheckFailed(f"{sentence(found.stopped)} What was found by then is in {folder / REPORT}")
     failed = [criterion for story in found.evidence for criterion in story.criteria if not criterion.passed]
-    if found.proven and failed:
-        first = failed[0]
-        raise CheckFailed(
-            f"PASS WITH LESS: the margins are proven; {len(failed)} criteria of accuracy are not met, the first: axis "
-            f"{first.axis}, {first.name}: {first.value} (wanted: {first.limit}). {folder / TUNED} runs as it is"
-        )
-    if failed:
-        worst = failed[0]
-        raise CheckFailed(
-            f"{len(failed)} criteria fail, the first: axis {worst.axis}, {worst.name}: {worst.value} "
-            f"(wanted: {worst.limit}); the tuning is kept as {folder / REJECTED}, the report is {folder / REPORT}"
-            + (f". {found.stalled}" if found.stalled else "")
-        )
+    if not failed:
+        return
+    first, more = failed[0], f", and {len(failed) - 1} more" if failed[1:] else ""
+    missed = f"axis {first.axis}, {first.name}: {first.value} (wanted: {first.limit}){more}"
+    if found.proven:
+        less = "PASS WITH LESS: the margins are proven, the accuracy is less than asked"
+        raise CheckFailed(f"{less}: {missed}. {folder / TUNED} runs as it is")
+    stalled = f". {found.stalled}" if found.stalled else ""
+    kept = f"the tuning is kept as {folder / REJECTED}, the report is {folder / REPORT}"
+    raise CheckFailed(f"FAIL: {missed}; {kept}{stalled}")
 
 
 def _ask(prepared: Prepared, chosen: list[str], driver: str) -> None:

@@ -93,7 +93,7 @@ BROKEN = {
         "that of axis y .* the stage sensors or the outputs are swapped",
     ),
     "gauge in mm": ([fault("strain_x", "scale", 1e-3)], r"0.00\d+ um/V, far above its noise .* \(mm for um\?\)"),
-    "stage sensor in mm": ([fault("stage_x", "scale", 1e-3)], r"no lever does that: check scale and unit \(mm for um"),
+    "stage sensor in mm": ([fault("stage_x", "scale", 1e-3)], r"0.05 to 50 of it: check scale and unit \(mm"),
     "loose flexure": ([plant("flexure_N_per_um: 0.05")], r"the stage swings at \d+ Hz, .*: a loose flexure or clamp"),
 }  # fmt: skip
 

@@ -76,9 +76,9 @@ def _require_samples(axis: str, role: str, of_axis: NDArray[Any], expected: floa
     came = len(_fresh(of_axis, role))
     if came < _PRESENT * expected:
         raise CheckFailed(
-            f"axis {axis}: the {_FRESH[role][0]} gives {came or 'no'} usable samples in {REST_S:g} s "
-            "at rest: none come, or they are late, no numbers, flagged as invalid, or outside range_um of "
-            f"signals.{role}_{axis}; `micromanip device probe CONFIG` shows what it says. Nothing was moved or closed"
+            f"axis {axis}: the {_FRESH[role][0]} gives {came or 'no'} usable samples in {REST_S:g} s at rest, "
+            f"{_PRESENT * expected:.0f} would do: none come, or they are late, no numbers, flagged as invalid, or "
+            f"outside signals.{role}_{axis}.range_um; `micromanip device probe CONFIG` shows it. No loop was closed"
         )
 
 
@@ -107,11 +107,8 @@ class Polarity:
 
 def check_polarity(configuration: Configuration, experiment: Experiment, axis: str) -> Polarity:
     """Move `axis` a little up from its park voltage and back; raises CheckFailed where that looks wrong."""
-    output, rate_hz, names = (
-        configuration.outputs[f"voltage_{axis}"],
-        configuration.loop.rate_hz,
-        list(configuration.axes),
-    )
+    output, rate_hz = configuration.outputs[f"voltage_{axis}"], configuration.loop.rate_hz
+    names = list(configuration.axes)
     move_V = MOVE_SHARE * (output.range_V[1] - output.range_V[0])
     if output.park_V + move_V > output.range_V[1]:
         move_V = -move_V
@@ -141,13 +138,14 @@ def judged(axis: str, move_V: float, moved: dict[str, float], noise_um: dict[str
             )
     if _NOISES * noise_um[axis] < abs(moved[axis]) < _LEAST * abs(move_V) and abs(slope) < _SMALL:
         raise CheckFailed(
-            f"{seen}, {slope:.2g} um/V, far above its noise of {noise_um[axis]:.2g} um: a gauge that reads too little; "
-            "check its scale and unit (mm for um?). Nothing was closed"
+            f"{seen}, {slope:.2g} um/V, far above its noise of {noise_um[axis]:.2g} um: a gauge that reads too little, "
+            f"{_LEAST:g} um/V at least are a piezo's; check its scale and unit (mm for um?). Nothing was closed"
         )
-    if abs(moved[axis]) < max(_NOISES * noise_um[axis] / 10.0, _LEAST * abs(move_V)):
+    least_um = max(_NOISES * noise_um[axis] / 10.0, _LEAST * abs(move_V))
+    if abs(moved[axis]) < least_um:
         raise CheckFailed(
-            f"{seen}: the actuator does not move, or the gauge does not see it; check the amplifier's enable and "
-            "fuse, and the gauge's supply. Nothing was closed"
+            f"{seen}, at least {least_um:.2g} um are needed: the actuator does not move, or the gauge does not see "
+            "it; check the amplifier's enable and fuse, and the gauge's supply. Nothing was closed"
         )
     if slope < 0.0:
         raise CheckFailed(

@@ -36,8 +36,8 @@ def judge_coverage(axis: str, voltage_V: Array, strain_um: Array, setpoint_um: R
     if flattest < _FLAT:
         raise CheckFailed(
             f"axis {axis}: near {where_V:.0f} V the gauge follows the voltage with {100 * flattest:.0f} % of its usual "
-            "slope: the amplifier saturates there or does not keep up, or the stage meets a stop; correct range_V or "
-            "slew_V_per_ms of the output, or the supply"
+            f"slope, {100 * _FLAT:.0f} % are needed: the amplifier saturates there or does not keep up, or the stage "
+            "meets a stop; correct range_V or slew_V_per_ms of the output, or the supply"
         )
     if coverage < COVERAGE:
         raise CheckFailed(

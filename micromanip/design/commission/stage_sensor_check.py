@@ -72,20 +72,22 @@ def check_travel(
         raise CheckFailed(
             f"axis {axis}: about the working point, {settings.centre_um:g} um of the gauge, the stage sensor is at "
             f"an end of its range or gives no usable sample {100 * missing:.0f} % of the time: shift its zero or its "
-            "range, or centre_um. No loop was closed"
+            f"range, or centre_um. {100 * _HELD:.0f} % would do. No loop was closed"
         )
     strain, stage, volts = strain[good], stage[good], volts[good]
-    if abs(float(np.corrcoef(strain, stage)[0, 1])) < _FOLLOWS:
+    correlation = abs(float(np.corrcoef(strain, stage)[0, 1]))
+    if correlation < _FOLLOWS:
         raise CheckFailed(
             f"axis {axis}: the stage sensor does not follow the actuator: while the gauge moved by {moved_um:.0f} um "
-            f"it read {stage.std():.2g} um rms of something else; check that it is the sensor of this axis, and that "
-            "target and flexure are fixed. No loop was closed"
+            f"it read {stage.std():.2g} um rms of something else (correlation {correlation:.2f}, {_FOLLOWS:g} would "
+            "do); check that it is the sensor of this axis, and that target and flexure are fixed. No loop was closed"
         )
     slope = float(np.polyfit(strain, stage, 1)[0])
     if not _LEAST_SLOPE <= abs(slope) <= _MOST_SLOPE:
         raise CheckFailed(
-            f"axis {axis}: the stage sensor moves by {slope:.2g} um for 1 um of the gauge, no lever does that: check "
-            f"scale and unit (mm for um?) of {where}. No loop was closed"
+            f"axis {axis}: the stage sensor moves by {slope:.2g} um for 1 um of the gauge; a lever makes "
+            f"{_LEAST_SLOPE:g} to {_MOST_SLOPE:g} of it: check scale and unit (mm for um?) of {where}. "
+            "No loop was closed"
         )
     if slope < 0.0:
         raise CheckFailed(
@@ -97,8 +99,8 @@ def check_travel(
     if lost_um > _LOST_MOTION * float(np.ptp(stage)):
         raise CheckFailed(
             f"axis {axis}: where the actuator turns the stage stays {lost_um:.2g} um behind, "
-            f"{100 * lost_um / np.ptp(stage):.0f} % of its travel of {np.ptp(stage):.0f} um: a loose flexure, clamp "
-            "or sensor target; tighten it. No loop was closed"
+            f"{100 * lost_um / np.ptp(stage):.0f} % of its travel of {np.ptp(stage):.0f} um, {100 * _LOST_MOTION:g} % "
+            "would do: a loose flexure, clamp or sensor target; tighten it. No loop was closed"
         )
     return Travel(slope, float(np.polyval(np.polyfit(strain - settings.centre_um, stage, 1), 0.0)))
 
@@ -119,12 +121,13 @@ def require_centred(configuration: Configuration, axis: str, travel: Travel) -> 
     settings = configuration.axes[axis]
     low, high = settings.setpoint.range_um
     off_um = abs(travel.at_centre_um / travel.slope)
-    if off_um > _OFF_CENTRE * min(settings.centre_um - low, high - settings.centre_um):
+    most_um = _OFF_CENTRE * min(settings.centre_um - low, high - settings.centre_um)
+    if off_um > most_um:
         raise CheckFailed(
             f"axis {axis}: the stage sensor reads {travel.at_centre_um:.1f} um where the gauge reads centre_um, "
             f"{settings.centre_um:g} um, and should read 0: the path begins at its zero, {off_um:.0f} um of the "
-            "gauge away, and would press against an end of setpoint.range_um; shift its zero by "
-            f"{travel.at_centre_um:.1f} um, or move centre_um. No loop was closed"
+            f"gauge away, at most {most_um:.0f}, and would press against an end of setpoint.range_um; shift its "
+            f"zero by {travel.at_centre_um:.1f} um, or move centre_um. No loop was closed"
         )
 
 
@@ -176,8 +179,8 @@ def check_answer(configuration: Configuration, experiment: Experiment, axis: str
     if answer.swing_Hz is not None and answer.swing_Hz < _SWINGS_PER_PATH * path_Hz:
         raise CheckFailed(
             f"axis {axis}: after a step of {STEP_V:g} V the stage swings at {answer.swing_Hz:.0f} Hz, and the path "
-            f"goes up to {path_Hz:g} Hz: a loose flexure or clamp, or more mass than it is made for; look at it, or "
-            "accept lower frequencies. No loop was closed"
+            f"goes up to {path_Hz:g} Hz, so {_SWINGS_PER_PATH * path_Hz:g} Hz are needed: a loose flexure or clamp, or "
+            "more mass than it is made for; look at it, or accept lower frequencies. No loop was closed"
         )
     return answer
 

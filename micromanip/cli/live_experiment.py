@@ -13,7 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from micromanip.design.experiment import Ended
 from micromanip.errors import CheckFailed
+from micromanip.recordings import open_telemetry
 from micromanip.rt.arming import planned_cycles
 from micromanip.rt.records import CELL_STATE, MAX_AXES
 from micromanip.rt.states import TRACKING
@@ -53,11 +55,10 @@ def play(
     """Rows, one per cycle, of `duration_s` of TRACKING with `samples` played; the loop arms and stops softly.
 
     Each sample stands at its own time, see `at_own_time`. `process` keeps the machining force of a simulation.
-    With `kept`, what a run has left that was broken off is read instead. Raises CheckFailed where a fault ended it, or
-    cycles are missing from the recording; with `kept` KeyboardInterrupt where a signal did.
+    With `kept`, what a run has left that was broken off is read instead. Raises Ended where a fault ended it, else
+    CheckFailed where cycles are missing; with `kept` KeyboardInterrupt where a signal ended it.
     """
     from micromanip.host.daemon import Options, serve
-    from micromanip.recordings import open_telemetry
 
     armed = variant.model_copy(update={"arm_on_start": True})
     drivers = prepared.wiring.drivers
@@ -78,12 +79,13 @@ def play(
             options = Options(socket_path, line.planned_s, made, whole=kept is not None)
             report = serve(experiment, options, line.say, line.show)
             if report["faults"]:
-                raise CheckFailed(f"the experiment was ended by a fault: {report['faults'][0]}")
+                said = f"the experiment was ended by a fault: {report['faults'][0]}"
+                raise Ended(said, _rows(made)) if made.exists() else CheckFailed(said)
             recorded = report["recording"]
             if recorded is not None and recorded["message"] is not None:
                 raise CheckFailed(f"the experiment was not recorded: {recorded['message']}")
             shutil.move(made, file)
-        rows: NDArray[Any] = np.concatenate(list(open_telemetry(file).rows()))
+        rows = _rows(file)
     rows = rows[rows["state"] == TRACKING][: round(duration_s * variant.loop.rate_hz)]
     wanted = np.arange(rows["cycle"][0], rows["cycle"][-1] + 1) if len(rows) else np.arange(0)
     if len(wanted) < 0.99 * duration_s * variant.loop.rate_hz:
@@ -91,6 +93,10 @@ def play(
     # a cycle that an overrun skipped held its output: its row is that of the cycle before
     rows = rows[np.searchsorted(rows["cycle"], wanted, side="right") - 1]
     return at_own_time(rows, variant, prepared.wiring)
+
+
+def _rows(file: Path) -> NDArray[Any]:
+    return np.concatenate(list(open_telemetry(file).rows()))
 
 
 class LiveExperiment:

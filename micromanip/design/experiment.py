@@ -16,6 +16,14 @@ from micromanip.settings.wiring.timing import FeedbackPath
 from micromanip.settings.wiring.timing import path_bandwidth as path_bandwidth
 
 
+class Ended(CheckFailed):
+    """A fault ended the experiment; `rows` are those up to it, and those in which the outputs went to rest."""
+
+    def __init__(self, said: str, rows: NDArray[Any]) -> None:
+        super().__init__(said)
+        self.rows = rows
+
+
 class Experiment(Protocol):
     """Runs a configuration, armed, without machining; telemetry rows of the `seconds` after tracking began."""
 

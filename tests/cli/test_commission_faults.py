@@ -11,6 +11,7 @@ from micromanip.cli import commission
 from micromanip.design.commission import axis as steps
 from micromanip.design.commission.axis import commission_axis
 from micromanip.design.commission.guarded_experiment import GuardedExperiment
+from micromanip.design.experiment import Ended
 from micromanip.errors import CheckFailed
 from micromanip.settings.check import prepare
 from micromanip.virtual.experiment import VirtualExperiment
@@ -144,6 +145,21 @@ def test_a_host_that_stood_still_is_told_as_that(tmp_path):
     with pytest.raises(CheckFailed) as refused:
         commission_axis(prepared.configuration, GuardedExperiment(Stalled(prepared)), "x", lambda _: None)
     assert "stood still meanwhile: no sensor said anything for 40 ms" in str(refused.value)
+
+
+def test_a_device_that_stood_still_until_a_fault_came_is_told_as_that(tmp_path):
+    """As a live experiment ends: by an error that has the rows, here silent from cycle 1000 on."""
+    prepared = prepare(cell(tmp_path))
+    rows = Recorded(prepared)(prepared.configuration, 0.3)
+    rows["axis"]["fresh"][1000:] = 0
+
+    def ended(*_):
+        raise Ended("the experiment was ended by a fault: X-201", rows)
+
+    watched = GuardedExperiment(ended)
+    with pytest.raises(Ended):
+        watched(prepared.configuration, 0.3)
+    assert "no sensor said anything for 200 ms" in watched.stalled
 
 
 def test_a_host_that_stood_still_once_is_told_at_the_end_of_all(tmp_path):

@@ -10,7 +10,7 @@ from micromanip.faults import KINDS
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.wiring.timing import FeedbackPath
 
-from ..experiment import Experiment
+from ..experiment import Ended, Experiment
 
 Array = NDArray[np.float64]
 _STALL, _STALL_S = 5.0, 0.005
@@ -38,10 +38,13 @@ class GuardedExperiment:
     ) -> NDArray[np.void]:
         """The rows of the experiment."""
         self._silent_s = 0.0
-        rows = self._experiment(configuration, seconds, samples, every)
+        try:
+            rows = self._experiment(configuration, seconds, samples, every)
+        except Ended as ended:
+            self._judge(ended.rows, configuration)
+            raise
         if every == 1:
-            self._silent_s = _stall_s(rows, len(configuration.axes), configuration.loop.period_ns * 1e-9)
-        self._longest_s = max(self._longest_s, self._silent_s)
+            self._judge(rows, configuration)
         faults = rows["fault"][rows["fault"] != 0]
         if len(faults):
             kind = KINDS[int(faults[0])]
@@ -50,6 +53,10 @@ class GuardedExperiment:
                 f"the experiment was ended by fault {kind.code}; nothing was tuned. Likely: {causes}. {kind.next_step}"
             )
         return rows
+
+    def _judge(self, rows: NDArray[np.void], configuration: Configuration) -> None:
+        self._silent_s = _stall_s(rows, len(configuration.axes), configuration.loop.period_ns * 1e-9)
+        self._longest_s = max(self._longest_s, self._silent_s)
 
     def path(self, configuration: Configuration, axis: str) -> FeedbackPath:
         """What the sensors and the output of `axis` take."""
@@ -68,6 +75,8 @@ def _told(silent_s: float) -> str:
 def _stall_s(rows: NDArray[np.void], axes: int, period_s: float) -> float:
     """The longest time without a sample of any sensor, where that is no pause as usual; else 0."""
     heard = rows["cycle"][(rows["axis"]["fresh"][:, :axes] != 0).any(axis=1)]
+    if len(heard):  # a silence that lasts ends with the rows
+        heard = np.append(heard, rows["cycle"][-1])
     pauses = np.diff(np.unique(heard)) * period_s  # of a cycle that was missed there is the row before once more
     if not len(pauses):
         return 0.0

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
 
 from micromanip.control.outer_gains import outer_gains
 from micromanip.design.commission.limit_cycle import stage_at_rest, strain_at_rest
@@ -37,6 +38,24 @@ def rests(options, slew_um=2.0, range_um=63.0):
 def test_a_calm_loop_comes_to_rest_and_a_nervous_one_does_not():
     assert rests(AS_IT_IS)
     assert not rests(NERVOUS)
+
+
+@pytest.mark.parametrize(("residue", "calm"), [(1e-4, True), (0.5, False)])
+def test_a_pole_with_a_zero_upon_it_is_no_mode_that_swings(residue, calm):
+    """An identification leaves such pairs; nobody can damp one, and nothing can raise it. One that moves counts."""
+    outer = CELL.configuration.axes["x"].outer
+    model, turn = outer.model, 2.0 * np.pi * 23.7 * PERIOD_S
+    pair = 0.999999 * np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+    raised = residue * np.array([0.0, turn]) * float(np.abs(model.C).max())
+    model = model.model_copy(
+        update={
+            "A": tuple(map(tuple, block_diag(model.A, pair))),
+            "B": (*model.B, *raised),
+            "C": (*model.C, 1.0, 0.0),
+        }
+    )
+    gains = outer_gains(outer.model_copy(update={"model": model, "control_weight": 1e3}), None, PERIOD_S)
+    assert comes_to_rest(gains, len(model.A), Reach(2.0, 63.0), PERIOD_S) is calm
 
 
 SELDOM = prepare(Path(__file__).parents[2] / "config" / "simulated_2khz.yaml")

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from micromanip.rt.laws.sensor import SENSOR_STATE, read_signal
+from micromanip.rt.laws.sensor import SENSOR_STATE, is_silent, read_signal
 from micromanip.rt.records import SIGNAL
 
 from .builders import record
@@ -46,6 +46,7 @@ def test_a_fresh_sample_may_itself_be_too_old():
     for sequence in (1, 2, 3):
         read(record(SIGNAL, value=1.0, time_ns=1_000, sequence=sequence), s, 1_000_000)
     assert s["bad"] == 3
+    assert is_silent(s, MAX_AGE_NS), "the bus, a clock or the device is late, the sensor is not to blame"
 
 
 @pytest.mark.parametrize(

@@ -13,17 +13,21 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from micromanip.control.outer_gains import OuterGains
 from micromanip.rt.jit import Compiler
 from micromanip.settings.schema.axis import Axis
 
 compiled = Compiler(__file__, allocates=True)
+Array = NDArray[Any]
 
 _SHARES = 0.5 ** np.arange(1, 9)
 """Swings that must die out, in terms of what the set-point's reach moves the stage by."""
 _LONGEST_S, _WINDOW_S, _RESTED = 1.0, 0.05, 0.05
 """Time that is played at most; its windows, of which each has a largest output; what is left of a swing that rests."""
+_RAISED_S, _RAISED = 0.2, 0.1
+"""A mode counts whose swing a set-point at its frequency raises in that time to this share of what it moves at rest."""
 _SHRINKS, _LEFT = 0.9, 0.5
 """At the end a slow swing may be this share of what it was two windows before, and this share of the first, at most."""
 
@@ -52,24 +56,24 @@ class Samples:
 
 
 def comes_to_rest(gains: OuterGains, states: int, reach: Reach, period_s: float, samples: Samples = Samples()) -> bool:
-    """Whether swings of the least damped mode of the model's first `states` die out; True where it has none."""
+    """Whether swings of the model's least damped mode die out, in its first `states`; True where it has none."""
     A, B, C, K = gains.A, gains.B, gains.C, gains.feedback
-    values, vectors = np.linalg.eig(A[:states, :states])
-    swinging = np.flatnonzero(values.imag > 0.0)
-    if len(swinging) == 0:
-        return True
-    vector = vectors[:, swinging[np.argmax(np.abs(values[swinging]))]]
-    seen = C[:states] @ vector
-    if np.abs(seen) == 0.0:
-        return True
     entering = A[:states, gains.controllable]  # as the disturbance does: the set-point, its delay over
     static = float(C[:states] @ np.linalg.solve(np.eye(states) - A[:states, :states], entering))
+    values, vectors = np.linalg.eig(A[:states, :states])
+    seen = C[:states] @ vectors
+    moved = seen * np.linalg.solve(vectors, entering.astype(complex))
+    swinging = np.flatnonzero((values.imag > 0.0) & (_raised(values, moved, period_s) > _RAISED * abs(static)))
+    if len(swinging) == 0:
+        return True
+    least = swinging[np.argmax(np.abs(values[swinging]))]
+    vector = vectors[:, least] / seen[least]
     corrected = np.linalg.matrix_power(A, samples.late) @ gains.observer  # of now, by an innovation of then
     window = max(round(_WINDOW_S / period_s), 2 * samples.cycles)
     count = max(round(_LONGEST_S / _WINDOW_S), 4)
     for swing_um in _SHARES * abs(static) * reach.range_um:
         x = np.zeros(len(A))
-        x[:states] = np.real(vector / seen) * swing_um
+        x[:states] = np.real(vector) * swing_um
         limits = reach.slew_um, reach.range_um
         peaks = _peaks(
             A, B, C, K, corrected, x, *limits, samples.cycles, samples.late, window, count, _RESTED * swing_um
@@ -78,6 +82,17 @@ def comes_to_rest(gains: OuterGains, states: int, reach: Reach, period_s: float,
         if not (rested or (peaks[-1] <= _SHRINKS * peaks[-3] and peaks[-1] <= _LEFT * swing_um)):
             return False
     return True
+
+
+def _raised(values: Array, moved: Array, period_s: float) -> Array:
+    """Swing of each mode (n,) that a set-point of +-1 um at its frequency raises in `_RAISED_S`, or for ever, in um.
+
+    Nobody can raise a pole with a zero upon it: it is the identification's, and no mode of the stage.
+    """
+    poles = np.log(values.astype(complex)) / period_s
+    turn, decay = np.abs(poles.imag), np.maximum(-poles.real, 1.0 / _RAISED_S)
+    raised: Array = 2.0 * np.abs(moved / (1.0 - values)) * 0.5 * turn / decay
+    return raised
 
 
 @compiled

@@ -41,7 +41,7 @@ def read_signal(signal: Record, s: Record, now_ns: int, max_age_ns: int, range_u
     `max_age_ns`. A sample taken after `now_ns`, the cycle's deadline, counts as of now. ``identical`` counts
     consecutive samples that read exactly the same. Of all that the device took since the first one here, ``samples``
     were fresh and good, ``refused`` not, ``unseen`` never got here; where a driver starts its sequence over nothing is
-    known of that. ``silent_ns`` is the time since anything arrived, usable or not.
+    known of that. ``silent_ns`` is the time since the last that arrived was taken, usable or not: old news is silence.
     """
     arrived = signal["sequence"] != s["sequence"]
     value = signal["value"]
@@ -65,7 +65,7 @@ def read_signal(signal: Record, s: Record, now_ns: int, max_age_ns: int, range_u
             s["samples"] += 1
         else:
             s["refused"] += 1
-    s["silent_ns"] = now_ns - s["arrived_ns"]
+    s["silent_ns"] = now_ns - s["taken_ns"]
     s["age_ns"] = now_ns - s["time_ns"]
     if (arrived and not good) or s["sequence"] == 0 or s["age_ns"] > max_age_ns:
         s["bad"] += 1
@@ -84,7 +84,7 @@ def read_sensor(
 
 @compiled
 def is_silent(s: Record, longest_ns: int) -> bool:
-    """Whether nothing has arrived for longer than `longest_ns`, or ever."""
+    """Whether nothing that was taken within `longest_ns` has arrived, or nothing ever."""
     return s["sequence"] == 0 or s["silent_ns"] > longest_ns
 
 

@@ -121,7 +121,7 @@ static bool read_signal(const struct signal *signal, struct sensor_state *s, int
             s->refused++;
         }
     }
-    s->silent_ns = now_ns - s->arrived_ns;
+    s->silent_ns = now_ns - s->taken_ns;
     s->age_ns = now_ns - s->time_ns;
     if ((arrived && !good) || s->sequence == 0 || s->age_ns > max_age_ns)
         s->bad++;

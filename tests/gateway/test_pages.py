@@ -152,7 +152,7 @@ def test_the_cell_page_shows_values_and_a_fault_with_its_next_step(browser, addr
     in_order(browser, address)
 
 
-@pytest.mark.parametrize("path", ["/scope", "/moves", "/margins"])
+@pytest.mark.parametrize("path", ["/scope", "/moves"])
 def test_every_page_holds_and_disarms_after_a_question(browser, address, played, path):
     signed_in(browser, address, path)
     seen = "[...document.querySelectorAll('#orders button')].filter((b) => b.offsetParent || b.offsetWidth)"

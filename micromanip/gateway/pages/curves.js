@@ -1,4 +1,4 @@
-// Curves that are not over time: amplitude densities with their greatest lines, the sensitivity of a loop, x-y.
+// Curves that are not over time: amplitude densities with their greatest lines, x-y.
 import uPlot from "./third_party/uplot/uPlot.esm.js";
 import { cell, colour, element, head, padded, rows, short, swatch, unitText } from "./page.js";
 
@@ -85,25 +85,6 @@ export class SpectrumView extends Curves {
         return [name, cell(found.join("   ·   ") || "none stands out")];
       }),
     ]);
-  }
-}
-
-/** |S| as measured at its lines, and as predicted where there is a model. */
-export class SensitivityPlot extends Curves {
-  constructor(place) {
-    super(place, () => 320, "It is being measured.");
-    new ResizeObserver(() => this.resize()).observe(place);
-  }
-
-  /** `found` as the gateway answers it. */
-  draw(found) {
-    const { frequency_Hz, sensitivity, sensitivity_predicted, measured } = found;
-    const data = [frequency_Hz, sensitivity, sensitivity_predicted ?? frequency_Hz.map(() => null), frequency_Hz.map(() => measured.Ms)];
-    this.makeOverHz(data, [
-      { label: "measured", colour: "--trace-1", width: 1.5, points: { show: true, size: 5, fill: () => colour("--trace-1") } },
-      { label: "predicted", colour: "--trace-2", width: 1.5, dash: [7, 4] },
-      { label: "Ms", colour: "--bad", width: 1.5, dash: [2, 4] },
-    ], "|S|");
   }
 }
 

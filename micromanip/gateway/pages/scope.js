@@ -272,14 +272,14 @@ function jump(direction) {
   if (found !== undefined) around(found);
 }
 
-/** What is seen, as a file of that kind; a scope that is live is frozen first. */
-async function save(path, ending, more) {
+/** What is seen, as a recording; a scope that is live is frozen first. */
+async function save() {
   if (!frame) return;
   if (view.last === null) freeze();
   const { first, last } = frame.header;
   try {
-    const content = await (await post(path, { ...more, first: Math.max(0, first), last })).blob();
-    const link = element("a", { href: URL.createObjectURL(content), download: `scope-${last}.${ending}` });
+    const content = await (await post("/api/recording", { first: Math.max(0, first), last })).blob();
+    const link = element("a", { href: URL.createObjectURL(content), download: `scope-${last}.mcap` });
     link.click();
     URL.revokeObjectURL(link.href);
   } catch (problem) {
@@ -326,8 +326,7 @@ by("longer").addEventListener("click", () => zoom(2));
 by("earlier").addEventListener("click", () => move(-0.25));
 by("later").addEventListener("click", () => move(0.25));
 by("freeze").addEventListener("click", freeze);
-by("save").addEventListener("click", () => save("/api/csv", "csv", { fields: known() }));
-by("save-recording").addEventListener("click", () => save("/api/recording", "mcap"));
+by("save-recording").addEventListener("click", save);
 by("arm").addEventListener("click", () => connection.send({ type: "arm" }));
 for (const button of document.querySelectorAll("[data-tab]")) button.addEventListener("click", () => choose(button.dataset.tab));
 for (const id of ["x", "y"]) by(id).addEventListener("change", askMore);

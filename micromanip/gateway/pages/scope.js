@@ -21,6 +21,7 @@ let reference = null;
 let frame = null;
 let growing = null;
 let newest = "A";
+let isLive = true;
 let askedMs = 0, readMs = 0, zoomMs = 0;
 window.scopeFrames = [];
 
@@ -156,7 +157,7 @@ function bands(times, [low, high], end) {
 function summarise(header) {
   const part = (name, value, bad = false) => element("span", { className: bad ? "bad" : "" }, `${name} `, element("b", {}, value));
   by("summary").replaceChildren(
-    controller.recording ? part("from the first cycle,", `${moment((header.first - reference) * period())} to ${moment((header.last - reference) * period())}`) : part(view.last === null ? (header.trigger_cycle === null ? "live, up to cycle" : "triggered at cycle") : "frozen, up to cycle", count(header.trigger_cycle ?? header.last)),
+    controller.recording ? part("from the first cycle,", `${moment((header.first - reference) * period())} to ${moment((header.last - reference) * period())}`) : part(view.last !== null ? "frozen, up to cycle" : header.trigger_cycle !== null ? "triggered at cycle" : isLive ? "live, up to cycle" : "no controller, up to cycle", count(header.trigger_cycle ?? header.last)),
     part("a point is", header.rows === 1 ? "1 cycle" : `least and greatest of ${count(header.rows)} cycles`),
     part(controller.recording ? "not in the file" : "skipped by the loop", `${count(header.missing)} cycles`),
     part("lost", String(header.lost), header.lost > 0),
@@ -308,6 +309,9 @@ const connection = new Connection((message) => {
     connection.drawn();
   } else if (message.type === "status") {
     showStatus(message);
+    const was = isLive;
+    isLive = Boolean(message.status);
+    if (frame && was !== isLive) summarise(frame.header);
     connection.drawn();
   } else if (message.type === "problem") {
     notice(message.problem, true);

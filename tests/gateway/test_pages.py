@@ -136,7 +136,8 @@ def test_the_cell_page_shows_values_and_a_fault_with_its_next_step(browser, addr
     played.cell.take(status("FAULT", [FAULT]))
     browser.until("document.querySelector('#state b').textContent === 'FAULT'")
     assert FAULT["next_step"] in browser.value("document.querySelector('.fault').textContent")
-    assert browser.value("[...document.querySelectorAll('#orders button:disabled')].map((b) => b.dataset.order).join()") == "arm"
+    disabled = "[...document.querySelectorAll('#orders button:disabled')].map((b) => b.dataset.order).join()"
+    assert browser.value(disabled) == "arm"
     assert "RESET" in browser.value("document.getElementById('ordered').textContent")
     for state in ("FAULT", "NO CONTROLLER"):
         if state == "NO CONTROLLER":

@@ -116,7 +116,7 @@ def test_it_is_looked_at_again_without_a_new_start(tmp_path, monkeypatch):
         file = made(tmp_path, days=(-9, -1))[0]
         used.add(file, x509.load_pem_x509_certificate(file.read_bytes()))
         following = asyncio.create_task(used.follow())
-        lines = [await asyncio.wait_for(said.get(), 10.0) for _ in range(2)]
+        lines = [await asyncio.wait_for(said.get(), 60.0) for _ in range(2)]
         following.cancel()
         return lines
 

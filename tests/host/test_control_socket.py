@@ -189,7 +189,7 @@ def test_a_client_that_never_reads_is_dropped(tmp_path):
         loop = asyncio.get_running_loop()
         with silent:
             with contextlib.suppress(ConnectionError, TimeoutError):
-                async with asyncio.timeout(20):
+                async with asyncio.timeout(120):
                     while True:  # it asks until it is dropped
                         await loop.sock_sendall(silent, b'{"version": 1, "verb": "long"}\n' * 100)
                         writer.write(HERE + b"\n")
@@ -404,14 +404,15 @@ def test_one_user_can_not_take_every_slot(crowd):
         refused = await hall.ask(await hall.join(ANN), "here")
         stopped = await hall.ask(await hall.join(ANN), "disarm")
         idle[0][1].close()
-        await asyncio.sleep(0.05)
-        return ben, refused, stopped, await hall.ask(await hall.join(ANN), "here")
+        while (again := await hall.ask(await hall.join(ANN), "here")) == refused:
+            await asyncio.sleep(0.01)
+        return ben, refused, stopped, again
 
     ben, refused, stopped, again = hall.play(scene)
     assert ben == stopped == again == ECHO
     assert refused["error"] == "4 clients of ann are connected already; end one of them"
     assert refused["exit_code"] == 69
-    assert hall.told == [("ann", "connect", refused["error"])]
+    assert set(hall.told) == {("ann", "connect", refused["error"])}
 
 
 @pytest.mark.parametrize("same", [True, False])
@@ -448,12 +449,14 @@ def test_a_flood_of_the_one_does_not_evict_the_other_from_a_reserved_slot(crowd)
 
 def test_a_reserved_slot_is_not_kept(crowd):
     """Who asks nothing is told why and closed; who has asked is closed, too."""
-    hall = crowd(clients=1, of_a_user=1, reserved_s=0.1)
+    hall = crowd(clients=1, of_a_user=1, reserved_s=300)
 
     async def scene():
         await hall.join(ANN)
         silent, stopping = await hall.join(BEN), await hall.join(BEN)
         await hall.ask(stopping, "disarm")
+        with own_time() as pass_time:
+            await pass_time(300)
         return await hall.hear(silent), await hall.hear(silent), await hall.hear(stopping)
 
     told, end, after = hall.play(scene)

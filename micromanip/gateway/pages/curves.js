@@ -7,17 +7,17 @@ const power = (plot, ticks) => ticks.map((tick) => (tick === null ? "" : tick >=
 const plain = (plot, ticks) => ticks.map((tick) => String(Number(tick.toPrecision(10))).replace("-", "−"));
 const tall = () => Math.max(280, Math.min(720, window.innerHeight - 310));
 
-/** One plot in `place`, which shows `empty` where it is cleared. */
+/** One plot in `place`. */
 class Curves {
-  constructor(place, height, empty = "") {
-    Object.assign(this, { place, height, empty, plot: null });
+  constructor(place, height) {
+    Object.assign(this, { place, height, plot: null });
   }
 
   get width() {
     return Math.max(200, this.place.clientWidth - 12);
   }
 
-  clear(text = this.empty) {
+  clear(text = "") {
     this.plot?.destroy();
     this.plot = null;
     this.place.replaceChildren(...(text ? [element("div", { className: "empty" }, text)] : []));
@@ -25,7 +25,7 @@ class Curves {
 
   /** `data` and `series` as uPlot has them, with colours by name; `labels` of x and y; `more` options of uPlot. */
   make(data, series, labels, values, more) {
-    this.clear("");
+    this.clear();
     const axis = { stroke: () => colour("--faint"), grid: { stroke: () => colour("--grid"), width: 1 }, ticks: { stroke: () => colour("--grid") }, font: "13px system-ui, sans-serif", labelFont: "13px system-ui, sans-serif", labelSize: 18, values };
     this.plot = new uPlot({
       width: this.width,

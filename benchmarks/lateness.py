@@ -11,12 +11,12 @@ import asyncio
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.host.readiness import cyclictest
 from micromanip.host.readiness.loop_run import run_in_ready
 from micromanip.host.statistics import durations
 from micromanip.settings.check import Prepared, prepare
 from micromanip.status_reply import Durations
 
+from . import cyclictest
 from .runner import Plan, Result, Skipped
 
 _PERCENTILES = {"p50": 0.5, "p99": 0.99, "p99_9": 0.999, "p99_99": 0.9999}

@@ -57,8 +57,6 @@ CAMPAIGNS = {
     "foreign": Campaign("the same for plants of a class that the design does not know", "25 min", 40),
     "accuracy": Campaign("path error and sines of drawn plants and the real loop, beside the bound", "15 min", 50),
     "counterfactual": Campaign("tunings predicted on a recording, beside their simulation", "3 min", 20),
-    "budget": Campaign("the error budget beside experiments with causes switched off", "4 min", 5),
-    "path": Campaign("reach of drawn paths as predicted, beside the same paths played", "2 min", 60),
     "tune": Campaign("commission config/factory.yaml; write the tuned configurations", "3 min"),
     "mutation": Campaign("each mutant of the last gates and of the fault manager must die", "10 min"),
     "machine": Campaign(

@@ -2,7 +2,6 @@
 
 import json
 import os
-import resource
 import signal
 import subprocess
 import sys
@@ -143,12 +142,6 @@ class Running:
     def descriptors(self):
         """How many the host has open."""
         return len(list(Path(f"/proc/{self.process.pid}/fd").iterdir()))
-
-    @property
-    def resident_bytes(self):
-        """Memory of the host."""
-        pages = Path(f"/proc/{self.process.pid}/statm").read_text().split()[1]
-        return int(pages) * resource.getpagesize()
 
     def stall(self, seconds):
         """Keep the loop from running for so long."""

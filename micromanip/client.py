@@ -16,7 +16,7 @@ import select
 import socket
 import struct
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, cast
@@ -316,22 +316,17 @@ class Client:
         self,
         file: str | None = None,
         *,
-        triggers: Sequence[str] = (),
         before_s: float = 0.0,
-        after_s: float | None = None,
         segment_s: float | None = None,
         quota_bytes: int | None = None,
     ) -> status_reply.Recorded:
         """Record to a new file of that name in the controller's folder, one named for the time without.
 
-        `before_s` (s) of what has been is in it, too; with `triggers` (fault, overrun, mark) it waits for the first of
-        them, and ends `after_s` later. With `segment_s` it goes on in numbered files of that length, of which
-        the oldest are removed beyond `quota_bytes`.
+        `before_s` (s) of what has been is in it, too. With `segment_s` it goes on in numbered files of that length, of
+        which the oldest are removed beyond `quota_bytes`.
         """
-        extent = {"before_s": before_s, "after_s": after_s, "segment_s": segment_s, "quota_bytes": quota_bytes}
-        return cast(
-            status_reply.Recorded, self.request("recording_start", file=file, triggers=list(triggers), **extent)
-        )
+        extent = {"before_s": before_s, "segment_s": segment_s, "quota_bytes": quota_bytes}
+        return cast(status_reply.Recorded, self.request("recording_start", file=file, **extent))
 
     def recording_stop(self) -> status_reply.Recorded:
         """End the recording; raises CheckFailed where there is none, or it failed."""

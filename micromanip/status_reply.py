@@ -141,7 +141,7 @@ class Recorded(TypedDict):
     """The recording of a run: `state` is starting, recording, complete or failed.
 
     `rows` are in the file, which has so many `bytes`; `dropped` were overwritten before they could be; `message` says
-    why it failed; `waits_for` are the triggers of which none has come yet.
+    why it failed.
     """
 
     file: str
@@ -151,7 +151,6 @@ class Recorded(TypedDict):
     message: str | None
     bytes: int
     marks: int
-    waits_for: list[str]
 
 
 class Link(TypedDict):

@@ -190,11 +190,10 @@ def recorded(recording: Recorded) -> Text:
     """How far the recording is, or why it ended."""
     if recording["message"] is not None:
         return Text(f"recording: {recording['message']}", style="bold red")
-    waits = f", waits for {' or '.join(recording['waits_for'])}" if recording.get("waits_for") else ""
     size = f", {recording['bytes'] / 1e6:.1f} MB" if recording.get("bytes") else ""
     dropped = f", {recording['dropped']} cycles are missing" if recording["dropped"] else ""
     done = f"{recording['rows']} cycles{size}"
-    return Text(f"recording: {recording['file']}, {recording['state']}{waits}, {done}{dropped}")
+    return Text(f"recording: {recording['file']}, {recording['state']}, {done}{dropped}")
 
 
 def links(report: Status) -> Figures:

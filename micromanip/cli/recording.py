@@ -16,8 +16,7 @@ from .options import Quantity, StrictCommand, client_command
 
 
 def _show_begun(recorded: Recorded) -> None:
-    waits = f"; it waits for {' or '.join(recorded['waits_for'])}" if recorded["waits_for"] else ""
-    echo(f"recording to {recorded['file']}{waits}")
+    echo(f"recording to {recorded['file']}")
 
 
 def _show_ended(recorded: Recorded) -> None:
@@ -32,21 +31,11 @@ def _show_marked(marked: Marked) -> None:
 @click.command(
     "start",
     cls=StrictCommand,
-    epilog="Example: micromanip recording start night.mcap --on fault --before 3 --after 2",
+    epilog="Example: micromanip recording start part17.mcap --before 3",
 )
 @click.argument("file", required=False)
 @click.option(
-    "--on",
-    "triggers",
-    type=click.Choice(["fault", "overrun", "mark"]),
-    multiple=True,
-    help="Wait for this, exact to the cycle; several: for the first of them.",
-)
-@click.option(
     "--before", "before_s", type=Quantity("SecondsOrZero", most=5.0), default=0.0, help="Begin so much earlier, s."
-)
-@click.option(
-    "--after", "after_s", type=Quantity("SecondsOrZero", most=3600.0), help="End so long after the trigger, s."
 )
 @click.option(
     "--segment",
@@ -63,9 +52,7 @@ def _show_marked(marked: Marked) -> None:
 @client_command(_show_begun)
 def start(
     file: str | None,
-    triggers: tuple[str, ...],
     before_s: float,
-    after_s: float | None,
     minutes: float | None,
     quota_GB: float | None,
 ) -> Callable[[Client], Recorded]:
@@ -73,15 +60,11 @@ def start(
 
     It goes to the folder that `run --recordings` names, and replaces nothing there.
     """
-    if (after_s is None) != (not triggers):
-        raise UsageError("--on and --after go together: how long to record after the trigger")
     if (minutes is None) != (quota_GB is None):
         raise UsageError("--segment and --quota go together: how long a file is, and how much all may take")
     return lambda client: client.recording_start(
         file,
-        triggers=triggers,
         before_s=before_s,
-        after_s=after_s,
         segment_s=None if minutes is None else minutes * 60.0,
         quota_bytes=None if quota_GB is None else round(quota_GB * 1e9),
     )

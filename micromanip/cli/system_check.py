@@ -14,7 +14,7 @@ from .options import Quantity, StrictCommand, emit_answer, json_option
 
 if TYPE_CHECKING:
     from micromanip.host.readiness.answer import Answer
-    from micromanip.host.readiness.timed import Condition
+    from micromanip.host.readiness.loop_run import LoopRun
     from micromanip.settings.schema.model import Loop
 
 _STYLES = {"good": "green", "poor": "yellow", "bad": "bold red", "unknown": "dim"}
@@ -23,15 +23,14 @@ _STYLES = {"good": "green", "poor": "yellow", "bad": "bold red", "unknown": "dim
 @click.command("check", cls=StrictCommand, epilog="Example: sudo micromanip system check config/simulated.yaml")
 @click.argument("config", type=click.Path(path_type=Path), metavar="[CONFIG]", required=False)
 @click.option("--seconds", type=Quantity("Seconds", least=1, most=3600), default=5.0, show_default=True,
-              help="Length of each of the six runs.")  # fmt: skip
+              help="Length of each of the two runs.")  # fmt: skip
 @click.option("--no-run", is_flag=True, help="Look at the settings only; nothing is run.")
 @json_option
 def command(config: Path | None, seconds: float, no_run: bool, as_json: bool) -> None:
     """Say whether this machine keeps the deadlines of the loop of CONFIG, and what would mend what does not.
 
     Without CONFIG: a loop at 10 kHz on the last CPU, with the limits of hardware. The loop is run with a simulated cell
-    in READY, at rest and beside busy processes, whatever drivers CONFIG names: no device is opened. cyclictest (Debian
-    package rt-tests) runs in turns with it. As root, the kernel's trace says what made the loop late.
+    in READY, at rest and beside busy processes, whatever drivers CONFIG names: no device is opened.
 
     Ends with 1 where the machine is not ready for hardware. It refuses to run beside a controller.
     """
@@ -82,47 +81,34 @@ def _show(answer: Answer) -> None:
     if answer.timed is not None:
         timed = answer.timed
         table = Figures("us", "p50", "p99", "p99.9", "p99.99", "max", "overruns")
-        for name, condition in (("at rest", timed.at_rest), ("under load", timed.under_load)):
-            for row in _rows(name, condition):
+        for name, run in (("at rest", timed.at_rest), ("under load", timed.under_load)):
+            for row in _rows(name, run):
                 table.add_row(*row)
         console.print(table)
-        for line in timing_lines(timed.document()):
-            console.print(_plain(line))
+        console.print(_plain(counted_line(timed.document())))
     style = {True: "bold green", False: "bold red", None: "bold yellow"}[answer.ready]
     console.print(f"[{style}]{_plain(answer.verdict)}[/]")
 
 
-def _rows(name: str, condition: Condition) -> list[tuple[str, ...]]:
-    from micromanip.host.readiness.timed import condition_document
+def _rows(name: str, run: LoopRun) -> list[tuple[str, ...]]:
+    from micromanip.host.readiness.timed import run_document
 
-    document = condition_document(condition)
-    rows = []
-    for what, overruns in (("lateness", str(document["overruns"])), ("compute", ""), ("cyclictest", "")):
-        if (figures := document[f"{what}_ns"]) is not None:
-            rows.append((f"{what}, {name}", *(f"{value / 1e3:.1f}" for value in figures.values()), overruns))
-    return rows
+    document = run_document(run)
+    return [
+        (f"{what}, {name}", *(f"{value / 1e3:.1f}" for value in document[f"{what}_ns"].values()), overruns)
+        for what, overruns in (("lateness", str(document["overruns"])), ("compute", ""))
+    ]
 
 
-def timing_lines(timed: dict[str, Any]) -> list[str]:
-    """What was counted, what made the loop late, and what could not be measured; a line each."""
-    lines = []
-    if gaps := timed["clock_gaps"]:
-        lines.append(
-            f"A process that only watches the clock on that CPU missed it {gaps['per_s']:g} times per second, "
-            f"{gaps['share']:.2%} of the time, {gaps['max_ns'] / 1e3:.0f} us at most."
-        )
+def counted_line(timed: dict[str, Any]) -> str:
+    """What the kernel counted on the loop's CPU, and for its process."""
     counted = [f"{name}: {value}" for name, value in timed["counters_under_load"].items()]
     interrupts = sorted(timed["interrupts_under_load"].items(), key=lambda each: -each[1])
     counted += [f"{name}: {count}" for name, count in interrupts[:_INTERRUPTS]]
-    lines.append(f"Counted under load: {'; '.join(counted)}.")
-    for late in timed["late_cycles"]:
-        causes = ", ".join(f"{us} us {cause}" for cause, us in late["causes"][:_CAUSES])
-        lines.append(f"{late['lateness_us']:.0f} us late: {causes or 'less than the trace can resolve'}.")
-    lines += [f"Not measured: {reason}" for reason in timed["not_measured"]]
-    return lines
+    return f"Counted under load: {'; '.join(counted)}."
 
 
-_CAUSES, _INTERRUPTS = 3, 5
+_INTERRUPTS = 5
 
 
 def _plain(text: str) -> str:

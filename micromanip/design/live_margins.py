@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,17 +18,15 @@ from micromanip.control.injection import Injection
 from micromanip.control.margins import Margins, margins
 from micromanip.control.outer_gains import outer_gains
 from micromanip.errors import CheckFailed
-from micromanip.replies import Injected, Response
+from micromanip.replies import Response
 from micromanip.rt.states import HOLD
 from micromanip.settings.check import Prepared
 from micromanip.settings.excitation_plan import COLUMNS, plan_excitation
-from micromanip.settings.load import validate_document
 from micromanip.settings.schema.accept import Accept
 from micromanip.settings.schema.axis import Axis
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.schema.reference import Tracker
-from micromanip.settings.text.source import Source
 from micromanip.settings.wiring.timing import FeedbackPath
 from micromanip.virtual.experiment import VirtualExperiment
 from micromanip.virtual.own_time import at_own_time
@@ -187,15 +184,6 @@ def plant_of(responses: Sequence[Response]) -> Measured:
     """The plant's response from the spectra [period][line] = [re, im] of what goes in and comes out, of each draw."""
     U, Y = (np.array([each[name] for each in responses]) @ [1.0, 1j] for name in ("input", "output"))
     return of_spectra(np.asarray(responses[0]["frequency_Hz"]), U, Y)
-
-
-def judge_answers(begun: Injected, responses: Sequence[Response], axis: str, loop: str) -> Running:
-    """What a running controller answered to `sensitivity`, judged without a model of the strain loop's actuator.
-
-    Raises CheckFailed where no margins can be read off.
-    """
-    running = validate_document(Source.of(begun["configuration"], Path("(running)")))
-    return judge_running(running, FeedbackPath(**begun["path"]), axis, loop, plant_of(responses))
 
 
 def figures(found: Margins) -> dict[str, float]:

@@ -14,7 +14,7 @@ from typing import Any
 
 from starlette.applications import Starlette
 from starlette.requests import HTTPConnection, Request
-from starlette.responses import FileResponse, HTMLResponse, JSONResponse, PlainTextResponse, Response, StreamingResponse
+from starlette.responses import FileResponse, HTMLResponse, JSONResponse, PlainTextResponse, Response
 from starlette.routing import Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 from starlette.types import Receive, Scope, Send
@@ -26,14 +26,13 @@ from .cell import Cell, Source
 from .guard import ORDERS_PATH, Guard, Origins
 from .metrics import Metrics
 from .response import response_of
-from .saving import csv_lines, save_recording
-from .sensitivity import SensitivityMeasurements
+from .saving import save_recording
 from .session import MESSAGE_BYTES, Session
 from .tokens import Token, Tokens
 from .views import number
 
 PAGES = Path(__file__).with_name("pages")
-PATHS = {"cell": "/", "scope": "/scope", "margins": "/margins", "moves": "/moves"}
+PATHS = {"cell": "/", "scope": "/scope", "moves": "/moves"}
 """Where each page is; their names stand in this order above each."""
 ORDERS = ("arm", "hold", "disarm", "reset")
 MOVE_FIELDS = {"axis", "kind", "by_um", "returns", "way_s", "rest_s", "amplitude_um", "frequency_Hz", "to_Hz"}
@@ -67,7 +66,6 @@ class Gateway:
         `expiries` are those of `Metrics`.
         """
         self._cell, self._tokens, self._differs, self._beside = cell, tokens, differs, beside
-        self._measuring = SensitivityMeasurements(cell)
         self._saving = 0
         """Recordings that are being saved or sent."""
         routes = [
@@ -75,10 +73,8 @@ class Gateway:
             Route("/api/status", self._status),
             Route(ORDERS_PATH, self._order, methods=["POST"]),
             Route("/api/seen", self._seen, methods=["POST"]),
-            Route("/api/sensitivity", self._sensitivity, methods=["POST"]),
             Route("/api/move", self._move, methods=["POST"]),
             Route("/api/response", self._response, methods=["POST"]),
-            Route("/api/csv", self._csv, methods=["POST"]),
             Route("/api/recording", self._recording, methods=["POST"]),
             Route("/metrics", self._metrics),
             WebSocketRoute("/live", self._live),
@@ -128,10 +124,6 @@ class Gateway:
         self._cell.seen()
         return JSONResponse({"accepted": True})
 
-    async def _sensitivity(self, request: Request) -> Response:
-        token = self._known(request, operates=True)
-        return JSONResponse(await self._measuring.ask(token.name, await _body(request)))
-
     async def _move(self, request: Request) -> Response:
         token = self._known(request, operates=True)
         query = await _body(request)
@@ -143,13 +135,6 @@ class Gateway:
         self._known(request)
         query = await _body(request)
         return JSONResponse(response_of(self._source(), query))
-
-    async def _csv(self, request: Request) -> Response:
-        self._known(request)
-        query = await _body(request)
-        name = 'attachment; filename="scope.csv"'
-        text = csv_lines(self._source(), query)
-        return StreamingResponse(text, media_type="text/csv", headers={"content-disposition": name})
 
     def _source(self) -> Source:
         if self._cell.source is None:

@@ -1,11 +1,9 @@
-"""Whether a certificate of ours will be believed: looked at before anything is served with it, and every day then."""
+"""Whether a certificate of ours will be believed: looked at before anything is served with it."""
 
 from __future__ import annotations
 
-import asyncio
 import datetime
 import ipaddress
-from collections.abc import Callable
 from pathlib import Path
 
 from cryptography import x509
@@ -18,7 +16,6 @@ from micromanip.files import open_regular
 from .tokens import read_private
 
 WARN_DAYS = 30
-_AGAIN_S = 86_400.0
 
 
 def checked(certificate: Path, key: Path, mend: str = "have a new one made") -> x509.Certificate:
@@ -62,37 +59,6 @@ def ends_soon(certificate: x509.Certificate) -> str | None:
     if left >= datetime.timedelta(days=WARN_DAYS):
         return None
     return f"expires on {certificate.not_valid_after_utc:%Y-%m-%d}, in {left.days} days"
-
-
-class InUse:
-    """Certificates that are served, each with the file it came from: looked at again every day."""
-
-    def __init__(self, say: Callable[[str], None]) -> None:
-        self._say = say
-        self._served: dict[Path, x509.Certificate] = {}
-
-    def add(self, file: Path, certificate: x509.Certificate) -> None:
-        """One that is served from now on, as it is: another in the file counts from the next start on."""
-        self._served[file] = certificate
-
-    def expiries(self) -> dict[str, float]:
-        """When each expires (Unix time, s), by its file."""
-        return {str(file): each.not_valid_after_utc.timestamp() for file, each in self._served.items()}
-
-    def look(self) -> None:
-        """Say which have expired, or will soon."""
-        now = datetime.datetime.now(datetime.UTC)
-        for file, each in self._served.items():
-            gone = each.not_valid_after_utc < now
-            told = f"expired on {each.not_valid_after_utc:%Y-%m-%d}" if gone else ends_soon(each)
-            if told is not None:
-                self._say(f"WARNING: {file} {told}; have a new one made, and start the gateway again to serve it")
-
-    async def follow(self) -> None:
-        """Look every day."""
-        while True:
-            await asyncio.sleep(_AGAIN_S)
-            self.look()
 
 
 def names(certificate: x509.Certificate) -> list[str]:

@@ -1,13 +1,8 @@
-"""What the scope shows, saved: as CSV, or as a recording with the rows as the loop wrote them.
-
-CSV has every cycle where the rows are still there, else least and greatest of blocks. A recording is the file that
-`run --record` makes.
-"""
+"""What the scope shows, saved as a recording: rows as the loop wrote them, in the file that `run --record` makes."""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,53 +11,11 @@ from numpy.typing import NDArray
 
 from micromanip.errors import CheckFailed, UsageError, system_error
 from micromanip.recordings import file_header as header
-from micromanip.recordings.table import table_line
 from micromanip.replies import RunningConfiguration
 
 from .cell import Source
-from .views import names, number
 
-_LINES = 5000
-_ALL = 1 << 40
-"""Points: as many as there are."""
 _PART_ROWS = 1 << 16
-
-
-def csv_lines(source: Source, query: Mapping[str, Any]) -> AsyncIterator[str]:
-    """Text of `fields` from the cycle `first` to `last`; UsageError where that makes no sense."""
-    fields = names(query, source)
-    first, last = round(number(query, "first", -(2**53), 2**53)), round(number(query, "last", 0, 2**53))
-    history = source.history
-    if not fields or first > last:
-        raise UsageError("saving takes fields, and a first cycle that is not after the last one")
-    columns = history.index(fields)
-    if first >= history.oldest_full:
-        cycles, values = history.whole(columns, first, last)
-        named = list(fields)
-    else:
-        window = history.window(columns, first, last, _ALL)
-        cycles, values = window.cycles, np.stack([window.low, window.high], axis=1).reshape(-1, len(window.cycles))
-        named = [f"{name} {which}" for name in fields for which in ("least", "greatest")]
-    if not len(cycles):
-        raise UsageError("nothing is known of these cycles any more")
-    return _text(named, cycles, values, source.about["period_ns"] * 1e-9)
-
-
-async def _text(
-    named: list[str], cycles: NDArray[np.int64], values: NDArray[np.float32], period_s: float
-) -> AsyncIterator[str]:
-    yield f"cycle,time_s,{','.join(named)}\n"
-    for begin in range(0, len(cycles), _LINES):
-        yield await asyncio.to_thread(
-            _rows, cycles[begin : begin + _LINES], values[:, begin : begin + _LINES], period_s
-        )
-
-
-def _rows(cycles: NDArray[np.int64], values: NDArray[np.float32], period_s: float) -> str:
-    return "".join(
-        f"{cycle},{cycle * period_s:.9g},{table_line(f'{value:.9g}' for value in row)}\n"
-        for cycle, row in zip(cycles.tolist(), values.T.tolist(), strict=True)
-    )
 
 
 async def save_recording(source: Source, configuration: RunningConfiguration, first: int, last: int, file: Path) -> int:
@@ -78,7 +31,7 @@ async def save_recording(source: Source, configuration: RunningConfiguration, fi
     if first < history.oldest_full:
         raise UsageError(
             f"a recording has every cycle, and those before cycle {history.oldest_full} are known as least and "
-            "greatest only: zoom in, or save as CSV; `micromanip recording start` records for longer"
+            "greatest only: zoom in; `micromanip recording start` records for longer"
         )
     orders = {
         "file": str(file),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 import hashlib
 import ipaddress
@@ -26,7 +25,7 @@ from micromanip.extras import required
 
 from .app import Gateway
 from .cell import Cell
-from .certificates import InUse, checked, ends_soon, is_for, names
+from .certificates import checked, ends_soon, is_for, names
 from .fields import fields
 from .guard import Origins
 from .history import History
@@ -94,8 +93,8 @@ def serve(options: Options, say: Callable[[str], None]) -> None:
     host, port = parsed_address(options.listen, "--listen")
     origins = _origins(options, host)
     tokens, is_new = load_tokens(options.tokens)
-    in_use = InUse(say)
-    called = _check_certificate(options, host, in_use, say)
+    expiries: dict[str, float] = {}
+    called = _check_certificate(options, host, expiries, say)
     cell = Cell(options.control)
 
     def differs() -> str | None:
@@ -107,7 +106,7 @@ def serve(options: Options, say: Callable[[str], None]) -> None:
             "configuration, or values that were changed (`micromanip diff`)."
         )
 
-    opcua = None if options.opcua is None else _opcua(options.opcua, options.opcua_folder, cell, in_use, say)
+    opcua = None if options.opcua is None else _opcua(options.opcua, options.opcua_folder, cell, expiries, say)
     with listening(host, port, "--listen") as socket_:
         address = options.behind_proxy or f"{origins.scheme}://{shown(called, socket_.getsockname()[1])}"
 
@@ -115,7 +114,6 @@ def serve(options: Options, say: Callable[[str], None]) -> None:
         async def beside() -> AsyncIterator[None]:
             """What serves beside the pages; each is told of when it does."""
             async with contextlib.AsyncExitStack() as stack:
-                stack.callback(asyncio.create_task(in_use.follow()).cancel)
                 if opcua is not None:
                     await stack.enter_async_context(opcua.serving())
                     say(f"OPC UA at {opcua.url}; certificates in {options.opcua_folder}")
@@ -126,7 +124,7 @@ def serve(options: Options, say: Callable[[str], None]) -> None:
             say(f"made new tokens in {options.tokens}: one to observe, one to operate")
         memory_MB = History(fields(_MOST_AXES)).nbytes / 1e6
         say(f"the history of an hour takes {memory_MB:.0f} MB with three axes, all of it once there is a controller")
-        gateway = Gateway(cell, tokens, origins, differs, beside, expiries=in_use.expiries)
+        gateway = Gateway(cell, tokens, origins, differs, beside, expiries=lambda: expiries)
         run(gateway, socket_, options.certificate, options.key)
 
 
@@ -150,7 +148,7 @@ def run(gateway: Gateway, socket_: socket.socket, certificate: Path | None = Non
         uvicorn.Server(config).run([socket_])
 
 
-def _opcua(listen: str, folder: Path, cell: Cell, in_use: InUse, say: Callable[[str], None]) -> OpcUa:
+def _opcua(listen: str, folder: Path, cell: Cell, expiries: dict[str, float], say: Callable[[str], None]) -> OpcUa:
     with required("--opcua", "opcua"):
         from .opcua.service import OpcUa
     host, port = parsed_address(listen, "--opcua")
@@ -161,7 +159,7 @@ def _opcua(listen: str, folder: Path, cell: Cell, in_use: InUse, say: Callable[[
         say(f"made a certificate for OPC UA in {folder}; put those of clients into operate/ or observe/ there")
     if made.own.warning is not None:
         say(made.own.warning)
-    in_use.add(made.own.certificate, made.own.shown)
+    expiries[str(made.own.certificate)] = made.own.shown.not_valid_after_utc.timestamp()
     return made
 
 
@@ -187,7 +185,7 @@ def _origins(options: Options, host: str) -> Origins:
     return Origins()
 
 
-def _check_certificate(options: Options, host: str, in_use: InUse, say: Callable[[str], None]) -> str:
+def _check_certificate(options: Options, host: str, expiries: dict[str, float], say: Callable[[str], None]) -> str:
     """The host that the address is told with; what will keep browsers away is said.
 
     Raises ConfigError or PermissionDenied where certificate and key can't be used.
@@ -195,7 +193,7 @@ def _check_certificate(options: Options, host: str, in_use: InUse, say: Callable
     if options.certificate is None or options.key is None:
         return host
     found = checked(options.certificate, options.key)
-    in_use.add(options.certificate, found)
+    expiries[str(options.certificate)] = found.not_valid_after_utc.timestamp()
     if (soon := ends_soon(found)) is not None:
         say(f"{options.certificate} {soon}; browsers and scrapers will refuse it then")
     named = names(found)

@@ -8,6 +8,7 @@ import signal
 import sys
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -36,7 +37,7 @@ from .control.server import ControlSocket
 from .control.socket_file import Access
 from .control.verbs import Verbs
 from .controller import Controller
-from .exhaustion import Exhaustion, begun_threads, use_threads
+from .failures import Failures
 from .learning.service import LearningService
 from .notify import ServiceManager
 from .realtime import NO_NICE, missing_rights
@@ -91,7 +92,7 @@ class Daemon:
         self._prepared, self._options = prepared, options
         self._stop = asyncio.Event()
         self._say, self._show = say, show
-        self._exhaustion = Exhaustion(say, self._stop.set)
+        self._failures = Failures(self._stop.set)
         self._controller = Controller(prepared, options.socket, locks, process)
         self._workers = Workers(
             prepared, self._controller.segments, self._controller.offsets, locks, say, self._stop.is_set
@@ -122,8 +123,8 @@ class Daemon:
     async def run(self) -> Report:
         """The whole life of the controller; returns its final report, raises CheckFailed where the loop died."""
         loop = asyncio.get_running_loop()
-        use_threads(loop, begun_threads(_WORKERS, "verbs", self._exhaustion.let_go))
-        loop.set_exception_handler(self._exhaustion.unhandled)
+        loop.set_default_executor(ThreadPoolExecutor(_WORKERS, "verbs"))
+        loop.set_exception_handler(self._failures.unhandled)
         sys.setswitchinterval(_SWITCH_S)
         for number in (signal.SIGINT, signal.SIGTERM):
             loop.add_signal_handler(number, self._stop.set)
@@ -132,7 +133,7 @@ class Daemon:
         control = self._prepared.configuration.control
         access = Access(int(control.socket_mode, 8), control.operate_group, control.observe_group)
         control_socket = ControlSocket(
-            self._options.socket, self._verbs.table(), access, refused=self._trail.refused, failed=self._exhaustion.hear
+            self._options.socket, self._verbs.table(), access, refused=self._trail.refused, failed=self._failures.hear
         )
         await control_socket.open()
         try:
@@ -166,7 +167,7 @@ class Daemon:
         helpers.append(asyncio.create_task(self._trail.follow_repeats()))
         helpers.append(asyncio.create_task(self._recordings.warn()))
         for helper in helpers:
-            self._exhaustion.watch(helper)
+            self._failures.watch(helper)
         stopped = asyncio.create_task(self._stop.wait())
         try:
             self._boxes.start()
@@ -186,7 +187,7 @@ class Daemon:
             await self._boxes.stop()
             self._boxes.announce(last=True)
             await self._end_recording()
-            self._exhaustion.judge()
+            self._failures.judge()
             if self._options.whole and self._stop.is_set():
                 raise KeyboardInterrupt
             return self._report()
@@ -224,7 +225,7 @@ class Daemon:
         except CheckFailed:
             pass
         except Exception as problem:  # whatever it is, the loop is not left to itself: without its sign of life it ends
-            self._exhaustion.hear(problem, "stop")
+            self._failures.hear(problem)
             self._mute = True
         done, _ = await asyncio.wait({ended}, timeout=_STOP_S)
         if not done:

@@ -5,8 +5,6 @@ from pathlib import Path
 
 import pytest
 
-from tools.pictures.house import ANYWHERE, ROOMS
-
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
 LINK = re.compile(r"\[(?P<text>[^\]]*)\]\((?P<target>[^)\s]+)\)")
@@ -45,9 +43,3 @@ def test_every_page_and_picture_is_reached_from_the_index():
         reached |= led
     wanted = {*PAGES, *(ROOT / "docs" / "pictures").glob("*.svg")}
     assert {str(path.relative_to(ROOT)) for path in wanted - reached} == set()
-
-
-def test_every_package_has_its_room_in_the_picture_of_the_house():
-    package = ROOT / "micromanip"
-    rooms = {each.stem for each in package.iterdir() if each.suffix == ".py" or (each / "__init__.py").exists()}
-    assert rooms - {"__init__", "__main__"} <= {*ROOMS, *ANYWHERE}, "`make docs` draws no room that it does not know"

@@ -57,7 +57,7 @@ class Browser:
         text = message if isinstance(message, str) else json.dumps(message)
         self._to_app.put_nowait({"type": "websocket.receive", "text": text})
 
-    async def heard(self, wanted, patience_s=10.0):
+    async def heard(self, wanted, patience_s=60.0):
         """The first message from here on of which `wanted(message)` is true."""
         at = 0
         async with asyncio.timeout(patience_s):
@@ -70,7 +70,7 @@ class Browser:
                 await self._news.wait()
 
     async def ended(self):
-        async with asyncio.timeout(10.0):
+        async with asyncio.timeout(60.0):
             while self.closed is None:
                 self._news.clear()
                 await self._news.wait()

@@ -116,7 +116,7 @@ def test_connections_that_ask_for_nothing_make_room_and_end(opened, monkeypatch)
 
 def test_a_body_that_does_not_come_is_not_waited_for(opened, monkeypatch):
     monkeypatch.setattr(app, "_BODY_S", 0.2)
-    with request(opened, "/api/csv", b"{", 100) as asked:
+    with request(opened, "/api/recording", b"{", 100) as asked:
         assert b"the body was not whole" in b"".join(iter(lambda: asked.recv(4096), b""))
 
 

@@ -11,8 +11,8 @@ from cryptography import x509
 from cryptography.hazmat.primitives.asymmetric import ec
 
 from micromanip.errors import ConfigError, PermissionDenied
-from micromanip.gateway import certificates, serving
-from micromanip.gateway.certificates import InUse, checked
+from micromanip.gateway import serving
+from micromanip.gateway.certificates import checked
 from micromanip.gateway.opcua.users import prepared_folder
 
 from .certificates import LOCAL, certificate
@@ -105,19 +105,3 @@ def test_one_for_another_host_is_told_with_its_names(tmp_path, lines):
     public, private = made(tmp_path, names=())
     serving.serve(options(tmp_path, public, private), lines.append)
     assert "is for no host, not for 127.0.0.1" in lines[0]
-
-
-def test_it_is_looked_at_again_without_a_new_start(tmp_path, monkeypatch):
-    monkeypatch.setattr(certificates, "_AGAIN_S", 0.0)
-
-    async def watched():
-        said = asyncio.Queue()
-        used = InUse(said.put_nowait)
-        file = made(tmp_path, days=(-9, -1))[0]
-        used.add(file, x509.load_pem_x509_certificate(file.read_bytes()))
-        following = asyncio.create_task(used.follow())
-        lines = [await asyncio.wait_for(said.get(), 10.0) for _ in range(2)]
-        following.cancel()
-        return lines
-
-    assert all("expired on" in line for line in asyncio.run(watched()))

@@ -5,14 +5,13 @@ import mmap
 import os
 import subprocess
 import sys
-import time
 import urllib.error
 from contextlib import suppress
 
 import pytest
 from websockets.sync.client import connect
 
-from campaigns.running_controller import Running, until
+from campaigns.running_controller import PATIENCE_S, Running, until
 from micromanip.client import Client
 from micromanip.gateway.frames import parsed
 from tests.cells import LEISURELY, WAITING, changed
@@ -89,9 +88,8 @@ def test_the_ring_is_followed_without_gaps_over_a_websocket(gateway):
     with connect(f"ws://{gateway.host}/live", max_size=None) as browser:
         browser.send(json.dumps({"type": "hello", "token": gateway.secret["observe"]}))
         view = {"type": "view", "fields": ["x.strain_um", "x.voltage_V"], "span_s": 2.0, "points": 800, "last": None}
-        end = time.monotonic() + 20.0
-        while len(seen) < 20 and time.monotonic() < end:
-            message = browser.recv(20)
+        while len(seen) < 20:
+            message = browser.recv(PATIENCE_S)
             if isinstance(message, str):
                 if json.loads(message)["type"] == "hello":
                     browser.send(json.dumps(view))
@@ -103,7 +101,6 @@ def test_the_ring_is_followed_without_gaps_over_a_websocket(gateway):
             lost = header["lost"]
             assert len(arrays["x.strain_um low"]) == len(arrays["cycles"])
             browser.send('{"type": "drawn"}')
-    assert len(seen) == 20
     assert seen == sorted(set(seen))
     assert lost == 0
     assert "micromanip_up 1.0" in gateway.get("/metrics", "observe")

@@ -62,7 +62,7 @@ def remote(tmp_path_factory):
 
 
 @contextlib.asynccontextmanager
-async def client(served, name=None, key=None, as_user=None, patience_s=10.0):
+async def client(served, name=None, key=None, as_user=None, patience_s=60.0):
     """With the certificate of `name` on the channel and, where no other is given, as the user's."""
     made = Client(served.server.url, timeout=patience_s)
     made.application_uri = "urn:test:client"
@@ -86,7 +86,7 @@ async def value(made, path):
 
 
 async def eventually(look, wanted):
-    for _ in range(200):
+    for _ in range(3000):
         with contextlib.suppress(ua.UaStatusCodeError):
             if (found := await look()) == wanted:
                 return
@@ -252,7 +252,7 @@ def test_faults_states_and_refusals_are_events(served):
             with pytest.raises(ua.UaStatusCodeError, match="BadInvalidState"):
                 await call(made, "Arm")
             served.played.refuses = None
-            for _ in range(200):
+            for _ in range(3000):
                 if len(heard) >= 3:
                     break
                 await asyncio.sleep(0.02)

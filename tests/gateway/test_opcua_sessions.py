@@ -33,7 +33,7 @@ class Heard:
 @contextlib.asynccontextmanager
 async def channel(served, token):
     """A stranger's, who says this token of a session."""
-    made = Client(served.server.url, timeout=5.0)
+    made = Client(served.server.url, timeout=60.0)
     await made.connect_socket()
     try:
         await made.send_hello()

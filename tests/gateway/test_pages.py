@@ -136,6 +136,9 @@ def test_the_cell_page_shows_values_and_a_fault_with_its_next_step(browser, addr
     played.cell.take(status("FAULT", [FAULT]))
     browser.until("document.querySelector('#state b').textContent === 'FAULT'")
     assert FAULT["next_step"] in browser.value("document.querySelector('.fault').textContent")
+    disabled = "[...document.querySelectorAll('#orders button:disabled')].map((b) => b.dataset.order).join()"
+    assert browser.value(disabled) == "arm"
+    assert "RESET" in browser.value("document.getElementById('ordered').textContent")
     for state in ("FAULT", "NO CONTROLLER"):
         if state == "NO CONTROLLER":
             played.cell.take(None)
@@ -152,7 +155,7 @@ def test_the_cell_page_shows_values_and_a_fault_with_its_next_step(browser, addr
     in_order(browser, address)
 
 
-@pytest.mark.parametrize("path", ["/scope", "/moves", "/margins"])
+@pytest.mark.parametrize("path", ["/scope", "/moves"])
 def test_every_page_holds_and_disarms_after_a_question(browser, address, played, path):
     signed_in(browser, address, path)
     seen = "[...document.querySelectorAll('#orders button')].filter((b) => b.offsetParent || b.offsetWidth)"

@@ -90,7 +90,7 @@ def test_foreign_controller_moves_an_axis(device):
         gains = [(high - low) / 20.0 for low, high in itertools.pairwise(strains)]
         assert all(0.4 < gain < 1.5 for gain in gains), strains
         received = bus.recv(1.0)
-        assert abs(time.monotonic() - received.timestamp) < 1.0, "stamps are of CLOCK_MONOTONIC"
+        assert abs(time.monotonic() - received.timestamp) < PATIENCE_S, "stamps are of CLOCK_MONOTONIC"
     report = ask(device, report=True)
     assert report["outputs"]["voltage_y"]["max"] == pytest.approx(60.0, abs=0.003)
     assert report["outputs"]["voltage_y"]["samples"] == 4

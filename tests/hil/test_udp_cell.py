@@ -82,7 +82,7 @@ def test_a_long_break_leaves_the_device_to_its_watchdog_and_it_comes_back_at_res
         bench.running.stall(0.5)
     until(lambda: bench.link()["link"] == "up", lambda: bench.link())
     at_rest_after_a_fault(bench)
-    assert told(bench)[1]["amplifier_trips"] == trips + 1
+    assert told(bench)[1]["amplifier_trips"] > trips
     held(bench)
     assert told(bench)[0]["largest_step_V"] <= LARGEST_STEP_V
     assert bench.link()["links"] >= 2
@@ -92,7 +92,7 @@ def test_all_killed_the_watchdog_brings_it_to_rest(bench):
     held(bench)
     trips = told(bench)[1]["amplifier_trips"]
     bench.running.kill()
-    until(lambda: told(bench)[1]["amplifier_trips"] == trips + 1, "no trip")
+    until(lambda: told(bench)[1]["amplifier_trips"] > trips, "no trip")
     time.sleep(REST_S)
     bench.start_again()
     told(bench)

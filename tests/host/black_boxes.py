@@ -5,7 +5,7 @@ import subprocess
 import numpy as np
 import pytest
 
-from campaigns.running_controller import MICROMANIP, until
+from campaigns.running_controller import MICROMANIP, PATIENCE_S, until
 from micromanip.host.trips.store import TripRecord, trips
 
 
@@ -27,7 +27,7 @@ def box_of(cell, *, complete=True, place=None):
 
 def explained(cell, *arguments):
     command = [str(MICROMANIP), "trip", "show", "--trips", str(folder(cell)), *arguments]
-    return subprocess.run(command, capture_output=True, text=True, check=True, timeout=60).stdout
+    return subprocess.run(command, capture_output=True, text=True, check=True, timeout=PATIENCE_S).stdout
 
 
 def assert_whole(box, before_ms, after_ms):

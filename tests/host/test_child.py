@@ -100,7 +100,7 @@ def test_a_child_begins_wherever_its_host_did(tmp_path, module):
     """A folder of the name of the package, a state directory, say, stands in its way no more."""
     (tmp_path / "micromanip" / "recordings").mkdir(parents=True)
     command = [sys.executable, "-P", "-m", f"micromanip.{module}"]
-    ended = subprocess.run(command, cwd=tmp_path, input="", capture_output=True, text=True, check=False, timeout=60)
+    ended = subprocess.run(command, cwd=tmp_path, input="", capture_output=True, text=True, check=False, timeout=150)
     assert (ended.returncode, ended.stderr) == (0, "")
 
 
@@ -148,5 +148,5 @@ def test_a_loop_whose_host_ended_before_it_gave_orders_ends_too():
     command = [sys.executable, "-P", "-m", "micromanip.host.loop_process"]
     with theirs, subprocess.Popen(command, stdin=theirs, stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as loop:
         ours.close()
-        assert loop.communicate(timeout=60) == (b"", None)
+        assert loop.communicate(timeout=150) == (b"", None)
     assert loop.returncode == 0

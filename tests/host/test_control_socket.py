@@ -61,7 +61,7 @@ def talk(path, conversation, access=Access(), bounds=Bounds()):  # noqa: B008
         try:
             reader, writer = await asyncio.open_unix_connection(str(path), limit=1 << 22)
             try:
-                return await asyncio.wait_for(conversation(reader, writer), 30)
+                return await asyncio.wait_for(conversation(reader, writer), 120)
             finally:
                 writer.close()
         finally:
@@ -189,7 +189,7 @@ def test_a_client_that_never_reads_is_dropped(tmp_path):
         loop = asyncio.get_running_loop()
         with silent:
             with contextlib.suppress(ConnectionError, TimeoutError):
-                async with asyncio.timeout(20):
+                async with asyncio.timeout(120):
                     while True:  # it asks until it is dropped
                         await loop.sock_sendall(silent, b'{"version": 1, "verb": "long"}\n' * 100)
                         writer.write(HERE + b"\n")
@@ -349,14 +349,14 @@ class Crowd:
         return await self.hear(client)
 
     async def hear(self, client):
-        line = await asyncio.wait_for(client[0].readline(), 10)
+        line = await client[0].readline()
         return json.loads(line) if line else None
 
     def play(self, scene):
         async def main():
             await self.served.open()
             try:
-                return await asyncio.wait_for(scene(), 60)
+                return await scene()
             finally:
                 for _, writer in self.joined:
                     writer.transport.abort()
@@ -373,17 +373,17 @@ def crowd(tmp_path, monkeypatch):
 
 @contextlib.contextmanager
 def own_time():
-    """The running loop's clock stands still but for what its yield is awaited with: no stall of the machine counts."""
+    """The running loop's clock goes on by what its yield is awaited with: far more than the machine ever stalls."""
     loop = asyncio.get_running_loop()
-    now_s = loop.time()
+    real, ahead_s = loop.time, 0.0
 
     async def pass_time(seconds):
-        nonlocal now_s
-        now_s += seconds
+        nonlocal ahead_s
+        ahead_s += seconds
         for _ in range(10):  # whoever this wakes acts
             await asyncio.sleep(0)
 
-    loop.time = lambda: now_s
+    loop.time = lambda: real() + ahead_s
     try:
         yield pass_time
     finally:
@@ -404,14 +404,15 @@ def test_one_user_can_not_take_every_slot(crowd):
         refused = await hall.ask(await hall.join(ANN), "here")
         stopped = await hall.ask(await hall.join(ANN), "disarm")
         idle[0][1].close()
-        await asyncio.sleep(0.05)
-        return ben, refused, stopped, await hall.ask(await hall.join(ANN), "here")
+        while (again := await hall.ask(await hall.join(ANN), "here")) == refused:
+            await asyncio.sleep(0.01)
+        return ben, refused, stopped, again
 
     ben, refused, stopped, again = hall.play(scene)
     assert ben == stopped == again == ECHO
     assert refused["error"] == "4 clients of ann are connected already; end one of them"
     assert refused["exit_code"] == 69
-    assert hall.told == [("ann", "connect", refused["error"])]
+    assert set(hall.told) == {("ann", "connect", refused["error"])}
 
 
 @pytest.mark.parametrize("same", [True, False])
@@ -448,12 +449,14 @@ def test_a_flood_of_the_one_does_not_evict_the_other_from_a_reserved_slot(crowd)
 
 def test_a_reserved_slot_is_not_kept(crowd):
     """Who asks nothing is told why and closed; who has asked is closed, too."""
-    hall = crowd(clients=1, of_a_user=1, reserved_s=0.1)
+    hall = crowd(clients=1, of_a_user=1, reserved_s=300)
 
     async def scene():
         await hall.join(ANN)
         silent, stopping = await hall.join(BEN), await hall.join(BEN)
         await hall.ask(stopping, "disarm")
+        with own_time() as pass_time:
+            await pass_time(300)
         return await hall.hear(silent), await hall.hear(silent), await hall.hear(stopping)
 
     told, end, after = hall.play(scene)
@@ -464,7 +467,7 @@ def test_a_reserved_slot_is_not_kept(crowd):
 
 def test_idle_clients_are_closed_and_others_stay(crowd):
     """One that asks now and then is served for many times the idle time; half a line does not count as asking."""
-    hall = crowd(idle_s=0.4)
+    hall = crowd(idle_s=400)
 
     async def scene():
         idle, slow, regular = [await hall.join() for _ in range(3)]
@@ -473,11 +476,11 @@ def test_idle_clients_are_closed_and_others_stay(crowd):
                 assert await hall.ask(regular, "here") == ECHO
                 if k < 3:
                     slow[1].write(b"{")
-                await pass_time(0.1)
+                await pass_time(100)
         return [[await hall.hear(client), await hall.hear(client)] for client in (idle, slow)]
 
     for told, end in hall.play(scene):
-        assert told == {"version": 1, "ok": False, "error": "closed: no request in 0.4 s", "exit_code": 69}
+        assert told == {"version": 1, "ok": False, "error": "closed: no request in 400 s", "exit_code": 69}
         assert end is None
 
 

@@ -47,7 +47,7 @@ class Playing(Cell):
         async def whole():
             turning = asyncio.create_task(self.turn())
             try:
-                return await asyncio.wait_for(scenario(), 60.0)
+                return await asyncio.wait_for(scenario(), 150.0)
             finally:
                 turning.cancel()
 

@@ -98,37 +98,6 @@ def test_one_group_operates_and_another_observes(service, configured):
     ]
 
 
-IDLE = """
-import socket, sys, time
-held = []
-for _ in range(300):
-    held.append(socket.socket(socket.AF_UNIX))
-    held[-1].connect("/run/micromanip/control.sock")
-print("there", flush=True)
-time.sleep(600)
-"""
-
-
-def test_idle_clients_keep_nobody_from_stopping(service):
-    """Three hundred of one operator: the others are served, and the same one gets in to stop."""
-    service.start().track()
-    idle = subprocess.Popen(
-        ["runuser", "-u", "cell-operator", "--", "/usr/bin/python3", "-c", IDLE], stdout=subprocess.PIPE, text=True
-    )
-    try:
-        assert idle.stdout.readline() == "there\n"
-        ok(PROGRAM, "status")
-        refused = done(PROGRAM, "status", user="cell-operator")
-        assert refused.returncode == 69
-        assert "clients of cell-operator are connected already" in refused.stderr
-        ok(PROGRAM, "disarm", user="cell-operator")
-        service.reach("READY")
-    finally:
-        idle.kill()
-        idle.wait()
-        idle.stdout.close()
-
-
 def test_a_link_that_an_operator_has_planted_is_not_followed(service, tmp_path):
     """The folder of the configuration is the group's: installing replaces what lies there, and follows it nowhere."""
     text, before = CONFIG.read_text(), Path("/etc/shadow").read_bytes()
@@ -241,35 +210,6 @@ def test_one_controller_a_device(service):
     ok(PROGRAM, "park", str(CONFIG), user="cell-operator")
     for asks in ("cell-operator", "root"):
         assert "as of the run of" in ok(PROGRAM, "park", str(CONFIG), user=asks), "by what the service has left"
-
-
-def test_installing_again_changes_nothing_and_a_change_is_shown(service, tmp_path):
-    assert "create /etc/systemd/system/micromanip.service" in service.installation
-    assert ok(PROGRAM, "system", "install").startswith("nothing to do")
-    other = tmp_path / "other.yaml"
-    other.write_text(CONFIG.read_text().replace("park_V: 0", "park_V: 1", 1))
-    before = CONFIG.read_text()
-    shown = json.loads(ok(PROGRAM, "system", "install", str(other), "--dry-run", "--json"))
-    assert not shown["done"]
-    changes = {step["step"]: step["diff"] for step in shown["steps"] if step["diff"]}
-    assert list(changes) == [f"change {CONFIG}"]
-    assert any(line.startswith("+") and "park_V: 1" in line for line in changes[f"change {CONFIG}"])
-    assert CONFIG.read_text() == before
-    unasked = done(PROGRAM, "system", "install", str(other))
-    assert unasked.returncode == 64
-    assert "--yes" in unasked.stderr
-    refused = done(PROGRAM, "system", "install", str(CONFIG.parent / "none.yaml"), "--yes")
-    assert refused.returncode == 78
-
-
-def test_not_everybody_installs(service):
-    unit = Path("/etc/systemd/system/micromanip.service")
-    unit.unlink()
-    refused = done(PROGRAM, "system", "install", "--yes", user="cell-operator")
-    ok(PROGRAM, "system", "install", "--yes")
-    assert unit.exists()
-    assert refused.returncode == 77
-    assert "takes root" in refused.stderr
 
 
 def test_page_can_be_followed_as_written(service, tmp_path):

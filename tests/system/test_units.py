@@ -51,11 +51,6 @@ def test_verify_finds_the_program_wherever_it_is(unit, folder, tmp_path):
     assert (outcome.returncode, outcome.stdout, outcome.stderr) == (0, "", "")
 
 
-def test_verify_would_say_something(unit):
-    unit.write_text(unit.read_text().replace("WatchdogSec=5", "WatchdogSecs=5"))
-    assert "WatchdogSecs" in analyze("verify", "--man=no", unit).stderr
-
-
 @both
 def test_exposure(unit):
     judged = analyze("security", "--offline=true", f"--threshold={MOST_EXPOSURE}", "--no-pager", unit)

@@ -1,6 +1,7 @@
-"""Draw the pictures of the documentation into docs/pictures: `make docs`.
+"""Draw the figures of the documentation into docs/pictures: `make docs`.
 
-All figures come from the code that they explain: the laws themselves, or the simulated cell in virtual time.
+All come from the code that they explain: the laws themselves, or the simulated cell in virtual time. The block diagrams
+beside them are drawings, edited as SVG.
 """
 
 from __future__ import annotations
@@ -26,8 +27,6 @@ from micromanip.settings.schema.reference import Hold, Step
 from micromanip.virtual.experiment import VirtualExperiment, with_options
 
 from .design_figures import analysis_drawings, commissioning_drawings
-from .diagrams import DIAGRAMS
-from .house import house
 from .identification import identification_drawings
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -161,10 +160,7 @@ def path_error(prepared: Prepared) -> Figure:
 
 
 def drawings() -> Iterator[tuple[str, Figure]]:
-    """All pictures with the names of their files."""
-    for name, draw in DIAGRAMS.items():
-        yield name, draw()
-    yield "house", house()
+    """All figures with the names of their files."""
     yield "play_operator", play_operator()
     prepared = prepare(ROOT / "config" / "simulated.yaml")
     configuration, experiment = prepared.configuration, VirtualExperiment(prepared)

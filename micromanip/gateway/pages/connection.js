@@ -78,7 +78,7 @@ export class Connection {
         this.failed = 0;
         this.begin(unknown);
       } else {
-        this.orders.arrange(false);
+        this.orders.arrange(null);
         this.lost(`${refused ?? "The gateway does not answer"}; trying again.`);
         setTimeout(() => this.begin(), AGAIN_MS);
       }

@@ -1,4 +1,4 @@
-// Curves that are not over time: amplitude densities with their greatest lines, the sensitivity of a loop, x-y.
+// Curves that are not over time: amplitude densities with their greatest lines, x-y.
 import uPlot from "./third_party/uplot/uPlot.esm.js";
 import { cell, colour, element, head, padded, rows, short, swatch, unitText } from "./page.js";
 
@@ -7,17 +7,17 @@ const power = (plot, ticks) => ticks.map((tick) => (tick === null ? "" : tick >=
 const plain = (plot, ticks) => ticks.map((tick) => String(Number(tick.toPrecision(10))).replace("-", "−"));
 const tall = () => Math.max(280, Math.min(720, window.innerHeight - 310));
 
-/** One plot in `place`, which shows `empty` where it is cleared. */
+/** One plot in `place`. */
 class Curves {
-  constructor(place, height, empty = "") {
-    Object.assign(this, { place, height, empty, plot: null });
+  constructor(place, height) {
+    Object.assign(this, { place, height, plot: null });
   }
 
   get width() {
     return Math.max(200, this.place.clientWidth - 12);
   }
 
-  clear(text = this.empty) {
+  clear(text = "") {
     this.plot?.destroy();
     this.plot = null;
     this.place.replaceChildren(...(text ? [element("div", { className: "empty" }, text)] : []));
@@ -25,7 +25,7 @@ class Curves {
 
   /** `data` and `series` as uPlot has them, with colours by name; `labels` of x and y; `more` options of uPlot. */
   make(data, series, labels, values, more) {
-    this.clear("");
+    this.clear();
     const axis = { stroke: () => colour("--faint"), grid: { stroke: () => colour("--grid"), width: 1 }, ticks: { stroke: () => colour("--grid") }, font: "13px system-ui, sans-serif", labelFont: "13px system-ui, sans-serif", labelSize: 18, values };
     this.plot = new uPlot({
       width: this.width,
@@ -85,25 +85,6 @@ export class SpectrumView extends Curves {
         return [name, cell(found.join("   ·   ") || "none stands out")];
       }),
     ]);
-  }
-}
-
-/** |S| as measured at its lines, and as predicted where there is a model. */
-export class SensitivityPlot extends Curves {
-  constructor(place) {
-    super(place, () => 320, "It is being measured.");
-    new ResizeObserver(() => this.resize()).observe(place);
-  }
-
-  /** `found` as the gateway answers it. */
-  draw(found) {
-    const { frequency_Hz, sensitivity, sensitivity_predicted, measured } = found;
-    const data = [frequency_Hz, sensitivity, sensitivity_predicted ?? frequency_Hz.map(() => null), frequency_Hz.map(() => measured.Ms)];
-    this.makeOverHz(data, [
-      { label: "measured", colour: "--trace-1", width: 1.5, points: { show: true, size: 5, fill: () => colour("--trace-1") } },
-      { label: "predicted", colour: "--trace-2", width: 1.5, dash: [7, 4] },
-      { label: "Ms", colour: "--bad", width: 1.5, dash: [2, 4] },
-    ], "|S|");
   }
 }
 

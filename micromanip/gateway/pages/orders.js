@@ -8,6 +8,7 @@ const QUESTIONS = {
   reset: ["Clear the latched fault?", "Nothing moves."],
 };
 const STOPS = ["hold", "disarm"];
+const FAULTED = "ARM comes after RESET: mend what the fault says, then reset it.";
 
 export class Orders {
   /** `post` sends a document to a path of the gateway. */
@@ -22,12 +23,18 @@ export class Orders {
     if (message.type === "hello") {
       this.operates = message.scope === "operate";
       by("orders").hidden = !this.operates;
-    } else if (message.type === "status") this.arrange(Boolean(message.status));
+    } else if (message.type === "status") this.arrange(message.status?.state ?? null);
   }
 
-  /** Nobody takes orders where no controller is. */
-  arrange(isThere) {
-    for (const button of this.buttons) button.disabled = !isThere || !this.operates;
+  /** Nobody takes orders where no controller is (`state` null); a fault is reset before anything moves again. */
+  arrange(state) {
+    for (const button of this.buttons) {
+      const first = state === "FAULT" && button.dataset.order === "arm" ? FAULTED : "";
+      button.disabled = state === null || !this.operates || Boolean(first);
+      button.title = first;
+    }
+    const told = by("ordered"), isHere = state === "FAULT" && document.body.dataset.page === "cell";
+    if (isHere || told.textContent === FAULTED) told.textContent = isHere ? FAULTED : "";
   }
 
   async give(name) {

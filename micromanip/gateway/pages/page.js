@@ -41,7 +41,7 @@ export function showStatus({ status, problem, differs, unseen }) {
   by("where").textContent = status?.configuration ?? "";
   const fault = (unseen ?? status)?.fault_reports.at(-1);
   const bad = [problem, fault ? `${fault.seen}. ${fault.next_step}` : null].filter(Boolean);
-  notice(bad.join(". ") || (differs ?? ""), bad.length > 0);
+  notice(bad.join("\n") || (differs ?? ""), bad.length > 0);
 }
 
 /** Whether the person says yes; enter means `usual`. */

@@ -21,6 +21,7 @@ let reference = null;
 let frame = null;
 let growing = null;
 let newest = "A";
+let isLive = true;
 let askedMs = 0, readMs = 0, zoomMs = 0;
 window.scopeFrames = [];
 
@@ -156,7 +157,7 @@ function bands(times, [low, high], end) {
 function summarise(header) {
   const part = (name, value, bad = false) => element("span", { className: bad ? "bad" : "" }, `${name} `, element("b", {}, value));
   by("summary").replaceChildren(
-    controller.recording ? part("from the first cycle,", `${moment((header.first - reference) * period())} to ${moment((header.last - reference) * period())}`) : part(view.last === null ? (header.trigger_cycle === null ? "live, up to cycle" : "triggered at cycle") : "frozen, up to cycle", count(header.trigger_cycle ?? header.last)),
+    controller.recording ? part("from the first cycle,", `${moment((header.first - reference) * period())} to ${moment((header.last - reference) * period())}`) : part(view.last !== null ? "frozen, up to cycle" : header.trigger_cycle !== null ? "triggered at cycle" : isLive ? "live, up to cycle" : "no controller, up to cycle", count(header.trigger_cycle ?? header.last)),
     part("a point is", header.rows === 1 ? "1 cycle" : `least and greatest of ${count(header.rows)} cycles`),
     part(controller.recording ? "not in the file" : "skipped by the loop", `${count(header.missing)} cycles`),
     part("lost", String(header.lost), header.lost > 0),
@@ -272,14 +273,14 @@ function jump(direction) {
   if (found !== undefined) around(found);
 }
 
-/** What is seen, as a file of that kind; a scope that is live is frozen first. */
-async function save(path, ending, more) {
+/** What is seen, as a recording; a scope that is live is frozen first. */
+async function save() {
   if (!frame) return;
   if (view.last === null) freeze();
   const { first, last } = frame.header;
   try {
-    const content = await (await post(path, { ...more, first: Math.max(0, first), last })).blob();
-    const link = element("a", { href: URL.createObjectURL(content), download: `scope-${last}.${ending}` });
+    const content = await (await post("/api/recording", { first: Math.max(0, first), last })).blob();
+    const link = element("a", { href: URL.createObjectURL(content), download: `scope-${last}.mcap` });
     link.click();
     URL.revokeObjectURL(link.href);
   } catch (problem) {
@@ -308,6 +309,9 @@ const connection = new Connection((message) => {
     connection.drawn();
   } else if (message.type === "status") {
     showStatus(message);
+    const was = isLive;
+    isLive = Boolean(message.status);
+    if (frame && was !== isLive) summarise(frame.header);
     connection.drawn();
   } else if (message.type === "problem") {
     notice(message.problem, true);
@@ -326,8 +330,7 @@ by("longer").addEventListener("click", () => zoom(2));
 by("earlier").addEventListener("click", () => move(-0.25));
 by("later").addEventListener("click", () => move(0.25));
 by("freeze").addEventListener("click", freeze);
-by("save").addEventListener("click", () => save("/api/csv", "csv", { fields: known() }));
-by("save-recording").addEventListener("click", () => save("/api/recording", "mcap"));
+by("save-recording").addEventListener("click", save);
 by("arm").addEventListener("click", () => connection.send({ type: "arm" }));
 for (const button of document.querySelectorAll("[data-tab]")) button.addEventListener("click", () => choose(button.dataset.tab));
 for (const id of ["x", "y"]) by(id).addEventListener("change", askMore);

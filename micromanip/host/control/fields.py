@@ -97,14 +97,8 @@ class RecordStart(Settings):
     """Fields of `recording_start`."""
 
     file: str | None = Field(default=None, description="Name in the folder of recordings; without one, the time.")
-    triggers: tuple[Literal["fault", "overrun", "mark"], ...] = Field(
-        default=(), max_length=3, description="Wait for the first of these."
-    )
     before_s: Annotated[float, Field(strict=True, ge=0, le=5, allow_inf_nan=False)] = Field(
-        default=0.0, description="Begin so much earlier, s: than now, or than the trigger."
-    )
-    after_s: Annotated[float, Field(strict=True, ge=0, le=3600, allow_inf_nan=False)] | None = Field(
-        default=None, description="End so much later than the trigger, s."
+        default=0.0, description="Begin so much earlier, s."
     )
     segment_s: Annotated[float, Field(strict=True, ge=1, le=86_400, allow_inf_nan=False)] | None = Field(
         default=None, description="Begin another file so often, s."
@@ -114,13 +108,9 @@ class RecordStart(Settings):
     )
 
     @model_validator(mode="after")
-    def _after_a_trigger(self) -> Self:
-        if (self.after_s is None) != (not self.triggers):
-            raise ValueError("triggers and after_s go together: how long to record after the first of them")
+    def _both_or_neither(self) -> Self:
         if (self.segment_s is None) != (self.quota_bytes is None):
             raise ValueError("segment_s and quota_bytes go together: how long a file is, and how much all may take")
-        if self.segment_s is not None and self.triggers:
-            raise ValueError("segment_s is for a recording without an end, not for one around triggers")
         return self
 
 

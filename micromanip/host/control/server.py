@@ -45,9 +45,9 @@ class ControlSocket:
         access: Access = _ACCESS,
         bounds: Bounds = _BOUNDS,
         refused: Refused = _nobody,
-        failed: Callable[[BaseException, str], object] = lambda *_: None,
+        failed: Callable[[BaseException], object] = lambda _: None,
     ) -> None:
-        """`failed` hears of an error that no verb should have, and of its verb."""
+        """`failed` hears of an error that no verb should have."""
         self.path = path
         self._verbs = verbs
         self._access, self._bounds, self._refused, self._failed = access, bounds, refused, failed
@@ -190,7 +190,7 @@ class ControlSocket:
         except OSError as problem:
             return failure(system_error(problem))
         except Exception as bug:
-            self._failed(bug, name)
+            self._failed(bug)
             traceback.print_exc()
             return failure(MicromanipError(f"bug: {type(bug).__name__}: {bug}; the controller's log has the rest"))
 

@@ -237,8 +237,7 @@ class Verbs:
 
     async def _recording_start(self, request: Request) -> tuple[status_reply.Recorded, Sequence[Change]]:
         given = request.read(fields.RecordStart)
-        ends = given.triggers, given.after_s or 0.0
-        extent = Extent(given.before_s, *ends, given.segment_s, given.quota_bytes)
+        extent = Extent(given.before_s, given.segment_s, given.quota_bytes)
         begun = await self._recordings.start(given.file, extent)
         return begun, [Change(key="recording", old=None, new=begun["file"])]
 

@@ -36,7 +36,7 @@ class Answer:
             return False
         if self.timed is None:
             return None
-        return self.timed.keeps_its_deadlines and not self.timed.under_load.loop.refused
+        return self.timed.keeps_its_deadlines and not self.timed.under_load.refused
 
     @property
     def verdict(self) -> str:
@@ -47,7 +47,7 @@ class Answer:
             return f"NOT READY: {', '.join(bad)}"
         if self.timed is None:
             return f"NOT MEASURED: nothing was run; {poor} settings are poor"
-        rest, load = self.timed.at_rest.loop, self.timed.under_load.loop
+        rest, load = self.timed.at_rest, self.timed.under_load
         counted = (
             f"{rest.overruns} overruns in {rest.cycles} cycles at rest, {load.overruns} in {load.cycles} under load"
         )

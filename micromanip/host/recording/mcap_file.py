@@ -63,7 +63,7 @@ class McapRecording:
             raise
 
     def begin(self, state: Any, samples: NDArray[np.float64] | None = None) -> None:
-        """Store a snapshot of the loop, which the rows follow without a trigger, and what the source `file` plays."""
+        """Store a snapshot of the loop, which the rows follow, and what the source `file` plays."""
         if samples is not None:
             self._attach(header.SAMPLES, np.asarray(samples))
         self._attach(header.STATE, np.array([state], CELL_STATE))

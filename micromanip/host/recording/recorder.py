@@ -1,7 +1,7 @@
 """The recorder process: telemetry ring to a file until its standard input is closed, or the disk takes no more.
 
 Standard output tells the host how far it is, a JSON object a line: ``{"open": true}``, ``{"begun": true}`` once the
-file has what the rows follow, then ``rows`` (written so far), ``bytes``, ``armed`` (it waits for its trigger) and
+file has what the rows follow, then ``rows`` (written so far), ``bytes`` and
 ``lost`` (overwritten in the ring before they were read); with ``problem`` where it had to end, and with ``complete``
 where the file was closed in order. What was opened and not begun leaves no file.
 """
@@ -12,7 +12,6 @@ import contextlib
 import signal
 import sys
 import time
-from collections.abc import Mapping
 from typing import Any
 
 from micromanip.host.orders import Orders, send_message
@@ -21,7 +20,6 @@ from micromanip.host.shared_memory import CONTROL, RING, STATUS, Segments
 
 from .mcap_file import McapRecording
 from .series import McapSeries
-from .window import Window
 
 _TELL_S = 0.5
 _BATCH_ROWS = 8192
@@ -63,59 +61,48 @@ def main() -> int:
         return 69
     send_message(begun=True)
     try:
-        _record(recording, reader, told, _Wanted(orders, first), segments)
+        _record(recording, reader, told, _begin(orders, first, reader), segments)
         size = recording.size_bytes
         recording.close()
     except OSError as problem:  # what was written before it is whole
         send_message(rows=recording.written, lost=reader.lost, problem=problem.strerror)
         return 1
-    send_message(rows=recording.written, bytes=size, lost=reader.lost, armed=False, complete=True)
+    send_message(rows=recording.written, bytes=size, lost=reader.lost, complete=True)
     return 0
 
 
-class _Wanted:
-    """From which cycle on, and which rows: as the host has ordered it."""
-
-    def __init__(self, orders: Mapping[str, Any], first: int) -> None:
-        """`first` is the cycle of the snapshot; without rows from before it the file goes on right behind it."""
-        before, after = (round(orders.get(key, 0.0) * 1e9 / orders["period_ns"]) for key in ("before_s", "after_s"))
-        self.window = Window(orders.get("triggers", ()), before, after)
-        self.before, self.position = before, orders.get("head", 0) - before
-        self.first = first if before == 0 else 0
+def _begin(orders: dict[str, Any], first: int, reader: RingReader) -> int:
+    """The cycle behind which the file begins: that of the snapshot, `first`, or where `reader` goes back to."""
+    if before := round(orders.get("before_s", 0.0) * 1e9 / orders["period_ns"]):
+        reader.go_back(orders.get("head", 0) - before, _SPARE_ROWS)
+        return 0
+    return first
 
 
-def _record(recording: Recording, reader: RingReader, told: Orders, wanted: _Wanted, segments: Segments) -> None:
+def _record(recording: Recording, reader: RingReader, told: Orders, first: int, segments: Segments) -> None:
     control, status = segments.control.record(CONTROL), segments.status.record(STATUS)
-    if wanted.before:
-        reader.go_back(wanted.position, _SPARE_ROWS)
-    window, told_s, newest = wanted.window, 0.0, wanted.first
-    due_s = time.monotonic()
-    while not (told.ended or window.is_over(newest)):
+    told_s, due_s = 0.0, time.monotonic()
+    while not told.ended:
         now_s = time.monotonic()
         due_s = max(due_s + _PAUSE_S, now_s)  # what writing takes is no pause
         news = told.within(due_s - now_s)
-        for cycle in (each["state"] for each in news if "state" in each):
-            state = status["snapshot"][0].copy()
-            if state["cycle"] == cycle:  # else another one has come: this process is seconds behind
-                window.keep(state)
+        cycles = {each["state"] for each in news if "state" in each}
+        state = status["snapshot"][0].copy() if cycles else None
         behind = True
         while behind:
             rows = reader.read(_BATCH_ROWS)
-            newest = int(rows["cycle"][-1]) if len(rows) else newest
-            for part in window.take(rows[rows["cycle"] > wanted.first]):
-                recording.append(part, control["parameters"])
-            for state in window.states():
-                recording.keep(state)
+            recording.append(rows[rows["cycle"] > first], control["parameters"])
             recording.note_lost(reader.lost)
             behind = len(rows) == _BATCH_ROWS
+        if state is not None and state["cycle"] in cycles:  # else another has come: this process is seconds behind
+            recording.keep(state)
         for mark in (each for each in news if "text" in each):
-            window.marked(mark["cycle"])
             recording.mark(**mark)
         if time.monotonic() - told_s > _TELL_S:
             told_s = time.monotonic()
             progress = {"rows": recording.written, "bytes": recording.size_bytes, "lost": reader.lost}
             name = {"file": str(recording.file)} if isinstance(recording, McapSeries) else {}
-            send_message(**progress, **name, armed=window.is_armed)
+            send_message(**progress, **name)
 
 
 def _discard(recording: Recording) -> None:

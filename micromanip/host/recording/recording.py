@@ -26,20 +26,17 @@ MCAP = ".mcap"
 class Extent:
     """What a recording takes: `before_s` of what the ring still holds, and all from then on.
 
-    With `triggers` (names as in ``window.py``) what was `before_s` before the first of them to `after_s`
-    after it. With `segment_s` it goes into numbered files of that length; beyond `quota_bytes` the oldest are removed.
+    With `segment_s` it goes into numbered files of that length; beyond `quota_bytes` the oldest are removed.
     """
 
     before_s: float = 0.0
-    triggers: tuple[str, ...] = ()
-    after_s: float = 0.0
     segment_s: float | None = None
     quota_bytes: int | None = None
 
 
 _FROM_NOW = Extent()
-_STATE_S, _ARMED_STATE_S = 10.0, 1.0
-"""How often the loop's state goes into a file, and how often while a trigger is waited for."""
+_STATE_S = 10.0
+"""How often the loop's state goes into a file."""
 _PATIENCE_S, _END_S = 30.0, 1.0
 """A disk may take so long to begin or to end a file; a killed process so long to go. A client waits for longer."""
 
@@ -78,9 +75,7 @@ class RecorderProcess:
         self._following: asyncio.Task[None] | None = None
         self._keeping: asyncio.Task[None] | None = None
         self._stopping = False
-        self._report = Recorded(
-            file=str(file), state="starting", rows=0, dropped=0, message=None, bytes=0, marks=0, waits_for=[]
-        )
+        self._report = Recorded(file=str(file), state="starting", rows=0, dropped=0, message=None, bytes=0, marks=0)
 
     def report(self) -> Recorded:
         """How far it is."""
@@ -100,9 +95,7 @@ class RecorderProcess:
             "axes": list(prepared.configuration.axes),
             "period_ns": prepared.configuration.loop.period_ns,
             "head": int(self._controller.ring["words"][w.RING_HEAD]),  # before what starting takes
-            "triggers": self._extent.triggers,
             "before_s": self._extent.before_s,
-            "after_s": self._extent.after_s,
             "segment_s": self._extent.segment_s,
             "quota_bytes": self._extent.quota_bytes,
         }
@@ -119,13 +112,12 @@ class RecorderProcess:
                 await self._kill()
             raise
         self._report["state"] = "recording"
-        self._report["waits_for"] = list(self._extent.triggers)
         self._following = asyncio.create_task(self._follow())
         self._keeping = asyncio.create_task(self._keep_states())
 
     @property
     def runs(self) -> bool:
-        """Whether it still records, or waits for its trigger."""
+        """Whether it still records."""
         return self._report["state"] in ("starting", "recording")
 
     def mark(self, text: str, cycle: int, by: str) -> None:
@@ -184,7 +176,7 @@ class RecorderProcess:
     async def _keep_states(self) -> None:
         """Let the loop copy its state again and again: a replay may begin at each."""
         while self.runs:
-            await asyncio.sleep(_ARMED_STATE_S if self._report["waits_for"] else _STATE_S)
+            await asyncio.sleep(_STATE_S)
             with contextlib.suppress(CheckFailed):  # a loop that has ended, or stands still, makes none
                 cycle = await self._controller.snapshot()
                 if self.runs:
@@ -217,8 +209,6 @@ class RecorderProcess:
     def _note(self, said: Mapping[str, Any]) -> None:
         rows, lost, size = said.get("rows"), said.get("lost"), said.get("bytes")
         self._report["file"] = said.get("file", self._report["file"])
-        if said.get("armed") is False:
-            self._report["waits_for"] = []
         if isinstance(size, int):
             self._report["bytes"] = size
         if isinstance(rows, int):

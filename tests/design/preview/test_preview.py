@@ -6,20 +6,28 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from campaigns.path import compare
 from micromanip.design.preview.seen import recorded_path
 from micromanip.rt.states import TRACKING
 from micromanip.rt.telemetry import DEVIATION_FRESH
 from micromanip.settings.check import prepare
 
+from .played_path import ABOUT_S, hard_stretches, narrowed
+
 CONFIG = Path(__file__).parents[3] / "config"
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("seed", "verdict"), [(2, "fits"), (9, "does not fit")])
-def test_the_verdict_holds_where_the_path_is_played(tmp_path, seed, verdict):
-    found = compare(prepare(CONFIG / "simulated.yaml"), seed, tmp_path)
-    assert (found.verdict, found.agreed) == (verdict, True), found.said
+def test_on_a_path_that_fits_no_limit_is_met(tmp_path):
+    over, _, met_s = hard_stretches(prepare(CONFIG / "simulated.yaml"), 2, tmp_path)
+    assert not over
+    assert not len(met_s)
+
+
+@pytest.mark.long
+def test_the_first_limit_is_met_where_the_verdict_says(tmp_path):
+    over, (first, *_), met_s = hard_stretches(narrowed(prepare(CONFIG / "simulated.yaml")), 9, tmp_path)
+    assert ((met_s >= first.from_s - ABOUT_S) & (met_s <= first.to_s + ABOUT_S)).any()
+    assert met_s[0] >= first.from_s - ABOUT_S or any(each.from_s < first.from_s for each in over)
 
 
 @dataclass

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from micromanip.design.budget.causes import COUPLING, CREEP, FORCE, MISFIT, PREDICTION, STAGE, STRAIN, TRACKER
-from micromanip.design.budget.configured import cell_of
+from micromanip.design.analyse.budget.causes import COUPLING, CREEP, FORCE, MISFIT, PREDICTION, STAGE, STRAIN, TRACKER
+from micromanip.design.analyse.budget.configured import cell_of
 from micromanip.settings.check import Prepared
 from micromanip.virtual.altered import NOISE, play_without
 

@@ -17,7 +17,7 @@ from .recording_options import open_recording
 from .results import out_option
 
 if TYPE_CHECKING:
-    from micromanip.design.budget.budget import AxisBudget
+    from micromanip.design.analyse.budget.budget import AxisBudget
 
 _CONFIGURATIONS = (".yaml", ".yml")
 
@@ -76,7 +76,7 @@ def command(
 def _of_configuration(
     file: Path, only: str, seconds: float, seed: int, coherence_s: float, step: Callable[[str], None]
 ) -> tuple[list[AxisBudget], str]:
-    from micromanip.design.budget.configured import budget_of
+    from micromanip.design.analyse.budget.configured import budget_of
     from micromanip.settings.check import prepare
 
     prepared = prepare(file, seed)
@@ -87,14 +87,14 @@ def _of_configuration(
 def _of_recording(
     file: Path, only: str, coherence_s: float, step: Callable[[str], None]
 ) -> tuple[list[AxisBudget], str]:
-    from micromanip.design.budget.recorded import recorded_budget
+    from micromanip.design.analyse.budget.recorded import recorded_budget
 
     telemetry = open_recording(file)
     return recorded_budget(telemetry, chosen_axes(telemetry.axes, only, file), coherence_s, step), str(file)
 
 
 def _print(budget: AxisBudget) -> None:
-    from micromanip.design.budget.budget import percent
+    from micromanip.design.analyse.budget.budget import percent
 
     from .tables import print_table
 

@@ -20,8 +20,8 @@ from .options import Quantity, StrictCommand, emit_json, json_option, socket_opt
 from .results import out_option, results_folder
 
 if TYPE_CHECKING:
-    from micromanip.design.drift.history import Check
-    from micromanip.design.drift.trend import Health
+    from micromanip.design.analyse.health.history import Check
+    from micromanip.design.analyse.health.trend import Health
     from micromanip.settings.schema.model import Configuration
 
 
@@ -62,8 +62,8 @@ def command(
     Exit code 1 where a figure drifts or is outside of what robustness was judged for, and where a margin is surely
     below `accept` or soon will be.
     """
-    from micromanip.design.drift.history import append, read_history
-    from micromanip.design.drift.trend import judge, of_the_model
+    from micromanip.design.analyse.health.history import append, read_history
+    from micromanip.design.analyse.health.trend import judge, of_the_model
 
     before = [] if history is None else read_history(history)
     found, problems, files = [], [], []
@@ -103,8 +103,8 @@ def _measured(
     config: Path | None, axis: str, amplitude_um: float, seed: int, socket_path: Path
 ) -> tuple[Configuration, list[Check]]:
     """What runs, and the checks of the axes asked for."""
-    from micromanip.design.drift.trend import DRAWS, checked, closed_loops
-    from micromanip.design.live_margins import measure_virtually
+    from micromanip.design.analyse.health.trend import DRAWS, checked, closed_loops
+    from micromanip.design.analyse.live_margins import measure_virtually
     from micromanip.settings.excitation_plan import require_axis
     from micromanip.settings.wiring.timing import feedback_path
 
@@ -129,7 +129,7 @@ def _measured(
 
 
 def _live(client: Client, axis: str, amplitude_um: float, seed: int) -> tuple[Configuration, list[Check]]:
-    from micromanip.design.drift.trend import DRAWS, checked, closed_loops
+    from micromanip.design.analyse.health.trend import DRAWS, checked, closed_loops
     from micromanip.settings.excitation_plan import require_axis
     from micromanip.settings.load import validate_document
     from micromanip.settings.text.source import Source
@@ -172,7 +172,7 @@ def _document(check: Check, judged: Health) -> dict[str, Any]:
 
 
 def _print(judged: Health, check: Check) -> None:
-    from micromanip.design.drift.history import LABELS
+    from micromanip.design.analyse.health.history import LABELS
 
     from .tables import print_table
 

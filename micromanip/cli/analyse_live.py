@@ -16,8 +16,8 @@ from .options import Quantity, StrictCommand, emit_json, json_option, socket_opt
 from .results import out_option, results_folder
 
 if TYPE_CHECKING:
-    from micromanip.design.live_margins import Running
-    from micromanip.design.response import Measured
+    from micromanip.design.analyse.live_margins import Running
+    from micromanip.design.identify.response import Measured
     from micromanip.replies import Injected
     from micromanip.settings.check import Prepared
 
@@ -53,7 +53,7 @@ def command(
 
     Exit code 1 where measured and predicted do not agree, the confidence leaves it open, or margins are below `accept`.
     """
-    from micromanip.design.live_margins import document, judge_running, measure_virtually, simulated_actuator
+    from micromanip.design.analyse.live_margins import document, judge_running, measure_virtually, simulated_actuator
     from micromanip.errors import UsageError
     from micromanip.settings.excitation_plan import require_axis
 
@@ -95,7 +95,7 @@ def _path(prepared: Prepared, axis: str) -> Any:
 
 def _live(axis: str, loop: str, amplitude_um: float, seed: int, socket_path: Path) -> tuple[Prepared, Any, Any]:
     """What runs, and the response of its plant."""
-    from micromanip.design.live_margins import DRAWS
+    from micromanip.design.analyse.live_margins import DRAWS
     from micromanip.settings.check import prepared
     from micromanip.settings.text.source import Source
     from micromanip.settings.wiring.timing import FeedbackPath
@@ -113,7 +113,7 @@ def inject(
 
     Raises CheckFailed where the controller refuses it, or it was ended early.
     """
-    from micromanip.design.live_margins import plant_of
+    from micromanip.design.analyse.live_margins import plant_of
 
     from .progress import steps
 
@@ -127,7 +127,7 @@ def inject(
 
 
 def _print(found: Running, where: str, files: list[Path]) -> None:
-    from micromanip.design.live_margins import figures
+    from micromanip.design.analyse.live_margins import figures
 
     from .tables import print_table
 

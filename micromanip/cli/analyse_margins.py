@@ -65,9 +65,9 @@ def command(
     A simulated cell's actuator is recorded in virtual time; on real hardware nothing moves, and the strain loop is
     not judged. Exit code 1 where a criterion fails. docs/analyse.md explains the figures.
     """
-    from micromanip.design.analysis import analyse_axis
-    from micromanip.design.criteria import criteria, notes, report
+    from micromanip.design.analyse.axis import analyse_axis
     from micromanip.design.parallel import scheduler
+    from micromanip.design.validate.criteria import criteria, notes, report
     from micromanip.settings.check import prepare
     from micromanip.virtual.altered import VariedCell, simulated_driver
     from micromanip.virtual.experiment import VirtualExperiment

@@ -16,7 +16,7 @@ from .options import Quantity, StrictCommand, emit_json, json_option, warn
 from .results import out_option
 
 if TYPE_CHECKING:
-    from micromanip.design.preview.preview import AxisPreview, Preview
+    from micromanip.design.analyse.path.preview import AxisPreview, Preview
 
 _MOST_SHOWN = 24
 
@@ -53,8 +53,8 @@ def command(
     PATH is a table of the robot's deviation (t_s, deviation_<axis>_um), or a recording: what the tracker saw in it.
     docs/analyse.md explains it.
     """
-    from micromanip.design.preview.preview import preview_of
-    from micromanip.design.preview.seen import seen_path
+    from micromanip.design.analyse.path.preview import preview_of
+    from micromanip.design.analyse.path.seen import seen_path
     from micromanip.settings.check import prepare
 
     from .results import Pictures, require_room

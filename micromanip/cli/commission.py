@@ -29,7 +29,7 @@ from .results import out_option, results_folder, run_folder
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from micromanip.design.budget.budget import AxisBudget
+    from micromanip.design.analyse.budget.budget import AxisBudget
     from micromanip.design.experiment import Experiment
     from micromanip.settings.check import Prepared
     from micromanip.settings.schema.model import Configuration
@@ -195,8 +195,8 @@ def _budgeted(
     """Of a cell in virtual time computed, and played once more without noise; else what the trial's rows show."""
     import numpy as np
 
-    from micromanip.design.budget.configured import budget_of
-    from micromanip.design.budget.recorded import recorded_budget
+    from micromanip.design.analyse.budget.configured import budget_of
+    from micromanip.design.analyse.budget.recorded import recorded_budget
     from micromanip.recordings import Telemetry
     from micromanip.settings.check import prepared as prepared_of
     from micromanip.settings.text.source import Source

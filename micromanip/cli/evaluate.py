@@ -38,7 +38,7 @@ def command(
 
     All three have the one PID that reproduces the paper; a commissioned cell is also run with its own, as D.
     """
-    from micromanip.design.evaluation import evaluate, evaluate_fast, fast_table, table, with_models
+    from micromanip.design.validate.evaluation import evaluate, evaluate_fast, fast_table, table, with_models
     from micromanip.settings.check import prepare
     from micromanip.virtual.experiment import VirtualExperiment
 
@@ -111,7 +111,7 @@ def command(
 
 def _print_rows(rows: list[dict[str, Any]]) -> None:
     """Sigma and maximum of each axis beside the paper's."""
-    from micromanip.design import paper
+    from micromanip.design.validate import paper
 
     from .tables import Figures, out_console
 

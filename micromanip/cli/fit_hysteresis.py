@@ -17,7 +17,7 @@ from .recording_options import Target, echo_sources, recording_options
 from .results import Pictures, out_option
 
 if TYPE_CHECKING:
-    from micromanip.design.record import Record
+    from micromanip.design.data import Record
 
 KINDS = ("pi-affine", "pi-tanh", "pi-free", "rate", "network", "best")
 
@@ -58,8 +58,8 @@ def command(
     Errors are in percent of the record's stroke after the burn-in; on the validation record the offset is refitted.
     Exit code 1 where the data is unusable, with what to record instead.
     """
-    from micromanip.design.fitting import Request, fit_record
-    from micromanip.design.record import load_record
+    from micromanip.design.data import load_record
+    from micromanip.design.identify.fitting import Request, fit_record
     from micromanip.recordings import Wanted
     from micromanip.settings.write import with_hysteresis
 

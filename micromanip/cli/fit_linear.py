@@ -55,9 +55,9 @@ def command(
     both in um, recorded with the strain loop closed; `analyse margins` judges it, `commission` tunes to it. Exit code 1
     where the data is unusable.
     """
-    from micromanip.design.linear.configured import require_stage, with_model
-    from micromanip.design.linear.experiments import load_linear
-    from micromanip.design.linear.validated import fit_records
+    from micromanip.design.identify.linear.configured import require_stage, with_model
+    from micromanip.design.identify.linear.experiments import load_linear
+    from micromanip.design.identify.linear.validated import fit_records
     from micromanip.recordings import Wanted
 
     for option, columns in (("--input", inputs), ("--output", outputs)):

@@ -60,8 +60,8 @@ def command(
     any fault ends it with a ramp to the park voltage; then nothing is written. Exit code 1 also where the gauge falls
     while the voltage rises, whose recording stays.
     """
-    from micromanip.design.identification import DEFAULT_SECONDS, design, held, recording, samples_for, write_csv
-    from micromanip.design.record import moves_against
+    from micromanip.design.data import moves_against
+    from micromanip.design.identify.experiments import DEFAULT_SECONDS, design, held, recording, samples_for, write_csv
     from micromanip.settings.check import prepare
 
     prepared = prepare(config)

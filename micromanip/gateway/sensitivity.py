@@ -63,7 +63,7 @@ class SensitivityMeasurements:
 
 
 def _judged(begun: Injected, responses: list[Response], axis: str, loop: str) -> dict[str, Any]:
-    from micromanip.design.live_margins import document, judge_answers
+    from micromanip.design.analyse.live_margins import document, judge_answers
     from micromanip.errors import CheckFailed
 
     try:

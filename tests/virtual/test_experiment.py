@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from micromanip.design import paper
 from micromanip.design.experiment import with_axes, with_axis, with_reference
+from micromanip.design.validate import paper
 from micromanip.rt.records import MAX_AXES
 from micromanip.rt.states import DISARM, READY
 from micromanip.settings.check import prepare

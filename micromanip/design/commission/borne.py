@@ -7,9 +7,9 @@ from micromanip.control.outer_gains import OuterGains
 from micromanip.settings.schema.accept import Accept
 from micromanip.settings.schema.axis import LinearModel, Outer
 
-from ..actuation import Actuator
-from ..loops import HELD_SENSITIVITY, StrainSide, draw, held_plant, stage_loop
-from ..loops.monte_carlo import drawn_plant
+from ..analyse.loops import HELD_SENSITIVITY, StrainSide, draw, held_plant, stage_loop
+from ..analyse.loops.monte_carlo import drawn_plant
+from ..identify.actuation import Actuator
 
 DRAWN = range(1, 21)
 """Seeds of the plants on which the tuning is tried on paper."""

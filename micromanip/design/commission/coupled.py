@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from micromanip.settings.schema.coupling import Coupling as CouplingSection
 from micromanip.settings.schema.model import Configuration
 
-from ..coupling.measured import Coupling, measure_coupling
-from ..coupling.together import Cost, Together, costs, judge_together, loop_of, relative_gain
+from ..analyse.coupling.measured import Coupling, measure_coupling
+from ..analyse.coupling.together import Cost, Together, costs, judge_together, loop_of, relative_gain
 from ..experiment import Experiment, with_axis
 from ..report.model import Curve, Plot, Section, Table
 from ..report.verdict import Criterion, Evidence

@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.control.system import System
-from micromanip.design.budget.loop import AxisLaws
-from micromanip.design.loops import draw
-from micromanip.design.loops.monte_carlo import drawn_plant
+from micromanip.design.analyse.budget.loop import AxisLaws
+from micromanip.design.analyse.loops import draw
+from micromanip.design.analyse.loops.monte_carlo import drawn_plant
 from micromanip.errors import CheckFailed
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.schema.reference import Tracker

@@ -10,13 +10,13 @@ import numpy as np
 from micromanip.settings.schema.accept import Accept
 from micromanip.settings.schema.axis import Axis
 
-from ..budget.budget import AxisBudget
-from ..budget.composition import summed_up
-from ..drift.history import COLUMNS, LABELS, MARGINS, Check
-from ..drift.trend import DRAWN, Health
-from ..live_margins import Running
-from ..preview.preview import AxisPreview, Preview
-from ..preview.stretches import ERROR
+from ..analyse.budget.budget import AxisBudget
+from ..analyse.budget.composition import summed_up
+from ..analyse.health.history import COLUMNS, LABELS, MARGINS, Check
+from ..analyse.health.trend import DRAWN, Health
+from ..analyse.live_margins import Running
+from ..analyse.path.preview import AxisPreview, Preview
+from ..analyse.path.stretches import ERROR
 from ..report.model import Array, Curve, Plot
 from .canvas import save
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
 
-from ..describing import inverse_operator
-from ..fitting import Fitted
-from ..record import Record
+from ..analyse.describing import inverse_operator
+from ..data import Record
+from ..identify.fitting import Fitted
 from ..report.model import Array, Curve, Plot
 from .canvas import save
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from micromanip.settings.schema.accept import Accept
 
-from ..analysis import AxisAnalysis
-from ..loops import Margins, Sample, System, grid, refined
+from ..analyse.axis import AxisAnalysis
+from ..analyse.loops import Margins, Sample, System, grid, refined
 from ..report.model import Array, Curve, Plot
 from .paper import figure_7
 

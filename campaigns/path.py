@@ -16,8 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.design.analyse.path.preview import preview_of
-from micromanip.design.analyse.path.stretches import RANGE, TRACKER, VOLTAGE
+from micromanip.design.analyse.path.preview import RANGE, TRACKER, VOLTAGE, preview_of
 from micromanip.recordings.path_deviation import PathDeviation, read_path_deviation
 from micromanip.rt.states import TRACKING
 from micromanip.settings.check import Prepared, prepare

@@ -87,7 +87,7 @@ def command(
         request = Request(kind, creep, plays, seed, burn_in_s, range_um)
         result = fit_record(record, held_out, request, lambda what: bar.say(f"fitting {what}"))
         if folder is not None:
-            from micromanip.design.plots.fit import draw_fit
+            from micromanip.design.plots.findings import draw_fit
 
             bar.say("drawing")
             pictures.draw(lambda where: draw_fit(result, record, held_out, where))

@@ -27,7 +27,7 @@ def report(file: Path, to: Path | None, as_json: bool) -> None:
 
     With --json its figures, too: those of `compare` for one run.
     """
-    from micromanip.design.run.figures import run_figures
+    from micromanip.design.run.comparison import run_figures
     from micromanip.design.run.report import run_report
     from micromanip.design.run.statistics import RecordedRun
     from micromanip.recordings import open_telemetry
@@ -64,9 +64,7 @@ def compare(first: Path, second: Path, to: Path | None, as_json: bool) -> None:
     Whether B's error is lower or higher is judged with 95 % confidence, by as many independent pieces as the runs have.
     --to draws both side by side, judges every quantity, and says what each parameter that differs means.
     """
-    from micromanip.design.run.comparison import compared
-    from micromanip.design.run.confidence import ratio
-    from micromanip.design.run.figures import configuration_changes, run_figures
+    from micromanip.design.run.comparison import compared, configuration_changes, ratio, run_figures
     from micromanip.design.run.report import comparison_page
     from micromanip.design.run.statistics import BANDS_Hz, RecordedRun
     from micromanip.recordings import open_telemetry

@@ -9,7 +9,7 @@ from micromanip.design.data import Record, load_record
 from micromanip.design.experiment import open_loop
 from micromanip.design.identify.experiments import DEFAULT_SECONDS, Kind, design, recording, samples_for, write_csv
 from micromanip.design.identify.fitting import Request, fit_record
-from micromanip.design.plots.fit import draw_fit
+from micromanip.design.plots.findings import draw_fit
 from micromanip.recordings import Wanted
 from micromanip.settings.check import prepare
 from micromanip.virtual.experiment import VirtualExperiment

@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 from micromanip.control.injection import Injection
 from micromanip.control.margins import Margins, margins
 from micromanip.control.outer_gains import outer_gains
+from micromanip.control.stage_loop import model_system, stage_loop
+from micromanip.design.analyse.loops import over_path, strain_loop
 from micromanip.errors import CheckFailed
 from micromanip.replies import Injected, Response
 from micromanip.rt.states import HOLD
@@ -38,7 +40,6 @@ from ..identify.actuation import DELAYS, Actuator, identify_actuator
 from ..identify.response import Measured, Wanted, identify, of_spectra
 from ..identify.response.choice import NOTHING
 from .loop_analysis import SMALL_HZ, analyse_inverse, slopes_of, small_slope
-from .loops import model_system, over_path, stage_loop, strain_loop
 from .sensitivity import AGREEMENT, Sensitivity, judge_loop
 
 Complex = NDArray[np.complex128]

@@ -9,10 +9,12 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.control.margins import margins
+from micromanip.control.margins import Margins, grid, margins, refined
 from micromanip.control.outer_gains import outer_gains
+from micromanip.control.stage_loop import model_system, stage_loop
+from micromanip.control.system import System
 from micromanip.design.analyse.describing import limit_cycles, sweep
-from micromanip.design.analyse.loops import stage_loop, strain_loop
+from micromanip.design.analyse.loops import SPREAD, StageSide, StrainSide, held_plant, over_path, strain_loop
 from micromanip.settings.schema.axis import Axis
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
 from micromanip.settings.schema.reference import AxisTracker
@@ -30,7 +32,6 @@ from .describing import (
     inverse_operator,
     judge,
 )
-from .loops import SPREAD, Margins, StageSide, StrainSide, System, grid, held_plant, model_system, over_path, refined
 from .saturation import Reach, Samples, comes_to_rest
 
 Array = NDArray[np.float64]

@@ -9,7 +9,7 @@ from micromanip.settings.wiring.timing import AT_ONCE
 from ..analyse.axis import AxisAnalysis
 from ..analyse.sensitivity import AGREEMENT, KEPT, Sensitivity
 from ..identify.models import OUTER_DELAY
-from ..report.verdict import Criterion
+from ..report.model import Criterion
 from ..validate.criteria import criteria, told
 from ..validate.evaluation import Run
 from ..validate.step import RISE_S, STEP_UM

@@ -12,7 +12,7 @@ from micromanip.settings.schema.reference import Jog
 
 from ..analyse.axis import AxisAnalysis, analyse_axis
 from ..experiment import Experiment, with_axis, with_reference
-from ..report.verdict import Evidence
+from ..report.model import Evidence
 from .axis import Commissioned, commission_axis
 from .borne import DRAWN
 from .coupled import Coupled, decoupled, look_at_coupling, with_coupling

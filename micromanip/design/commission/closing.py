@@ -11,13 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.control.outer_gains import outer_gains
+from micromanip.control.stage_loop import stage_loop
+from micromanip.design.analyse.loops import over_path, strain_loop
 from micromanip.errors import CheckFailed
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.wiring.timing import AT_ONCE
 
 from ..analyse.loop_analysis import analyse_inverse, analyse_strain, between, slopes_of, small_slope
-from ..analyse.loops import over_path, stage_loop, strain_loop
 from ..analyse.sensitivity import Sensitivity, judge_loop
 from ..experiment import Experiment, with_axis
 from ..identify.actuation import DELAYS, ORDERS, Actuator

@@ -14,7 +14,7 @@ from ..analyse.loops import over_path
 from ..identify.actuation import Actuator
 from ..report.model import Section, Table
 from ..synthesise import OuterDesign, PidDesign
-from ..synthesise.pairs import FRAGILE, SLEWED, UNKNOWN
+from ..synthesise.search import FRAGILE, SLEWED, UNKNOWN
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,7 @@ from ..analyse.axis import AxisAnalysis
 from ..identify.models import StageModel
 from ..plots.loops import loop_plots
 from ..plots.paper import figure_2, figure_5, figure_7, figure_8, figure_9
-from ..report.model import Curve, Plot, Section
-from ..report.verdict import Evidence
+from ..report.model import Curve, Evidence, Plot, Section
 from ..validate.evaluation import Run
 from . import prices
 from .acceptance import acceptance

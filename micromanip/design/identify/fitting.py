@@ -17,8 +17,7 @@ from micromanip.settings.schema.hysteresis import Network, PrandtlIshlinskii
 from ..data import Record
 from .hysteresis import Candidate, HysteresisFit, candidates, choose, structure_of
 from .hysteresis.choice import parted
-from .network.fit import fit_network
-from .network.model import NetworkFit, reversals, smoothed
+from .network.fit import NetworkFit, fit_network, reversals, smoothed
 
 _TURN, _MINOR = 0.05, 0.8
 """Share of the input's stroke by which it comes back where it turns; a shorter way between turns is a minor loop's."""

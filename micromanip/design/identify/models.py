@@ -27,7 +27,7 @@ from ..experiment import (
 )
 from .experiments import design, recording, samples_for
 from .hysteresis import HysteresisFit, structure_of
-from .network.model import white_noise
+from .network.fit import white_noise
 from .response import PERIOD_S, Identified, Measured, Recorded, Wanted, identify, identify_again, multisine
 
 Progress = Callable[[str], None]

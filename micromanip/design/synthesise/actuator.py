@@ -25,11 +25,10 @@ from numpy.typing import NDArray
 
 from micromanip.control.pid import pid_response
 from micromanip.control.system import System, delay
+from micromanip.design.analyse.loops import Perturbation, antiresonance, perturbed
 from micromanip.rt.laws.resonance import MAX_RESONANCES
 from micromanip.settings.schema.actuator import Actuator, Resonance
 from micromanip.settings.schema.axis import Inner
-
-from ..analyse.loops.perturbation import Perturbation, antiresonance, perturbed
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

@@ -16,16 +16,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.control.margins import grid
+from micromanip.control.margins import Margins, grid
 from micromanip.control.outer_gains import OuterGains
+from micromanip.control.stage_loop import model_system
 from micromanip.errors import CheckFailed
 from micromanip.settings.schema.axis import LinearModel, Outer
 
-from ..analyse.loops import Margins, model_system
 from ..analyse.saturation import Reach
 from ..validate.step import StepAnswer
-from .pairs import FRAGILE, HOPELESS, ROBUST, SLEWED, UNKNOWN, Task, highest_Hz
-from .search import Search
+from .search import FRAGILE, HOPELESS, ROBUST, SLEWED, UNKNOWN, Search, Task, highest_Hz
 
 Array = NDArray[np.float64]
 

@@ -17,13 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from micromanip.control.margins import margins
+from micromanip.control.margins import Margins, grid, margins, refined
 from micromanip.control.pid import FASTEST_NOTCH, pid_response
+from micromanip.control.system import System
 from micromanip.design.analyse.loops import strain_loop
 from micromanip.errors import CheckFailed
 from micromanip.settings.schema.axis import Inner, Notch
-
-from ..analyse.loops import Margins, System, grid, refined
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

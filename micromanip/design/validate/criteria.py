@@ -7,12 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from micromanip.control.margins import Margins
+from micromanip.design.analyse.loops import HELD_SENSITIVITY, Sample, worst
 from micromanip.settings.schema.accept import Accept
 
 from ..analyse.axis import AxisAnalysis
 from ..analyse.describing import LimitCycle
-from ..analyse.loops import HELD_SENSITIVITY, Margins, Sample, worst
-from ..report.verdict import Criterion
+from ..report.model import Criterion
 
 _LOST = 0.2
 """A played cell has lost its path where the rms error is above this share of the movement."""

@@ -10,8 +10,9 @@ from rt.outer_loops import designed
 from micromanip.control.margins import margins
 from micromanip.control.outer_gains import outer_gains
 from micromanip.control.pid import pid_system
+from micromanip.control.stage_loop import model_system, stage_loop
 from micromanip.control.system import System, delay
-from micromanip.design.analyse.loops import StrainSide, held_plant, model_system, over_path, stage_loop, strain_loop
+from micromanip.design.analyse.loops import StrainSide, held_plant, over_path, strain_loop
 from micromanip.rt.laws.pid import PID_PARAMETERS, PID_STATE, pid_output
 from micromanip.settings.load import load_with_source
 from micromanip.settings.schema.axis import Inner, LinearModel

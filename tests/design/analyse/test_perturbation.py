@@ -9,9 +9,19 @@ from scipy.linalg import expm
 from micromanip.control.margins import margins
 from micromanip.control.pid import pid_system
 from micromanip.control.system import System, delay
-from micromanip.design.analyse.loops import SPREAD, StageSide, StrainSide, draw, monte_carlo, strain_loop
-from micromanip.design.analyse.loops.perturbation import Perturbation, perturbed, section_ratio, shift
-from micromanip.design.analyse.loops.strain_loop import closed_ratio
+from micromanip.design.analyse.loops import (
+    SPREAD,
+    Perturbation,
+    StageSide,
+    StrainSide,
+    closed_ratio,
+    draw,
+    monte_carlo,
+    perturbed,
+    section_ratio,
+    shift,
+    strain_loop,
+)
 from micromanip.settings.schema.axis import Inner
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from micromanip.design.analyse.coupling.together import disk_margin, judge_together, relative_gain, structured
+from micromanip.design.analyse.coupling import disk_margin, judge_together, relative_gain, structured
 
 HERTZ = np.geomspace(0.1, 1000.0, 600)
 S = 2j * np.pi * HERTZ

@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from micromanip.design.analyse.coupling.measured import Coupling
-from micromanip.design.analyse.coupling.together import Disk, Together
+from micromanip.design.analyse.coupling import Coupling, Disk, Together
 from micromanip.design.commission.coupled import Coupled, decoupled
 from micromanip.design.commission.production import PathErrorSeen, Production
 from micromanip.settings.load import load

@@ -6,8 +6,7 @@ from rt.builders import record
 from rt.kernels import network_course
 
 from micromanip.design.excitation import random_turns
-from micromanip.design.identify.network.fit import fit_network
-from micromanip.design.identify.network.model import reversals, smoothed
+from micromanip.design.identify.network.fit import fit_network, reversals, smoothed
 from micromanip.design.identify.network.training import Course, gradient
 from micromanip.rt.laws.feedforward import HYSTERESIS_PARAMETERS, HYSTERESIS_STATE
 from micromanip.rt.laws.network import start_network

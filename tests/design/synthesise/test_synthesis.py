@@ -6,8 +6,9 @@ import pytest
 
 from micromanip.control.margins import margins
 from micromanip.control.outer_gains import outer_gains
+from micromanip.control.stage_loop import model_system, stage_loop
 from micromanip.control.system import System, delay
-from micromanip.design.analyse.loops import model_system, stage_loop, strain_loop
+from micromanip.design.analyse.loops import strain_loop
 from micromanip.design.synthesise import Reach, tune_outer, tune_pid
 from micromanip.design.synthesise.search import Search
 from micromanip.design.validate.paper import ANCHOR_PID

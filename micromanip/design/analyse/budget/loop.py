@@ -24,9 +24,9 @@ from numpy.typing import NDArray
 from micromanip.bus.simulated_axis import LinearPlant
 from micromanip.control.outer_gains import OuterGains, outer_gains
 from micromanip.control.pid import pid_response
+from micromanip.control.stage_loop import model_system
 from micromanip.control.system import System
 from micromanip.design.analyse.describing import harmonics, inverse_operator
-from micromanip.design.analyse.loops import model_system
 from micromanip.errors import CheckFailed
 from micromanip.settings.schema.axis import Axis
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii

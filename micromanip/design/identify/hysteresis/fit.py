@@ -12,8 +12,7 @@ from scipy.optimize import least_squares
 from micromanip.recordings.spikes import find_spikes, off_median
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii, Range
 
-from .shapings import Affine, Table, Tanh, about_zero, span
-from .structure import Structure
+from .structure import Affine, Structure, Table, Tanh, about_zero, span
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

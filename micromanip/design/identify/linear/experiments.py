@@ -16,8 +16,7 @@ from micromanip.recordings import Recording, Wanted, take
 from micromanip.recordings.loader import LISTS
 from micromanip.recordings.spikes import bridged
 
-from .modal import Array
-from .subspace import Experiment
+from .modal import Array, Experiment
 
 # Unlike a hysteresis, a plant with dynamics may turn anywhere, whatever its input does. So it is looked at how an
 # output comes to its extreme: within bands of it that grow fourfold the samples of a smooth peak double, those of a

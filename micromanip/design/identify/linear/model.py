@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .modal import Array, Complex, Modes
+from .modal import Array, Complex, Experiment, Modes
 from .regression import start
-from .subspace import Experiment
 
 if TYPE_CHECKING:
     import control

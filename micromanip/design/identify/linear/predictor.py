@@ -12,12 +12,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from scipy.linalg import lstsq, qr, svd
 
-from .choice import LARGEST_ORDER
-from .fit import refine
-from .modal import Array, Modes, decompose
+from .fit import LARGEST_ORDER, refine
+from .modal import Array, Experiment, Modes, decompose
 from .model import LinearFit, as_columns, delayed
 from .regression import first_answers, regress
-from .subspace import Experiment
 
 _LAGS, _ROWS, _SAMPLES_A_LAG, _RIDGE = 30, 10, 20, 1e-7
 _HELD_OUT, _ENOUGH = 4, 1.02

@@ -12,8 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import qr, solve_triangular
 
-from .modal import Array, Complex, Modes
-from .subspace import Experiment, block_hankel
+from .modal import Array, Complex, Experiment, Modes, block_hankel
 
 # ``y[k] = sum a_i y[k-i] + sum b_i u[k-i] + e[k]``: whatever the dynamics and however long they ring, the first `b_i`
 # that differs from zero sits at the input's delay. "Differs" is judged by its standard error.

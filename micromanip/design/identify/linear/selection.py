@@ -7,12 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .choice import last_quarter_says_much, says_much
-from .fit import fit_linear
-from .modal import Complex, Modes
+from .fit import fit_linear, last_quarter_says_much, says_much
+from .modal import Complex, Experiment, Modes
 from .model import LinearFit, delayed, strict_errors
 from .predictor import fit_unstable
-from .subspace import Experiment
 
 _INNER = 0.75
 _CLOSE = 1.5

@@ -13,11 +13,10 @@ from micromanip.errors import CheckFailed
 
 from .experiments import LinearRecord, same_rate
 from .fit import fit_linear
-from .modal import Array, Complex
+from .modal import Array, Complex, Experiment
 from .model import LinearFit, strict_errors
 from .predictor import fit_unstable, foretold_errors, horizon
 from .selection import select
-from .subspace import Experiment
 
 _SHOWN_VALUES = 40
 _AVERAGES, _LONGEST = 8, 1 << 14

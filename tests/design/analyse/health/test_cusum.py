@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from micromanip.design.analyse.health.cusum import Cusum, average_run_length, change_point, limit_for
+from micromanip.design.analyse.health.trend import Cusum, average_run_length, change_point, limit_for
 
 
 def run(values, limit=4.0):

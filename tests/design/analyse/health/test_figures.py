@@ -7,7 +7,7 @@ from scipy.signal import cont2discrete
 
 from micromanip.control.injection import injection
 from micromanip.control.system import System
-from micromanip.design.analyse.health.figures import PlantFigures, commissioned, plant_figures
+from micromanip.design.analyse.health.history import PlantFigures, commissioned, plant_figures
 from micromanip.design.identify.response import Measured
 
 HERTZ = injection(0.3, 3000.0, 10_000.0, seed=1).frequency_Hz

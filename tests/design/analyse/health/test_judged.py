@@ -6,8 +6,7 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 import pytest
 
-from micromanip.design.analyse.health.figures import PlantFigures
-from micromanip.design.analyse.health.history import COLUMNS, HEADER, Check, append, read_history
+from micromanip.design.analyse.health.history import COLUMNS, HEADER, Check, PlantFigures, append, read_history
 from micromanip.design.analyse.health.trend import judge
 from micromanip.errors import CheckFailed
 from micromanip.settings.schema.accept import Accept

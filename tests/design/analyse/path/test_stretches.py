@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from micromanip.design.analyse.path.preview import slow_part
-from micromanip.design.analyse.path.stretches import RANGE, RESERVE, Demand, Stretch, beyond, stretches
+from micromanip.design.analyse.path.preview import RANGE, RESERVE, Demand, Stretch, beyond, slow_part, stretches
 from micromanip.errors import UsageError
 
 RATE_HZ = 1000.0

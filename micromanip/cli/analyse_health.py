@@ -16,7 +16,7 @@ from micromanip.errors import CheckFailed, UsageError, system_error
 from .analyse_live import amplitude_option, inject
 from .axes import moved_axis_option
 from .echo import echo
-from .options import Quantity, StrictCommand, emit_json, json_option, socket_option
+from .options import Quantity, emit_json, socket_option, subcommand
 from .results import out_option, results_folder
 
 if TYPE_CHECKING:
@@ -25,11 +25,9 @@ if TYPE_CHECKING:
     from micromanip.settings.schema.model import Configuration
 
 
-@click.command(
+@subcommand(
     "health",
-    cls=StrictCommand,
-    epilog="""\b
-Example: micromanip hold && micromanip analyse health --axis all --history out/drift.csv
+    """micromanip hold && micromanip analyse health --axis all --history out/drift.csv
          micromanip analyse health config/simulated.yaml --axis x --history out/drift.csv --out out/drift""",
 )
 @click.argument("config", type=click.Path(path_type=Path), metavar="[CONFIG]", required=False)
@@ -40,15 +38,12 @@ Example: micromanip hold && micromanip analyse health --axis all --history out/d
 )  # fmt: skip
 @click.option(
     "--false-alarms", "false_alarms", type=Quantity("Positive", least=10), default=1000.0,
-    show_default=True, metavar="CHECKS", help="Checks of an axis between two false alarms of drift.",
+    metavar="CHECKS", help="Checks of an axis between two false alarms of drift.",
 )  # fmt: skip
 @amplitude_option
-@click.option(
-    "--seed", type=Quantity("Seed"), default=1, show_default=True, help="Draws phases, and a simulation's noise."
-)
+@click.option("--seed", type=Quantity("Seed"), default=1, help="Draws phases, and a simulation's noise.")
 @out_option("a picture of each axis", metavar="DIR")
 @socket_option
-@json_option
 def command(
     config: Path | None, only: str, history: Path | None, false_alarms: float, amplitude_um: float, seed: int,
     folder: Path | None, socket_path: Path, as_json: bool,

@@ -12,7 +12,7 @@ from micromanip.errors import CheckFailed
 
 from .axes import one_axis_option
 from .echo import echo
-from .options import Quantity, StrictCommand, emit_json, json_option, socket_option
+from .options import Quantity, emit_json, socket_option, subcommand
 from .results import out_option, results_folder
 
 if TYPE_CHECKING:
@@ -23,24 +23,22 @@ if TYPE_CHECKING:
 
 amplitude_option = click.option(
     "--amplitude-um", "amplitude_um", type=Quantity("Distance", least=0.001, most=10.0), default=0.3,
-    show_default=True, metavar="UM", help="Rms of the multisine on the actuator's set-point.",
+    metavar="UM", help="Rms of the multisine on the actuator's set-point.",
 )  # fmt: skip
 
 
-@click.command(
+@subcommand(
     "live",
-    cls=StrictCommand,
-    epilog="Example: micromanip analyse live --axis x     or, in virtual time: "
-    "micromanip analyse live config/simulated.yaml --axis x --loop stage",
+    "micromanip analyse live --axis x     or, in virtual time: micromanip analyse live "
+    "config/simulated.yaml --axis x --loop stage",
 )
 @click.argument("config", type=click.Path(path_type=Path), metavar="[CONFIG]", required=False)
 @one_axis_option
-@click.option("--loop", type=click.Choice(["strain", "stage"]), default="strain", show_default=True, help="Its loop.")
+@click.option("--loop", type=click.Choice(["strain", "stage"]), default="strain", help="Its loop.")
 @amplitude_option
-@click.option("--seed", type=Quantity("Seed"), default=1, show_default=True, help="Draws its phases.")
+@click.option("--seed", type=Quantity("Seed"), default=1, help="Draws its phases.")
 @out_option("a picture", metavar="DIR")
 @socket_option
-@json_option
 def command(
     config: Path | None, axis: str, loop: Any, amplitude_um: float, seed: int, folder: Path | None, socket_path: Path,
     as_json: bool,

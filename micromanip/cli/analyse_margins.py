@@ -13,7 +13,7 @@ from micromanip.errors import CheckFailed, UsageError
 
 from .axes import axis_option, chosen_axes
 from .echo import echo
-from .options import Quantity, StrictCommand, config_argument, emit_json, json_option
+from .options import Quantity, config_argument, emit_json, subcommand
 from .progress import steps
 from .results import Pictures, out_option, provenance
 
@@ -22,24 +22,12 @@ if TYPE_CHECKING:
     from micromanip.settings.check import Prepared
 
 
-@click.command(
-    "margins",
-    cls=StrictCommand,
-    epilog="Example: micromanip analyse margins config/simulated.yaml --axis x --out out/analyse",
-)
+@subcommand("margins", "micromanip analyse margins config/simulated.yaml --axis x --out out/analyse")
 @config_argument
 @out_option("the figures", required=True)
 @axis_option
-@click.option(
-    "--samples",
-    type=click.IntRange(0, 1_000_000),
-    default=100,
-    show_default=True,
-    help="Plants that are drawn, an axis.",
-)
-@click.option(
-    "--seed", type=Quantity("Seed"), default=1, show_default=True, help="Seed of the first plant; the next follow."
-)
+@click.option("--samples", type=click.IntRange(0, 1_000_000), default=100, help="Plants that are drawn, an axis.")
+@click.option("--seed", type=Quantity("Seed"), default=1, help="Seed of the first plant; the next follow.")
 @click.option(
     "--simulate", is_flag=True, help="Also run the whole cell, in virtual time, with every plant (driver simulated)."
 )
@@ -54,8 +42,7 @@ if TYPE_CHECKING:
     "--scheduler", "address", metavar="ADDRESS",
     help="Dask scheduler that takes the plants instead, e.g. tcp://host:8786.",
 )  # fmt: skip
-@click.option("--figures/--no-figures", default=True, show_default=True, help="Draw the figures.")
-@json_option
+@click.option("--figures/--no-figures", default=True, help="Draw the figures.")
 def command(
     config: Path, folder: Path, only: str, samples: int, seed: int, simulate: bool, jobs: int, address: str | None,
     figures: bool, as_json: bool,

@@ -13,24 +13,19 @@ from micromanip.errors import UsageError
 
 from .axes import complete_axis, require_axis_of
 from .echo import echo
-from .options import Quantity, StrictCommand, config_argument, emit_json, json_option
+from .options import Quantity, config_argument, emit_json, subcommand
 from .progress import show_compiling, steps
 from .results import Pictures, out_option, provenance
 
 
-@click.command(
-    "evaluate",
-    cls=StrictCommand,
-    epilog="Example: micromanip evaluate config/simulated.yaml --axis x --out out/evaluate",
-)
+@subcommand("evaluate", "micromanip evaluate config/simulated.yaml --axis x --out out/evaluate")
 @config_argument
 @click.option(
     "--axis", "only", shell_complete=complete_axis, help="Report and draw this axis only (all are simulated together)."
 )
 @click.option("--seed", type=Quantity("Seed"), help="Seed of the simulation's noise, instead of the configuration's.")
-@out_option("the figures", default=Path("out/evaluate"), show_default=True)
-@click.option("--figures/--no-figures", default=True, show_default=True, help="Draw the figures.")
-@json_option
+@out_option("the figures", default=Path("out/evaluate"))
+@click.option("--figures/--no-figures", default=True, help="Draw the figures.")
 def command(
     config: Path, only: str | None, seed: int | None, folder: Path, figures: bool, as_json: bool,
 ) -> None:  # fmt: skip

@@ -13,7 +13,7 @@ from micromanip.errors import CheckFailed, ConfigError
 
 from .axes import axis_option, chosen_axes
 from .echo import echo
-from .options import Quantity, StrictCommand, emit_json, json_option
+from .options import Quantity, emit_json, subcommand
 from .progress import steps
 from .recording_options import open_recording
 
@@ -23,20 +23,15 @@ if TYPE_CHECKING:
     from micromanip.settings.text.source import Source
 
 
-@click.command(
-    "tracker",
-    cls=StrictCommand,
-    epilog="Example: micromanip fit tracker run.mcap --into config/cell.yaml",
-)
+@subcommand("tracker", "micromanip fit tracker run.mcap --into config/cell.yaml")
 @click.argument("file", type=click.Path(path_type=Path), metavar="RECORDING")
 @axis_option
 @click.option(
-    "--moves", "moves_percent", type=Quantity("NotNegative", most=50.0), default=MOVES_PERCENT, show_default=True,
+    "--moves", "moves_percent", type=Quantity("NotNegative", most=50.0), default=MOVES_PERCENT,
     metavar="PERCENT", help="By how much an oscillation's frequency may be another than in the recording until it is "
     "found; 0: it is not looked for.",
 )  # fmt: skip
 @click.option("--into", type=click.Path(path_type=Path), help="Configuration file to put it into, as reference.axes.")
-@json_option
 def command(file: Path, only: str, moves_percent: float, into: Path | None, as_json: bool) -> None:
     """Noise, jerk and up to three oscillations of each axis' path deviation, from the tracker's samples in RECORDING.
 

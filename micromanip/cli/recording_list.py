@@ -12,7 +12,7 @@ import click
 from micromanip.extras import required
 
 from .echo import echo
-from .options import Messages, StrictCommand, emit_answer, emit_json, json_option
+from .options import Messages, emit_answer, emit_json, subcommand
 from .recording_options import Cut, open_recording
 
 if TYPE_CHECKING:
@@ -20,16 +20,9 @@ if TYPE_CHECKING:
     from micromanip.recordings.telemetry import Piece
 
 
-@click.command(
-    "view",
-    cls=StrictCommand,
-    epilog="Example: micromanip recording view out/run.mcap",
-)
+@subcommand("view", "micromanip recording view out/run.mcap")
 @click.argument("file", type=click.Path(path_type=Path), metavar="FILE")
-@click.option(
-    "--listen", default="127.0.0.1:8091", show_default=True, metavar="HOST:PORT", help="Where browsers find it."
-)
-@json_option
+@click.option("--listen", default="127.0.0.1:8091", metavar="HOST:PORT", help="Where browsers find it.")
 def view(file: Path, listen: str, as_json: bool) -> None:
     """Show a recording of ours, MCAP or HDF5, as the scope shows a running cell.
 
@@ -44,11 +37,7 @@ def view(file: Path, listen: str, as_json: bool) -> None:
         emit_json({"file": str(file), "listen": listen, "messages": messages})
 
 
-@click.command(
-    "export",
-    cls=StrictCommand,
-    epilog="Example: micromanip recording export run.mcap --to part.csv --cut 2:3 --signals strain_um,voltage_V_x",
-)
+@subcommand("export", "micromanip recording export run.mcap --to part.csv --cut 2:3 --signals strain_um,voltage_V_x")
 @click.argument("file", type=click.Path(path_type=Path), metavar="FILE")
 @click.option(
     "--to",
@@ -60,7 +49,6 @@ def view(file: Path, listen: str, as_json: bool) -> None:
 )  # fmt: skip
 @click.option("--cut", type=Cut(), help="This part only, FROM:TO in seconds from the first cycle.")
 @click.option("--signals", help="These columns only, between commas; without the axis, those of all axes.")
-@json_option
 def export(file: Path, to: Path, cut: tuple[float, float] | None, signals: str | None, as_json: bool) -> None:
     """Write a recording to another format; every number keeps its bits.
 
@@ -82,9 +70,8 @@ _HEAD = ("recording", "begun (UTC)", "s", "axes", "configuration", "MB", "ended"
 _HASH = 12
 
 
-@click.command("list", cls=StrictCommand, epilog="Example: micromanip recording list /var/lib/micromanip/recordings")
+@subcommand("list", "micromanip recording list /var/lib/micromanip/recordings")
 @click.argument("folder", type=click.Path(path_type=Path, exists=True, file_okay=False), required=False)
-@json_option
 def command(folder: Path | None, as_json: bool) -> None:
     """What FOLDER has of recordings, the newest first; without FOLDER those that `recording start` made for this user.
 

@@ -3,18 +3,91 @@
 import control
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.linalg import solve_discrete_are
 
 from micromanip.control.margins import margins
 from micromanip.control.outer_gains import outer_gains
+from micromanip.control.riccati import solve_riccati
 from micromanip.control.stage_loop import model_system, stage_loop
 from micromanip.control.system import System, delay
 from micromanip.design.analyse.loops import strain_loop
 from micromanip.design.synthesise import Reach, tune_outer, tune_pid
 from micromanip.design.synthesise.search import Search
 from micromanip.design.validate.paper import ANCHOR_PID
-from micromanip.design.validate.step import STEP_UM, course
+from micromanip.design.validate.step import RISE_S, STEP_UM, course, judge_step
 from micromanip.errors import CheckFailed
 from micromanip.settings.schema.axis import LinearModel
+
+T_S = np.arange(-2000, 5000) * 1e-4
+
+
+def test_the_course_begins_and_ends_at_rest():
+    w = course(T_S)
+    assert (w[T_S <= 0.0] == 0.0).all()
+    assert w[T_S >= RISE_S] == pytest.approx(STEP_UM, abs=1e-12)
+    assert (np.diff(w) >= 0.0).all()
+    assert np.abs(np.diff(w)).max() * 1e4 == pytest.approx(0.5 * np.pi * STEP_UM / RISE_S, rel=1e-3)
+
+
+@pytest.mark.parametrize("damping", [0.1, 0.4])
+def test_the_closed_form_of_a_second_order_lag(damping):
+    """Overshoot exp(-pi d / sqrt(1 - d^2)); the envelope exp(-d w t) is 5 % when it has settled."""
+    omega, root = 2.0 * np.pi * 60.0, np.sqrt(1.0 - damping**2)
+    t = np.maximum(T_S, 0.0)
+    swing = np.cos(omega * root * t) + damping / root * np.sin(omega * root * t)
+    stage = np.where(T_S > 0.0, STEP_UM * (1.0 - np.exp(-damping * omega * t) * swing), 0.0)
+    answer = judge_step(T_S, stage)
+    assert answer.overshoot == pytest.approx(np.exp(-np.pi * damping / root), rel=1e-2)
+    envelope_s = np.log(1.0 / (0.05 * root)) / (damping * omega)
+    assert envelope_s - np.pi / (omega * root) <= answer.settling_s <= envelope_s
+
+
+def test_noise_is_neither_overshoot_nor_unrest():
+    noisy = course(T_S) + np.random.default_rng(1).normal(0.0, 0.2, len(T_S))
+    answer = judge_step(T_S, np.clip(noisy, course(T_S) - 0.79, course(T_S) + 0.79), 0.2)
+    assert (answer.overshoot, answer.band_um) == (0.0, pytest.approx(0.8))
+    assert answer.settling_s < RISE_S
+    assert judge_step(T_S, noisy).overshoot > 0.05
+
+
+@given(seed=st.integers(0, 2**31), states=st.integers(1, 20), radius=st.floats(0.1, 1.2), price=st.floats(-6.0, 6.0))
+def test_it_is_scipys(seed, states, radius, price):
+    """Stable or not, feedback cheap or dear; on the unit circle, too."""
+    rng = np.random.default_rng(seed)
+    A = rng.standard_normal((states, states))
+    A *= radius / np.abs(np.linalg.eigvals(A)).max()
+    B, C = rng.standard_normal((states, 1)), rng.standard_normal((states, states))
+    about = A, B, C.T @ C, np.array([[10.0**price]])
+    expected = solve_discrete_are(*about)
+    found = solve_riccati(*about)
+    assert found == pytest.approx(expected, rel=1e-6, abs=1e-8 * np.abs(expected).max())
+    gain = np.linalg.solve(about[3] + B.T @ found @ B, B.T @ found @ A)
+    assert np.abs(np.linalg.eigvals(A - B @ gain)).max() < 1.0
+
+
+@pytest.mark.parametrize(
+    ("A", "B"),
+    [(np.diag([0.5, 1.1]), [[1.0], [0.0]]), (np.full((2, 2), np.nan), [[1.0], [1.0]])],
+    ids=["out of reach, and growing", "no numbers"],
+)
+def test_where_nothing_stabilises_it_says_so(A, B):
+    with pytest.raises(np.linalg.LinAlgError):
+        solve_riccati(A, np.array(B), np.eye(2), np.eye(1))
+
+
+def test_where_doubling_loses_its_digits_the_answer_is_still_right():
+    """An integrator's chain in states of very different size, and a price that hardly limits anything."""
+    states = 8
+    A = np.eye(states) + np.diag(np.full(states - 1, 1e-4), 1)
+    scale = np.geomspace(1.0, 1e12, states)
+    A, B = A * scale[:, None] / scale[None, :], np.zeros((states, 1))
+    B[-1] = scale[-1] * 1e-4
+    about = A, B, np.eye(states), np.array([[1e-3]])
+    found, expected = solve_riccati(*about), solve_discrete_are(*about)
+    assert found == pytest.approx(expected, rel=1e-5, abs=1e-7 * np.abs(expected).max())
+
 
 pytestmark = pytest.mark.long
 

@@ -5,11 +5,114 @@ from datetime import UTC, datetime, timedelta
 
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
+from scipy.signal import cont2discrete
 
-from micromanip.design.analyse.health.history import COLUMNS, HEADER, Check, PlantFigures, append, read_history
-from micromanip.design.analyse.health.trend import judge
+from micromanip.control.injection import injection
+from micromanip.control.system import System
+from micromanip.design.analyse.health.history import (
+    COLUMNS,
+    HEADER,
+    Check,
+    PlantFigures,
+    append,
+    commissioned,
+    plant_figures,
+    read_history,
+)
+from micromanip.design.analyse.health.trend import Cusum, average_run_length, change_point, judge, limit_for
+from micromanip.design.identify.response import Measured
 from micromanip.errors import CheckFailed
 from micromanip.settings.schema.accept import Accept
+
+HERTZ = injection(0.3, 3000.0, 10_000.0, seed=1).frequency_Hz
+NEAR = PlantFigures(5.0, 67.0, 0.02)
+
+
+def measured(response, noise=0.0, seed=1):
+    rng = np.random.default_rng(seed)
+    seen = response * (1.0 + noise * (rng.normal(size=len(HERTZ)) + 1j * rng.normal(size=len(HERTZ))))
+    deviation = np.full(len(HERTZ), noise) * np.abs(response)
+    return Measured(HERTZ, seen, seen[None], deviation, deviation)
+
+
+def flexure(gain, mode_Hz, damping, delay_s=2e-4):
+    s, w = 2j * np.pi * HERTZ, 2 * np.pi * mode_Hz
+    return gain * np.exp(-s * delay_s) * w**2 / (s**2 + 2 * damping * w * s + w**2)
+
+
+@pytest.mark.parametrize(("gain", "mode_Hz", "damping"), [(5.0, 67.0, 0.02), (4.2, 52.0, 0.005), (6.0, 81.0, 0.1)])
+def test_a_flexure_is_what_it_is(gain, mode_Hz, damping):
+    found = plant_figures(measured(flexure(gain, mode_Hz, damping)), measured(np.full(len(HERTZ), 0.61)), NEAR)
+    expected = (gain, mode_Hz, damping, 0.61)
+    assert (found.stage_gain, found.mode_Hz, found.mode_damping, found.actuator_um_per_V) == pytest.approx(
+        expected, rel=1e-4
+    )
+
+
+def test_noise_and_a_mode_above_move_it_little():
+    """A mode three times as high with a tenth of the gain is not in the model."""
+    response = flexure(5.0, 67.0, 0.02) + flexure(0.5, 201.0, 0.02)
+    found = [plant_figures(measured(response, 0.05, seed), None, NEAR) for seed in range(10)]
+    assert np.mean([each.mode_Hz for each in found]) == pytest.approx(67.0, rel=0.005)
+    assert np.std([each.mode_Hz for each in found]) < 0.3
+    assert np.mean([each.mode_damping for each in found]) == pytest.approx(0.02, rel=0.25)
+
+
+def test_the_models_figures_are_what_would_be_measured_of_it():
+    """A second mode bends the response about the first: its gain there is 11 % less than at rest."""
+    period_s, parts = 1e-4, []
+    for gain, mode_Hz, damping in ((4.8, 72.0, 0.02), (1.0, 150.0, 0.02)):
+        w = 2 * np.pi * mode_Hz
+        A, B = np.array([[0.0, 1.0], [-w * w, -2 * damping * w]]), np.array([[0.0], [w * w]])
+        parts.append(cont2discrete((A, B, np.array([[gain, 0.0]]), np.zeros((1, 1))), period_s))
+    (A, B, C, *_), (A2, B2, C2, *_) = parts
+    model = System(block_diag(A, A2), np.concatenate([B, B2])[:, 0], np.concatenate([C, C2], axis=1)[0], 0.0, period_s)
+    said = commissioned(model)
+    omega = 2 * np.pi * HERTZ
+    seen = plant_figures(measured(model.response(omega) * np.exp(-1j * omega * 2e-4)), None, said)
+    for name in ("stage_gain", "mode_Hz", "mode_damping"):
+        assert getattr(said, name) == pytest.approx(getattr(seen, name), rel=0.01), name
+    at_rest = model.response(np.array([2 * np.pi]))[0].real
+    assert said.stage_gain < 0.95 * at_rest, "else the case asks for nothing"
+
+
+def run(values, limit=4.0):
+    cusum, sums = Cusum(limit), []
+    for value in values:
+        cusum.add(value)
+        sums.append((cusum.upper, cusum.lower))
+    return cusum, np.array(sums)
+
+
+@pytest.mark.parametrize(("limit", "known"), [(3.0, 117.6), (4.0, 335.4), (5.0, 930.9)])
+def test_run_lengths_are_those_of_the_tables(limit, known):
+    """One-sided, allowance .5: Hawkins and Olwell (1998) by a Markov chain."""
+    assert average_run_length(limit) == pytest.approx(known, rel=0.02)
+    assert limit_for(known) == pytest.approx(limit, rel=0.01)
+
+
+def test_without_a_shift_it_alarms_as_rarely_as_said():
+    """Also from the third value on, without any time of learning."""
+    wanted, rng, lengths = 20.0, np.random.default_rng(3), []
+    limit = limit_for(2 * wanted)
+    for _ in range(150):
+        cusum, length = Cusum(limit), 0
+        while cusum.crossed is None and length < 200:
+            cusum.add(rng.normal(5.0, 0.1))
+            length += 1
+        lengths.append(length)
+    assert np.mean(lengths) == pytest.approx(wanted, rel=0.25)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_shift_is_found_and_its_beginning_named(sign):
+    values = np.random.default_rng(1).normal(0.0, 1.0, 40)
+    values[25:] += sign * 4.0
+    cusum, _ = run(values, limit_for(2000.0))
+    assert 25 <= cusum.crossed <= 28
+    assert abs(change_point(values[: cusum.crossed + 1]) - 25) <= 1
+
 
 TUNED = PlantFigures(5.0, 67.0, 0.02)
 FIGURES = dict(zip(COLUMNS, (5.0, 67.0, 0.02, 0.61, 7.5, 37.0), strict=True))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -38,13 +37,9 @@ if TYPE_CHECKING:
     show_default="one a CPU",
     help="Processes that share the plants; 1: this one alone.",
 )
-@click.option(
-    "--scheduler", "address", metavar="ADDRESS",
-    help="Dask scheduler that takes the plants instead, e.g. tcp://host:8786.",
-)  # fmt: skip
 @click.option("--figures/--no-figures", default=True, help="Draw the figures.")
 def command(
-    config: Path, folder: Path, only: str, samples: int, seed: int, simulate: bool, jobs: int, address: str | None,
+    config: Path, folder: Path, only: str, samples: int, seed: int, simulate: bool, jobs: int,
     figures: bool, as_json: bool,
 ) -> None:  # fmt: skip
     """Judge the control of each axis before it runs: is the inverse regular, are the loops stable, with what margin?
@@ -53,7 +48,6 @@ def command(
     not judged. Exit code 1 where a criterion fails. docs/analyse.md explains the figures.
     """
     from micromanip.design.analyse.axis import analyse_axis
-    from micromanip.design.parallel import scheduler
     from micromanip.design.validate.criteria import criteria, notes, report
     from micromanip.settings.check import prepare
     from micromanip.virtual.altered import VariedCell, simulated_driver
@@ -77,16 +71,15 @@ def command(
             def progress(what: str, axis: str = name) -> None:
                 bar.say(f"axis {axis}: {what}")
 
-            with scheduler(address) if address else nullcontext():
-                analysis = analyse_axis(
-                    prepared.configuration,
-                    name,
-                    VirtualExperiment(prepared) if prepared.wiring.virtual else None,
-                    seeds,
-                    play=cells.get(name),
-                    jobs=None if address else jobs,
-                    progress=progress,
-                )
+            analysis = analyse_axis(
+                prepared.configuration,
+                name,
+                VirtualExperiment(prepared) if prepared.wiring.virtual else None,
+                seeds,
+                play=cells.get(name),
+                jobs=jobs,
+                progress=progress,
+            )
             analyses.append(analysis)
             if figures:
                 from micromanip.design.plots.loops import draw_analysis

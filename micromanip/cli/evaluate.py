@@ -84,21 +84,8 @@ def command(
     _print_rows(rows)
     for told in _swinging([*rows, *alone, *fast]):
         echo(told)
-    for row in alone:
-        sigma, where = row["true_std_error_um"], "true"
-        if sigma is None:
-            sigma, where = row["std_error_um"], "measured"
-        what = f"feedforward alone, axis {row['axis']}, {row['frequency_hz']:g} Hz"
-        echo(f"{what}: sigma {sigma:.3f} um ({where} position)")
-    for row in fast:
-        what = f"{row['config']}, axis {row['axis']}, {row['frequency_hz']:g} Hz, {row['amplitude_um']:g} um"
-        if row["refused"] is not None:
-            echo(f"{what}: {row['refused']}")
-        elif row["true_std_error_um"] is None:
-            echo(f"{what}: sigma {row['std_error_um']:.3f} um (measured position)")
-        else:
-            share = f"{row['true_rms_percent']:.2f} % of the stroke"
-            echo(f"{what}: sigma {row['true_std_error_um']:.3f} um, {share} (true position)")
+    for row in [*alone, *fast]:
+        echo(_in_words(row))
     if written:
         echo(f"{len(written)} figures in {folder}/")
     pictures.require_written()
@@ -133,6 +120,19 @@ def _print_rows(rows: list[dict[str, Any]]) -> None:
             end_section=config == last,
         )
     out_console().print(report)
+
+
+def _in_words(row: dict[str, Any]) -> str:
+    """What the feedforward leaves alone, or a fast sine: the paper's table has no place for it."""
+    name = row["config"] if "amplitude_um" in row else "feedforward alone"
+    size = f", {row['amplitude_um']:g} um" if "amplitude_um" in row else ""
+    what = f"{name}, axis {row['axis']}, {row['frequency_hz']:g} Hz{size}"
+    if row.get("refused") is not None:
+        return f"{what}: {row['refused']}"
+    if row["true_std_error_um"] is None:
+        return f"{what}: sigma {row['std_error_um']:.3f} um (measured position)"
+    share = f", {row['true_rms_percent']:.2f} % of the stroke" if size else ""
+    return f"{what}: sigma {row['true_std_error_um']:.3f} um{share} (true position)"
 
 
 def _swinging(rows: list[dict[str, Any]]) -> list[str]:

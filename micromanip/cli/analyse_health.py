@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from micromanip.client import Client
-from micromanip.errors import CheckFailed, UsageError, system_error
+from micromanip.errors import CheckFailed, system_error
 
-from .analyse_live import amplitude_option, inject
+from .analyse_live import amplitude_option, inject, simulated_cell
 from .axes import moved_axis_option
 from .echo import echo
 from .options import Quantity, emit_json, socket_option, subcommand
@@ -22,7 +22,9 @@ from .results import out_option, results_folder
 if TYPE_CHECKING:
     from micromanip.design.analyse.health.history import Check
     from micromanip.design.analyse.health.trend import Health
+    from micromanip.design.identify.response import Measured
     from micromanip.settings.schema.model import Configuration
+    from micromanip.settings.wiring.timing import FeedbackPath
 
 
 @subcommand(
@@ -97,50 +99,38 @@ def command(
 def _measured(
     config: Path | None, axis: str, amplitude_um: float, seed: int, socket_path: Path
 ) -> tuple[Configuration, list[Check]]:
-    """What runs, and the checks of the axes asked for."""
+    """What runs, or is simulated with `config`, and the checks of the axes asked for."""
     from micromanip.design.analyse.health.trend import DRAWS, checked, closed_loops
     from micromanip.design.analyse.live_margins import measure_virtually
     from micromanip.settings.excitation_plan import require_axis
-    from micromanip.settings.wiring.timing import feedback_path
-
-    if config is None:
-        with Client(socket_path) as client:
-            return _live(client, axis, amplitude_um, seed)
-    from micromanip.settings.check import prepare
-
-    prepared = prepare(config, seed)
-    configuration = prepared.configuration
-    if not prepared.wiring.virtual:
-        raise UsageError(f"{config} is not a simulated cell: start it, and leave CONFIG out")
-    if axis != "all":
-        require_axis(configuration, axis)
-    checks = []
-    for name in configuration.axes if axis == "all" else [axis]:
-        loops = closed_loops(configuration.axes[name], name)
-        plants = {loop: measure_virtually(prepared, name, loop, amplitude_um, seed, DRAWS) for loop in loops}
-        path = feedback_path(configuration, prepared.wiring, name)
-        checks.append(checked(configuration, path, name, plants, datetime.now(UTC)))
-    return configuration, checks
-
-
-def _live(client: Client, axis: str, amplitude_um: float, seed: int) -> tuple[Configuration, list[Check]]:
-    from micromanip.design.analyse.health.trend import DRAWS, checked, closed_loops
-    from micromanip.settings.excitation_plan import require_axis
     from micromanip.settings.load import validate_document
     from micromanip.settings.text.source import Source
-    from micromanip.settings.wiring.timing import FeedbackPath
+    from micromanip.settings.wiring.timing import FeedbackPath, feedback_path
 
-    running = Path("(running)")
-    configuration = validate_document(Source.parse(running, client.configuration()["text"]))
-    if axis != "all":
-        require_axis(configuration, axis)
     checks = []
-    for name in configuration.axes if axis == "all" else [axis]:
-        plants = {}
-        for loop in closed_loops(configuration.axes[name], name):
-            begun, plants[loop] = inject(client, name, loop, amplitude_um, seed, DRAWS)
-        path = FeedbackPath(**begun["path"])
-        checks.append(checked(configuration, path, name, plants, datetime.now(UTC)))
+    with contextlib.ExitStack() as opened:
+        if config is None:
+            client = opened.enter_context(Client(socket_path))
+            configuration = validate_document(Source.parse(Path("(running)"), client.configuration()["text"]))
+
+            def measured(name: str, loop: str) -> tuple[FeedbackPath, Measured]:
+                begun, plant = inject(client, name, loop, amplitude_um, seed, DRAWS)
+                return FeedbackPath(**begun["path"]), plant
+        else:
+            prepared = simulated_cell(config, seed)
+            configuration = prepared.configuration
+
+            def measured(name: str, loop: str) -> tuple[FeedbackPath, Measured]:
+                plant = measure_virtually(prepared, name, loop, amplitude_um, seed, DRAWS)
+                return feedback_path(configuration, prepared.wiring, name), plant
+
+        if axis != "all":
+            require_axis(configuration, axis)
+        for name in configuration.axes if axis == "all" else [axis]:
+            found = {loop: measured(name, loop) for loop in closed_loops(configuration.axes[name], name)}
+            path = next(reversed(found.values()))[0]
+            plants = {loop: plant for loop, (_, plant) in found.items()}
+            checks.append(checked(configuration, path, name, plants, datetime.now(UTC)))
     return configuration, checks
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from micromanip.client import Client
-from micromanip.errors import CheckFailed
+from micromanip.errors import CheckFailed, UsageError
 
 from .axes import one_axis_option
 from .echo import echo
@@ -52,16 +52,11 @@ def command(
     Exit code 1 where measured and predicted do not agree, the confidence leaves it open, or margins are below `accept`.
     """
     from micromanip.design.analyse.live_margins import document, judge_running, measure_virtually, simulated_actuator
-    from micromanip.errors import UsageError
     from micromanip.settings.excitation_plan import require_axis
 
     if config is not None:
-        from micromanip.settings.check import prepare
-
-        prepared = prepare(config)
+        prepared = simulated_cell(config)
         require_axis(prepared.configuration, axis)
-        if not prepared.wiring.virtual:
-            raise UsageError(f"{config} is not a simulated cell: start it, and leave CONFIG out")
         plant = measure_virtually(prepared, axis, loop, amplitude_um, seed)
         path, where = _path(prepared, axis), f"{config}, in virtual time"
     else:
@@ -83,6 +78,16 @@ def command(
         _print(found, where, files)
     if found.problem is not None:
         raise CheckFailed(f"axis {axis}, {found.loop.name}: {found.problem}")
+
+
+def simulated_cell(config: Path, seed: int | None = None) -> Prepared:
+    """The cell of `config`, with a `seed` of its noise; UsageError where it is not simulated."""
+    from micromanip.settings.check import prepare
+
+    prepared = prepare(config, seed)
+    if not prepared.wiring.virtual:
+        raise UsageError(f"{config} is not a simulated cell: start it, and leave CONFIG out")
+    return prepared
 
 
 def _path(prepared: Prepared, axis: str) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -12,7 +13,8 @@ from .modal import Complex, Experiment, Modes
 from .model import LinearFit, delayed, strict_errors
 from .predictor import fit_unstable
 
-_INNER = 0.75
+_INNER, _REFINED = 0.75, 8
+"""Share of the record that candidates are fitted to; steps of refinement that are tried beside none."""
 _CLOSE = 1.5
 """The order chosen by the free run is kept while its strict error is within this factor of the least."""
 _OTHERS = 3
@@ -70,12 +72,12 @@ def select(
             "last quarter: a record with more movement tells more, --order sets another"
         )
     if errors:
-        first = errors.get((plain.order, True), np.inf)
+        first = errors.get((plain.order, _REFINED), np.inf)
         best = min(errors, key=lambda key: errors[key])
-        if first > _CLOSE * errors[best] or first > errors.get((plain.order, False), np.inf) * _CLOSE:
-            states, refined = best
-            model = replace(again(experiments, *_fitted_as(best)), tried=plain.tried)
-            how = "" if refined else ", not refined,"
+        if first > _CLOSE * errors[best] or first > errors.get((plain.order, 0), np.inf) * _CLOSE:
+            states, steps = best
+            model = replace(again(experiments, *best), tried=plain.tried)
+            how = "" if steps else ", not refined,"
             chosen = f"{how} instead of {plain.order}" if states != plain.order else " is not refined"
             notes.append(
                 f"order {states}{chosen}: strict error {errors[best]:.3g} % instead of "
@@ -128,11 +130,6 @@ def _pole(z: complex) -> str:
     return f"{z.real:.4f}" if abs(z.imag) < 1e-6 else f"{z.real:.4f} +-{abs(z.imag):.4f}j"
 
 
-def _fitted_as(key: tuple[int, bool]) -> tuple[int, int]:
-    states, refined = key
-    return states, 8 if refined else 0
-
-
 def _parted(experiments: Sequence[Experiment]) -> tuple[list[Experiment], list[Experiment]]:
     counts = [round(_INNER * len(u)) for u, _ in experiments]
     first = [(u[:count], y[:count]) for (u, y), count in zip(experiments, counts, strict=True)]
@@ -145,22 +142,22 @@ def _compared(
     inner: Sequence[Experiment],
     left_out: Sequence[Experiment],
     again: Callable[[Sequence[Experiment], int, int], LinearFit],
-) -> dict[tuple[int, bool], float]:
-    """Strict error (percent) by order and whether it was refined, of what can be fitted to the shorter part."""
+) -> dict[tuple[int, int], float]:
+    """Strict error (percent) by order and steps of refinement, of what can be fitted to the shorter part."""
     orders = [plain.order]
     if order is None:
         orders += [each for each in sorted(plain.tried, key=lambda n: plain.tried[n]) if each != plain.order][:_OTHERS]
         orders += [each for each in (1, 2) if each in plain.tried and each not in orders]
     errors = {}
     for states in orders:
-        for refined in (True, False):
+        for steps in (_REFINED, 0):
             try:
-                fitted = again(inner, *_fitted_as((states, refined)))
+                fitted = again(inner, states, steps)
             except (ValueError, np.linalg.LinAlgError):
                 continue
             error = error_of(fitted, left_out)
             if np.isfinite(error):
-                errors[states, refined] = error
+                errors[states, steps] = error
     return errors
 
 
@@ -190,9 +187,9 @@ def _no_worse_than_arx1(
         )
         return Selected(model, arx1, notes)
     tried = [(limit, arx1, "ARX(1)")]
-    for key in [(plain.order, True), (plain.order, False), (1, True), (1, False), (2, True), (2, False)]:
+    for key in itertools.product((plain.order, 1, 2), (_REFINED, 0)):
         try:
-            other = again(experiments, *_fitted_as(key))
+            other = again(experiments, *key)
         except (ValueError, np.linalg.LinAlgError):
             continue
         tried.append((error_of(other, held_out), other, f"order {key[0]}{'' if key[1] else ', not refined'}"))

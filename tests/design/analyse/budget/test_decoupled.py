@@ -9,12 +9,12 @@ from micromanip.design.analyse.budget.configured import cell_of
 from micromanip.settings.check import prepared
 from micromanip.settings.text.source import Source
 
-CONFIG = Path(__file__).parents[4] / "config" / "simulated.yaml"
+SIMULATED = Path(__file__).parents[4] / "config" / "simulated.yaml"
 ROWS = [[1.0, 0.05, -0.03], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
 
 
 def neighbours(**section):
-    document = yaml.safe_load(CONFIG.read_text(encoding="utf-8"))
+    document = yaml.safe_load(SIMULATED.read_text(encoding="utf-8"))
     document["drivers"]["cell"]["couplings"] = ROWS
     if section:
         document["axes"]["x"]["coupling"] = section

@@ -12,13 +12,13 @@ from micromanip.design.identify.tracker.fit import fit_deviation
 from micromanip.settings.check import prepare
 from micromanip.settings.schema.reference import AxisDeviation
 
-CONFIG = Path(__file__).parents[4] / "config" / "simulated.yaml"
+SIMULATED = Path(__file__).parents[4] / "config" / "simulated.yaml"
 SECONDS = 10.0
 
 
 @pytest.fixture(scope="module")
 def cell():
-    return cell_of(prepare(CONFIG), "x")
+    return cell_of(prepare(SIMULATED), "x")
 
 
 def samples_of(cell, noise_um, seconds=SECONDS, seed=1):

@@ -16,7 +16,7 @@ from micromanip.settings.compile.hysteresis import fill_hysteresis
 from micromanip.settings.schema.reference import Oscillation
 
 CONFIG = Path(__file__).parents[4] / "config"
-RATE_HZ = 2000.0
+PATH_HZ = 2000.0
 
 
 @pytest.fixture(scope="module")
@@ -33,9 +33,9 @@ def with_joint(cell, range_percent):
 
 @pytest.mark.parametrize("hertz", [3.0, 25.0])
 def test_a_sine_comes_through_as_the_closed_loop_says(cell, hertz):
-    time_s = np.arange(6000) / RATE_HZ
+    time_s = np.arange(6000) / PATH_HZ
     laws, tracking = cell.laws["x"], with_joint(cell, 0.0)
-    found = predict(laws, tracking, 0.0, 20.0 * np.sin(2.0 * np.pi * hertz * time_s), RATE_HZ)
+    found = predict(laws, tracking, 0.0, 20.0 * np.sin(2.0 * np.pi * hertz * time_s), PATH_HZ)
     omega = np.array([2.0 * np.pi * hertz])
     loop = laws.around(laws.model(omega), omega)
     given = followed_share(loop, tracking, laws.gains.reference) / loop.followed
@@ -54,8 +54,8 @@ def test_a_joint_that_swings_at_another_frequency_is_followed_as_the_loop_follow
     found_of = {}
     for percent in (0.0, 50.0):
         tracking = with_joint(cell, percent)
-        path = 20.0 * np.sin(2.0 * np.pi * hertz * np.arange(6000) / RATE_HZ)
-        found_of[percent] = np.std(predict(cell.laws["x"], tracking, 0.0, path, RATE_HZ).error_um[2000:4000])
+        path = 20.0 * np.sin(2.0 * np.pi * hertz * np.arange(6000) / PATH_HZ)
+        found_of[percent] = np.std(predict(cell.laws["x"], tracking, 0.0, path, PATH_HZ).error_um[2000:4000])
     known = tracking.tracker.at_swings([hertz])
     omega = np.array([2.0 * np.pi * hertz])
     laws = replace(cell.laws["x"], tracker=known)
@@ -67,11 +67,11 @@ def test_a_joint_that_swings_at_another_frequency_is_followed_as_the_loop_follow
 
 def test_the_voltage_gives_the_set_point_back_through_the_model(cell):
     axis = cell.laws["x"].axis
-    time_s = np.arange(2000) / RATE_HZ
+    time_s = np.arange(2000) / PATH_HZ
     wanted = 66.0 + 55.0 * np.sin(2.0 * np.pi * 2.0 * time_s) * np.exp(-time_s)
-    voltage = inverse_voltage(axis, 0.0, wanted, RATE_HZ)
+    voltage = inverse_voltage(axis, 0.0, wanted, PATH_HZ)
     h = np.zeros(1, HYSTERESIS_PARAMETERS)[0]
-    fill_hysteresis(h, axis.hysteresis, 1.0 / RATE_HZ)
+    fill_hysteresis(h, axis.hysteresis, 1.0 / PATH_HZ)
     memory = np.zeros(len(h["r"]))
     given = np.array([model_output(h, memory, volts) for volts in voltage])
     # whatever the model remembered before is wiped out by the first full swing
@@ -81,4 +81,4 @@ def test_the_voltage_gives_the_set_point_back_through_the_model(cell):
 def test_without_an_inverse_no_voltage_is_claimed(cell):
     axis = cell.laws["x"].axis
     pid = axis.model_copy(update={"inner": axis.inner.model_copy(update={"mode": "pid"})})
-    assert inverse_voltage(pid, 0.0, np.zeros(3), RATE_HZ) is None
+    assert inverse_voltage(pid, 0.0, np.zeros(3), PATH_HZ) is None

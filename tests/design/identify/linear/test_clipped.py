@@ -6,8 +6,8 @@ from scipy.signal import lfilter
 
 from micromanip.design.identify.linear.experiments import clipped, wrapped
 
-SAMPLES = 4000
-PHASE = 2 * np.pi * 10 * np.arange(SAMPLES) / SAMPLES
+COUNT = 4000
+PHASE = 2 * np.pi * 10 * np.arange(COUNT) / COUNT
 
 
 def ringing(u):
@@ -16,7 +16,7 @@ def ringing(u):
 
 @pytest.fixture
 def noise():
-    return np.random.default_rng(1).standard_normal(SAMPLES)
+    return np.random.default_rng(1).standard_normal(COUNT)
 
 
 def found(u, y):

@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 import yaml
 
-from micromanip.design import paper
-from micromanip.design.budget.configured import bound_of, cell_of
-from micromanip.design.evaluation import TUNED, evaluate, table
+from micromanip.design.analyse.budget.configured import bound_of, cell_of
 from micromanip.design.parallel import each
+from micromanip.design.validate import paper
+from micromanip.design.validate.evaluation import TUNED, evaluate, table
 from micromanip.errors import CheckFailed
 from micromanip.settings.check import Prepared
 from micromanip.settings.schema.model import Configuration

@@ -19,10 +19,9 @@ import numpy as np
 from micromanip.errors import ConfigError
 from micromanip.host.recording.mcap_file import McapRecording
 from micromanip.recordings import open_telemetry
-from micromanip.replay.comparable import recorded_configuration
 from micromanip.replay.counterfactual import DRAWS, FIGURES, Prediction, Rerun, predict
 from micromanip.replay.fitting import fit_models
-from micromanip.replay.window import take_window
+from micromanip.replay.window import recorded_configuration, take_window
 from micromanip.rt.telemetry import ROW
 from micromanip.settings.check import Prepared, prepared, revise, validate
 from micromanip.settings.text.keys import assigned

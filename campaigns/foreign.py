@@ -10,11 +10,11 @@ import numpy as np
 from micromanip.control.margins import margins
 from micromanip.control.outer_gains import outer_gains
 from micromanip.control.pid import pid_system
+from micromanip.control.stage_loop import stage_loop
+from micromanip.design.analyse.describing import harmonics, inverse_operator
 from micromanip.design.commission.cell import CommissionedCell, commission_cell
 from micromanip.design.commission.options import Options
-from micromanip.design.describing import harmonics, inverse_operator
-from micromanip.design.loops import stage_loop
-from micromanip.design.report.verdict import Verdict, overall
+from micromanip.design.report.model import Verdict, overall
 from micromanip.settings.check import Prepared, prepare
 from micromanip.virtual.experiment import VirtualExperiment
 

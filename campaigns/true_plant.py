@@ -22,8 +22,8 @@ from scipy.linalg import block_diag
 from micromanip.control.margins import Margins, margins
 from micromanip.control.outer_gains import outer_gains
 from micromanip.control.pid import pid_system
+from micromanip.control.stage_loop import stage_loop
 from micromanip.control.system import System
-from micromanip.design.loops import stage_loop
 from micromanip.settings.schema.axis import Axis
 
 Array = NDArray[np.float64]

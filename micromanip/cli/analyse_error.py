@@ -11,35 +11,30 @@ import click
 
 from .axes import axis_option, chosen_axes
 from .echo import echo
-from .options import Quantity, StrictCommand, emit_json, json_option
+from .options import Quantity, emit_json, subcommand
 from .progress import steps
 from .recording_options import open_recording
 from .results import out_option
 
 if TYPE_CHECKING:
-    from micromanip.design.budget.budget import AxisBudget
+    from micromanip.design.analyse.budget.budget import AxisBudget
 
 _CONFIGURATIONS = (".yaml", ".yml")
 
 
-@click.command(
-    "error",
-    cls=StrictCommand,
-    epilog="Example: micromanip analyse error config/simulated.yaml --out out/error",
-)
+@subcommand("error", "micromanip analyse error config/simulated.yaml --out out/error")
 @click.argument("file", type=click.Path(path_type=Path), metavar="CONFIG|RECORDING")
 @axis_option
 @click.option(
-    "--seconds", type=Quantity("SecondsOrZero", most=600.0), default=10.0, show_default=True, metavar="S",
+    "--seconds", type=Quantity("SecondsOrZero", most=600.0), default=10.0, metavar="S",
     help="Virtual time that a simulated cell is played for; 0: not at all.",
 )  # fmt: skip
-@click.option("--seed", type=Quantity("Seed"), default=1, show_default=True, help="Of the noise that is played.")
+@click.option("--seed", type=Quantity("Seed"), default=1, help="Of the noise that is played.")
 @click.option(
-    "--coherence", "coherence_s", type=Quantity("Seconds", least=0.05, most=60.0), default=1.0, show_default=True,
+    "--coherence", "coherence_s", type=Quantity("Seconds", least=0.05, most=60.0), default=1.0,
     metavar="S", help="For how long path and force keep their phase: what the bound takes for granted.",
 )  # fmt: skip
 @out_option("pictures", metavar="DIR")
-@json_option
 def command(
     file: Path, only: str, seconds: float, seed: int, coherence_s: float, folder: Path | None, as_json: bool
 ) -> None:
@@ -76,7 +71,7 @@ def command(
 def _of_configuration(
     file: Path, only: str, seconds: float, seed: int, coherence_s: float, step: Callable[[str], None]
 ) -> tuple[list[AxisBudget], str]:
-    from micromanip.design.budget.configured import budget_of
+    from micromanip.design.analyse.budget.configured import budget_of
     from micromanip.settings.check import prepare
 
     prepared = prepare(file, seed)
@@ -87,14 +82,14 @@ def _of_configuration(
 def _of_recording(
     file: Path, only: str, coherence_s: float, step: Callable[[str], None]
 ) -> tuple[list[AxisBudget], str]:
-    from micromanip.design.budget.recorded import recorded_budget
+    from micromanip.design.analyse.budget.recorded import recorded_budget
 
     telemetry = open_recording(file)
     return recorded_budget(telemetry, chosen_axes(telemetry.axes, only, file), coherence_s, step), str(file)
 
 
 def _print(budget: AxisBudget) -> None:
-    from micromanip.design.budget.budget import percent
+    from micromanip.design.analyse.budget.budget import percent
 
     from .tables import print_table
 

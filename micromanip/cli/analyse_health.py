@@ -11,25 +11,25 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from micromanip.client import Client
-from micromanip.errors import CheckFailed, UsageError, system_error
+from micromanip.errors import CheckFailed, system_error
 
-from .analyse_live import amplitude_option, inject
+from .analyse_live import amplitude_option, inject, simulated_cell
 from .axes import moved_axis_option
 from .echo import echo
-from .options import Quantity, StrictCommand, emit_json, json_option, socket_option
+from .options import Quantity, emit_json, socket_option, subcommand
 from .results import out_option, results_folder
 
 if TYPE_CHECKING:
-    from micromanip.design.drift.history import Check
-    from micromanip.design.drift.trend import Health
+    from micromanip.design.analyse.health.history import Check
+    from micromanip.design.analyse.health.trend import Health
+    from micromanip.design.identify.response import Measured
     from micromanip.settings.schema.model import Configuration
+    from micromanip.settings.wiring.timing import FeedbackPath
 
 
-@click.command(
+@subcommand(
     "health",
-    cls=StrictCommand,
-    epilog="""\b
-Example: micromanip hold && micromanip analyse health --axis all --history out/drift.csv
+    """micromanip hold && micromanip analyse health --axis all --history out/drift.csv
          micromanip analyse health config/simulated.yaml --axis x --history out/drift.csv --out out/drift""",
 )
 @click.argument("config", type=click.Path(path_type=Path), metavar="[CONFIG]", required=False)
@@ -40,15 +40,12 @@ Example: micromanip hold && micromanip analyse health --axis all --history out/d
 )  # fmt: skip
 @click.option(
     "--false-alarms", "false_alarms", type=Quantity("Positive", least=10), default=1000.0,
-    show_default=True, metavar="CHECKS", help="Checks of an axis between two false alarms of drift.",
+    metavar="CHECKS", help="Checks of an axis between two false alarms of drift.",
 )  # fmt: skip
 @amplitude_option
-@click.option(
-    "--seed", type=Quantity("Seed"), default=1, show_default=True, help="Draws phases, and a simulation's noise."
-)
+@click.option("--seed", type=Quantity("Seed"), default=1, help="Draws phases, and a simulation's noise.")
 @out_option("a picture of each axis", metavar="DIR")
 @socket_option
-@json_option
 def command(
     config: Path | None, only: str, history: Path | None, false_alarms: float, amplitude_um: float, seed: int,
     folder: Path | None, socket_path: Path, as_json: bool,
@@ -62,8 +59,8 @@ def command(
     Exit code 1 where a figure drifts or is outside of what robustness was judged for, and where a margin is surely
     below `accept` or soon will be.
     """
-    from micromanip.design.drift.history import append, read_history
-    from micromanip.design.drift.trend import judge, of_the_model
+    from micromanip.design.analyse.health.history import append, read_history
+    from micromanip.design.analyse.health.trend import judge, of_the_model
 
     before = [] if history is None else read_history(history)
     found, problems, files = [], [], []
@@ -102,50 +99,38 @@ def command(
 def _measured(
     config: Path | None, axis: str, amplitude_um: float, seed: int, socket_path: Path
 ) -> tuple[Configuration, list[Check]]:
-    """What runs, and the checks of the axes asked for."""
-    from micromanip.design.drift.trend import DRAWS, checked, closed_loops
-    from micromanip.design.live_margins import measure_virtually
-    from micromanip.settings.excitation_plan import require_axis
-    from micromanip.settings.wiring.timing import feedback_path
-
-    if config is None:
-        with Client(socket_path) as client:
-            return _live(client, axis, amplitude_um, seed)
-    from micromanip.settings.check import prepare
-
-    prepared = prepare(config, seed)
-    configuration = prepared.configuration
-    if not prepared.wiring.virtual:
-        raise UsageError(f"{config} is not a simulated cell: start it, and leave CONFIG out")
-    if axis != "all":
-        require_axis(configuration, axis)
-    checks = []
-    for name in configuration.axes if axis == "all" else [axis]:
-        loops = closed_loops(configuration.axes[name], name)
-        plants = {loop: measure_virtually(prepared, name, loop, amplitude_um, seed, DRAWS) for loop in loops}
-        path = feedback_path(configuration, prepared.wiring, name)
-        checks.append(checked(configuration, path, name, plants, datetime.now(UTC)))
-    return configuration, checks
-
-
-def _live(client: Client, axis: str, amplitude_um: float, seed: int) -> tuple[Configuration, list[Check]]:
-    from micromanip.design.drift.trend import DRAWS, checked, closed_loops
+    """What runs, or is simulated with `config`, and the checks of the axes asked for."""
+    from micromanip.design.analyse.health.trend import DRAWS, checked, closed_loops
+    from micromanip.design.analyse.live_margins import measure_virtually
     from micromanip.settings.excitation_plan import require_axis
     from micromanip.settings.load import validate_document
     from micromanip.settings.text.source import Source
-    from micromanip.settings.wiring.timing import FeedbackPath
+    from micromanip.settings.wiring.timing import FeedbackPath, feedback_path
 
-    running = Path("(running)")
-    configuration = validate_document(Source.parse(running, client.configuration()["text"]))
-    if axis != "all":
-        require_axis(configuration, axis)
     checks = []
-    for name in configuration.axes if axis == "all" else [axis]:
-        plants = {}
-        for loop in closed_loops(configuration.axes[name], name):
-            begun, plants[loop] = inject(client, name, loop, amplitude_um, seed, DRAWS)
-        path = FeedbackPath(**begun["path"])
-        checks.append(checked(configuration, path, name, plants, datetime.now(UTC)))
+    with contextlib.ExitStack() as opened:
+        if config is None:
+            client = opened.enter_context(Client(socket_path))
+            configuration = validate_document(Source.parse(Path("(running)"), client.configuration()["text"]))
+
+            def measured(name: str, loop: str) -> tuple[FeedbackPath, Measured]:
+                begun, plant = inject(client, name, loop, amplitude_um, seed, DRAWS)
+                return FeedbackPath(**begun["path"]), plant
+        else:
+            prepared = simulated_cell(config, seed)
+            configuration = prepared.configuration
+
+            def measured(name: str, loop: str) -> tuple[FeedbackPath, Measured]:
+                plant = measure_virtually(prepared, name, loop, amplitude_um, seed, DRAWS)
+                return feedback_path(configuration, prepared.wiring, name), plant
+
+        if axis != "all":
+            require_axis(configuration, axis)
+        for name in configuration.axes if axis == "all" else [axis]:
+            found = {loop: measured(name, loop) for loop in closed_loops(configuration.axes[name], name)}
+            path = next(reversed(found.values()))[0]
+            plants = {loop: plant for loop, (_, plant) in found.items()}
+            checks.append(checked(configuration, path, name, plants, datetime.now(UTC)))
     return configuration, checks
 
 
@@ -172,7 +157,7 @@ def _document(check: Check, judged: Health) -> dict[str, Any]:
 
 
 def _print(judged: Health, check: Check) -> None:
-    from micromanip.design.drift.history import LABELS
+    from micromanip.design.analyse.health.history import LABELS
 
     from .tables import print_table
 

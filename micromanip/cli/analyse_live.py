@@ -8,39 +8,37 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from micromanip.client import Client
-from micromanip.errors import CheckFailed
+from micromanip.errors import CheckFailed, UsageError
 
 from .axes import one_axis_option
 from .echo import echo
-from .options import Quantity, StrictCommand, emit_json, json_option, socket_option
+from .options import Quantity, emit_json, socket_option, subcommand
 from .results import out_option, results_folder
 
 if TYPE_CHECKING:
-    from micromanip.design.live_margins import Running
-    from micromanip.design.response import Measured
+    from micromanip.design.analyse.live_margins import Running
+    from micromanip.design.identify.response import Measured
     from micromanip.replies import Injected
     from micromanip.settings.check import Prepared
 
 amplitude_option = click.option(
     "--amplitude-um", "amplitude_um", type=Quantity("Distance", least=0.001, most=10.0), default=0.3,
-    show_default=True, metavar="UM", help="Rms of the multisine on the actuator's set-point.",
+    metavar="UM", help="Rms of the multisine on the actuator's set-point.",
 )  # fmt: skip
 
 
-@click.command(
+@subcommand(
     "live",
-    cls=StrictCommand,
-    epilog="Example: micromanip analyse live --axis x     or, in virtual time: "
-    "micromanip analyse live config/simulated.yaml --axis x --loop stage",
+    "micromanip analyse live --axis x     or, in virtual time: micromanip analyse live "
+    "config/simulated.yaml --axis x --loop stage",
 )
 @click.argument("config", type=click.Path(path_type=Path), metavar="[CONFIG]", required=False)
 @one_axis_option
-@click.option("--loop", type=click.Choice(["strain", "stage"]), default="strain", show_default=True, help="Its loop.")
+@click.option("--loop", type=click.Choice(["strain", "stage"]), default="strain", help="Its loop.")
 @amplitude_option
-@click.option("--seed", type=Quantity("Seed"), default=1, show_default=True, help="Draws its phases.")
+@click.option("--seed", type=Quantity("Seed"), default=1, help="Draws its phases.")
 @out_option("a picture", metavar="DIR")
 @socket_option
-@json_option
 def command(
     config: Path | None, axis: str, loop: Any, amplitude_um: float, seed: int, folder: Path | None, socket_path: Path,
     as_json: bool,
@@ -53,17 +51,12 @@ def command(
 
     Exit code 1 where measured and predicted do not agree, the confidence leaves it open, or margins are below `accept`.
     """
-    from micromanip.design.live_margins import document, judge_running, measure_virtually, simulated_actuator
-    from micromanip.errors import UsageError
+    from micromanip.design.analyse.live_margins import document, judge_running, measure_virtually, simulated_actuator
     from micromanip.settings.excitation_plan import require_axis
 
     if config is not None:
-        from micromanip.settings.check import prepare
-
-        prepared = prepare(config)
+        prepared = simulated_cell(config)
         require_axis(prepared.configuration, axis)
-        if not prepared.wiring.virtual:
-            raise UsageError(f"{config} is not a simulated cell: start it, and leave CONFIG out")
         plant = measure_virtually(prepared, axis, loop, amplitude_um, seed)
         path, where = _path(prepared, axis), f"{config}, in virtual time"
     else:
@@ -87,6 +80,16 @@ def command(
         raise CheckFailed(f"axis {axis}, {found.loop.name}: {found.problem}")
 
 
+def simulated_cell(config: Path, seed: int | None = None) -> Prepared:
+    """The cell of `config`, with a `seed` of its noise; UsageError where it is not simulated."""
+    from micromanip.settings.check import prepare
+
+    prepared = prepare(config, seed)
+    if not prepared.wiring.virtual:
+        raise UsageError(f"{config} is not a simulated cell: start it, and leave CONFIG out")
+    return prepared
+
+
 def _path(prepared: Prepared, axis: str) -> Any:
     from micromanip.settings.wiring.timing import feedback_path
 
@@ -95,7 +98,7 @@ def _path(prepared: Prepared, axis: str) -> Any:
 
 def _live(axis: str, loop: str, amplitude_um: float, seed: int, socket_path: Path) -> tuple[Prepared, Any, Any]:
     """What runs, and the response of its plant."""
-    from micromanip.design.live_margins import DRAWS
+    from micromanip.design.analyse.live_margins import DRAWS
     from micromanip.settings.check import prepared
     from micromanip.settings.text.source import Source
     from micromanip.settings.wiring.timing import FeedbackPath
@@ -113,7 +116,7 @@ def inject(
 
     Raises CheckFailed where the controller refuses it, or it was ended early.
     """
-    from micromanip.design.live_margins import plant_of
+    from micromanip.design.analyse.live_margins import plant_of
 
     from .progress import steps
 
@@ -127,7 +130,7 @@ def inject(
 
 
 def _print(found: Running, where: str, files: list[Path]) -> None:
-    from micromanip.design.live_margins import figures
+    from micromanip.design.analyse.live_margins import figures
 
     from .tables import print_table
 

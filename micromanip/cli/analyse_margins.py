@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,7 +12,7 @@ from micromanip.errors import CheckFailed, UsageError
 
 from .axes import axis_option, chosen_axes
 from .echo import echo
-from .options import Quantity, StrictCommand, config_argument, emit_json, json_option
+from .options import Quantity, config_argument, emit_json, subcommand
 from .progress import steps
 from .results import Pictures, out_option, provenance
 
@@ -22,24 +21,12 @@ if TYPE_CHECKING:
     from micromanip.settings.check import Prepared
 
 
-@click.command(
-    "margins",
-    cls=StrictCommand,
-    epilog="Example: micromanip analyse margins config/simulated.yaml --axis x --out out/analyse",
-)
+@subcommand("margins", "micromanip analyse margins config/simulated.yaml --axis x --out out/analyse")
 @config_argument
 @out_option("the figures", required=True)
 @axis_option
-@click.option(
-    "--samples",
-    type=click.IntRange(0, 1_000_000),
-    default=100,
-    show_default=True,
-    help="Plants that are drawn, an axis.",
-)
-@click.option(
-    "--seed", type=Quantity("Seed"), default=1, show_default=True, help="Seed of the first plant; the next follow."
-)
+@click.option("--samples", type=click.IntRange(0, 1_000_000), default=100, help="Plants that are drawn, an axis.")
+@click.option("--seed", type=Quantity("Seed"), default=1, help="Seed of the first plant; the next follow.")
 @click.option(
     "--simulate", is_flag=True, help="Also run the whole cell, in virtual time, with every plant (driver simulated)."
 )
@@ -50,14 +37,9 @@ if TYPE_CHECKING:
     show_default="one a CPU",
     help="Processes that share the plants; 1: this one alone.",
 )
-@click.option(
-    "--scheduler", "address", metavar="ADDRESS",
-    help="Dask scheduler that takes the plants instead, e.g. tcp://host:8786.",
-)  # fmt: skip
-@click.option("--figures/--no-figures", default=True, show_default=True, help="Draw the figures.")
-@json_option
+@click.option("--figures/--no-figures", default=True, help="Draw the figures.")
 def command(
-    config: Path, folder: Path, only: str, samples: int, seed: int, simulate: bool, jobs: int, address: str | None,
+    config: Path, folder: Path, only: str, samples: int, seed: int, simulate: bool, jobs: int,
     figures: bool, as_json: bool,
 ) -> None:  # fmt: skip
     """Judge the control of each axis before it runs: is the inverse regular, are the loops stable, with what margin?
@@ -65,9 +47,8 @@ def command(
     A simulated cell's actuator is recorded in virtual time; on real hardware nothing moves, and the strain loop is
     not judged. Exit code 1 where a criterion fails. docs/analyse.md explains the figures.
     """
-    from micromanip.design.analysis import analyse_axis
-    from micromanip.design.criteria import criteria, notes, report
-    from micromanip.design.parallel import scheduler
+    from micromanip.design.analyse.axis import analyse_axis
+    from micromanip.design.validate.criteria import criteria, notes, report
     from micromanip.settings.check import prepare
     from micromanip.virtual.altered import VariedCell, simulated_driver
     from micromanip.virtual.experiment import VirtualExperiment
@@ -90,16 +71,15 @@ def command(
             def progress(what: str, axis: str = name) -> None:
                 bar.say(f"axis {axis}: {what}")
 
-            with scheduler(address) if address else nullcontext():
-                analysis = analyse_axis(
-                    prepared.configuration,
-                    name,
-                    VirtualExperiment(prepared) if prepared.wiring.virtual else None,
-                    seeds,
-                    play=cells.get(name),
-                    jobs=None if address else jobs,
-                    progress=progress,
-                )
+            analysis = analyse_axis(
+                prepared.configuration,
+                name,
+                VirtualExperiment(prepared) if prepared.wiring.virtual else None,
+                seeds,
+                play=cells.get(name),
+                jobs=jobs,
+                progress=progress,
+            )
             analyses.append(analysis)
             if figures:
                 from micromanip.design.plots.loops import draw_analysis

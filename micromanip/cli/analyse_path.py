@@ -12,25 +12,21 @@ from micromanip.errors import CheckFailed, UsageError
 
 from .axes import axis_option, chosen_axes
 from .echo import echo
-from .options import Quantity, StrictCommand, emit_json, json_option, warn
+from .options import Quantity, emit_json, subcommand, warn
 from .results import out_option
 
 if TYPE_CHECKING:
-    from micromanip.design.preview.preview import AxisPreview, Preview
+    from micromanip.design.analyse.path.preview import AxisPreview, Preview
 
 _MOST_SHOWN = 24
 
 
-@click.command(
-    "path",
-    cls=StrictCommand,
-    epilog="Example: micromanip analyse path path.csv --config config/simulated.yaml --offset offset.csv",
-)
+@subcommand("path", "micromanip analyse path path.csv --config config/simulated.yaml --offset offset.csv")
 @click.argument("file", type=click.Path(path_type=Path), metavar="PATH")
 @click.option("--config", type=click.Path(path_type=Path), metavar="CONFIG", required=True, help="The cell.")
 @axis_option
 @click.option(
-    "--reserve", "reserve_um", type=Quantity("DistanceOrZero"), default=3.0, show_default=True, metavar="UM",
+    "--reserve", "reserve_um", type=Quantity("DistanceOrZero"), default=3.0, metavar="UM",
     help="Kept at each end of the set-point's range, and as much of the voltage's, for force, creep and noise.",
 )  # fmt: skip
 @click.option(
@@ -38,12 +34,11 @@ _MOST_SHOWN = 24
     help="Following error that is tolerated.  [default: 3 times the axis' accept.tracking_error_um, else 5]",
 )  # fmt: skip
 @click.option(
-    "--corner", "corner_hz", type=Quantity("Hertz", least=1e-3, most=10.0), default=0.2, show_default=True,
+    "--corner", "corner_hz", type=Quantity("Hertz", least=1e-3, most=10.0), default=0.2,
     metavar="HZ", help="What is slower may be handed to the robot as an offset.",
 )  # fmt: skip
 @click.option("--offset", "offset_file", type=click.Path(path_type=Path), metavar="FILE", help="Write it, as CSV.")
 @out_option("pictures", metavar="DIR")
-@json_option
 def command(
     file: Path, config: Path, only: str, reserve_um: float, tolerance_um: float | None, corner_hz: float,
     offset_file: Path | None, folder: Path | None, as_json: bool,
@@ -53,8 +48,8 @@ def command(
     PATH is a table of the robot's deviation (t_s, deviation_<axis>_um), or a recording: what the tracker saw in it.
     docs/analyse.md explains it.
     """
-    from micromanip.design.preview.preview import preview_of
-    from micromanip.design.preview.seen import seen_path
+    from micromanip.design.analyse.path.preview import preview_of
+    from micromanip.design.analyse.path.seen import seen_path
     from micromanip.settings.check import prepare
 
     from .results import Pictures, require_room

@@ -16,7 +16,7 @@ from micromanip.client import Client
 from micromanip.errors import CheckFailed, ConfigError, MicromanipError, PermissionDenied, UsageError, system_error
 
 from .echo import echo
-from .options import StrictCommand, emit_json, json_option, socket_option
+from .options import emit_json, socket_option, subcommand
 
 if TYPE_CHECKING:
     from micromanip.settings.check import Prepared
@@ -29,13 +29,12 @@ _SHOWN = 40
 """Characters of a value; all of them are in the files."""
 
 
-@click.command("apply", cls=StrictCommand, epilog="Example: micromanip apply tuned/tuned.yaml --service micromanip")
+@subcommand("apply", "micromanip apply tuned/tuned.yaml --service micromanip")
 @click.argument("tuned", type=click.Path(path_type=Path), required=False)
 @click.option("--service", metavar="UNIT", help="Unit of systemd to start anew where a change needs that.")
 @click.option("--back", is_flag=True, help="Put back the file that the last `apply` replaced.")
 @click.option("--yes", is_flag=True, help="Don't ask.")
 @socket_option
-@json_option
 def command(tuned: Path | None, service: str | None, back: bool, yes: bool, socket_path: Path, as_json: bool) -> None:
     """Put TUNED in the place of the file that the running controller was started with.
 

@@ -87,7 +87,7 @@ def _patience() -> Iterator[None]:
 
 
 axis_option = click.option(
-    "--axis", "only", default="all", show_default=True, shell_complete=complete_axis_or_all, help="One axis, or all."
+    "--axis", "only", default="all", shell_complete=complete_axis_or_all, help="One axis, or all."
 )
 one_axis_option = click.option("--axis", required=True, shell_complete=complete_axis, help="The axis.")
 moved_axis_option = click.option(

@@ -14,7 +14,7 @@ from micromanip.errors import CheckFailed
 from micromanip.replies import Candidate
 
 from .echo import echo
-from .options import StrictCommand, client_command, emit_answer, json_option, socket_option
+from .options import client_command, emit_answer, socket_option, subcommand
 from .parameters import echo_changes
 
 
@@ -69,7 +69,7 @@ def _number(value: float | None) -> str:
     return "-" if value is None else f"{value:.3f}"
 
 
-@click.command("set", cls=StrictCommand, epilog="Example: micromanip candidate set axes.x.outer.control_weight=12")
+@subcommand("set", "micromanip candidate set axes.x.outer.control_weight=12")
 @click.argument("assignments", nargs=-1, required=True, metavar="KEY=VALUE...")
 @client_command(_show)
 def set_(assignments: tuple[str, ...]) -> Callable[[Client], Candidate]:
@@ -83,17 +83,16 @@ def set_(assignments: tuple[str, ...]) -> Callable[[Client], Candidate]:
     return lambda client: client.candidate_set(changes)
 
 
-@click.command("show", cls=StrictCommand, epilog="Example: micromanip candidate show")
+@subcommand("show", "micromanip candidate show")
 @client_command(_show)
 def show() -> Callable[[Client], Candidate]:
     """Show where the candidate stands and how it compares with what runs; the smaller figure is the better one."""
     return Client.candidate_show
 
 
-@click.command("promote", cls=StrictCommand, epilog="Example: micromanip candidate promote --wait")
+@subcommand("promote", "micromanip candidate promote --wait")
 @click.option("--wait", is_flag=True, help="Wait for the end of the trial; exit code 1 where it is not confirmed.")
 @socket_option
-@json_option
 def promote(wait: bool, socket_path: Path, as_json: bool) -> None:
     """Put the candidate in force at one cycle boundary, without a bump.
 
@@ -110,7 +109,7 @@ def promote(wait: bool, socket_path: Path, as_json: bool) -> None:
         raise CheckFailed(f"the promoted tuning is not in force any more: {answer['standing']}")
 
 
-@click.command("discard", cls=StrictCommand, epilog="Example: micromanip candidate discard")
+@subcommand("discard", "micromanip candidate discard")
 @client_command(_show)
 def discard() -> Callable[[Client], Candidate]:
     """Let the candidate go; where it is on trial, what ran before is in force again in the same cycle."""

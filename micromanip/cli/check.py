@@ -5,15 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import click
-
 from .echo import echo
-from .options import StrictCommand, config_argument, emit_answer, json_option, warn
+from .options import config_argument, emit_answer, subcommand, warn
 
 
-@click.command("check", cls=StrictCommand, epilog="Example: micromanip check config/simulated.yaml")
+@subcommand("check", "micromanip check config/simulated.yaml")
 @config_argument
-@json_option
 def command(config: Path, as_json: bool) -> None:
     """Validate CONFIG and print its cycle budget; nothing is started, nothing moves.
 

@@ -9,7 +9,7 @@ from typing import Any
 import click
 from click.shell_completion import get_completion_class
 
-from .options import StrictCommand, StrictGroup, emit_answer, json_option
+from .options import StrictGroup, emit_answer, subcommand
 
 SECTIONS = {
     "The cell": {
@@ -135,10 +135,10 @@ _GROUPS = {
             {
                 **dict.fromkeys(("start", "stop", "mark"), "recording"),
                 "list": "recording_list",
-                "view": "recording_files",
+                "view": "recording_list",
                 "report": "recording_report",
                 "compare": "recording_report",
-                "export": "recording_files",
+                "export": "recording_list",
             },
         ),
         _group(
@@ -170,9 +170,8 @@ _GROUPS = {
 }
 
 
-@click.command("completion", cls=StrictCommand, epilog='Example: eval "$(micromanip completion bash)"')
+@subcommand("completion", 'eval "$(micromanip completion bash)"')
 @click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
-@json_option
 @click.pass_context
 def completion(context: click.Context, shell: str, as_json: bool) -> None:
     """Print the completion script for SHELL."""

@@ -22,14 +22,14 @@ from micromanip.errors import CheckFailed, sentence
 from .axes import chosen_axes, moved_axis_option
 from .commissioned import PREVIOUS, REJECTED, REPORT, TUNED, document, print_found, tuned_text, write_results
 from .echo import echo
-from .options import Quantity, StrictCommand, config_argument, emit_json, json_option, socket_option
+from .options import Quantity, config_argument, emit_json, socket_option, subcommand
 from .progress import steps
 from .results import out_option, results_folder, run_folder
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from micromanip.design.budget.budget import AxisBudget
+    from micromanip.design.analyse.budget.budget import AxisBudget
     from micromanip.design.experiment import Experiment
     from micromanip.settings.check import Prepared
     from micromanip.settings.schema.model import Configuration
@@ -41,11 +41,7 @@ _BUDGET_S, _COHERENCE_S = 4.0, 1.0
 """Virtual time that is played for the error budget; for how long its bound takes phases to be known."""
 
 
-@click.command(
-    "commission",
-    cls=StrictCommand,
-    epilog="Example: micromanip commission config/factory.yaml --axis all --out out/cell",
-)
+@subcommand("commission", "micromanip commission config/factory.yaml --axis all --out out/cell")
 @config_argument
 @moved_axis_option
 @out_option(f"{TUNED}, {REPORT} and {PREVIOUS}", required=True)
@@ -61,11 +57,10 @@ _BUDGET_S, _COHERENCE_S = 4.0, 1.0
     "--tooth-frequency", "tooth_Hz", type=Quantity("Hertz", least=1.0), metavar="HZ",
     help="Tooth-passing frequency in Hz that the outer loop cancels  [default: as the axis has it, or as it is seen]",
 )  # fmt: skip
-@click.option("--seed", type=Quantity("Seed"), default=1, show_default=True, help="Of the excitations.")
+@click.option("--seed", type=Quantity("Seed"), default=1, help="Of the excitations.")
 @click.option("--live", is_flag=True, help="Through the running loop also on a simulation, in real time.")
 @click.option("--yes", is_flag=True, help="Don't ask before a real stage moves.")
 @socket_option
-@json_option
 def command(
     config: Path, only: str, folder: Path, bandwidth_Hz: float | None, noise_um: float | None, tooth_Hz: float | None,
     seed: int, live: bool, yes: bool, socket_path: Path, as_json: bool,
@@ -192,8 +187,8 @@ def _budgeted(
     """Of a cell in virtual time computed, and played once more without noise; else what the trial's rows show."""
     import numpy as np
 
-    from micromanip.design.budget.configured import budget_of
-    from micromanip.design.budget.recorded import recorded_budget
+    from micromanip.design.analyse.budget.configured import budget_of
+    from micromanip.design.analyse.budget.recorded import recorded_budget
     from micromanip.recordings import Telemetry
     from micromanip.settings.check import prepared as prepared_of
     from micromanip.settings.text.source import Source

@@ -36,7 +36,7 @@ def write_results(
     is not proven is not called tuned.
     """
     from micromanip.design.commission.report import write_report
-    from micromanip.design.report.verdict import missed
+    from micromanip.design.report.model import missed
     from micromanip.settings.schema.axis import Commissioned
     from micromanip.settings.tuning_hash import tuning_hash
     from micromanip.settings.write import write_atomically
@@ -77,7 +77,7 @@ def document(found: CommissionedCell, axes: dict[str, Axis], folder: Path, run: 
     """What was found, for ``--json``; `seconds` is what it took."""
     from dataclasses import asdict
 
-    from micromanip.design.report.verdict import of_axis, overall
+    from micromanip.design.report.model import of_axis, overall
 
     return {
         "passed": found.passed,
@@ -134,7 +134,7 @@ def print_found(found: CommissionedCell, folder: Path, run: Path, seconds: float
     from rich.padding import Padding
     from rich.text import Text
 
-    from micromanip.design.report.verdict import Verdict, of_axis
+    from micromanip.design.report.model import Verdict, of_axis
 
     from .analyse_margins import print_criteria
     from .tables import out_console

@@ -14,10 +14,9 @@ from .recording_options import open_recording
 
 def predict_tuning(file: Path, config: Path, cut: tuple[float, float] | None, as_json: bool) -> NoReturn:
     """Predict, print, and exit with 1 where the cell would have stopped."""
-    from micromanip.replay.comparable import recorded_configuration, require_comparable
     from micromanip.replay.counterfactual import DRAWS, FIGURES, SETTLE_S, Rerun, predict
     from micromanip.replay.fitting import fit_models
-    from micromanip.replay.window import take_window, tooth_caveats
+    from micromanip.replay.window import recorded_configuration, require_comparable, take_window, tooth_caveats
     from micromanip.settings.check import prepare
     from micromanip.settings.tuning_hash import changes_since
 

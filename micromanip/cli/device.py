@@ -14,7 +14,7 @@ import click
 from micromanip.errors import CheckFailed, DeviceUnavailable, UsageError
 
 from .echo import echo
-from .options import Quantity, StrictCommand, config_argument, emit_json, json_option
+from .options import Quantity, config_argument, emit_json, subcommand
 
 if TYPE_CHECKING:
     from rich.live import Live
@@ -25,8 +25,7 @@ if TYPE_CHECKING:
     from micromanip.bus.inspection import Inspected
 
 
-@click.command("list", cls=StrictCommand, epilog="Example: micromanip device list")
-@json_option
+@subcommand("list", "micromanip device list")
 def list_(as_json: bool) -> None:
     """List the installed drivers: kind, package and version, where each comes from, what is wrong with it.
 
@@ -58,17 +57,10 @@ def _print_drivers(found: list[Inspected]) -> None:
             echo(f"{'':{width}}  {problem}")
 
 
-@click.command("probe", cls=StrictCommand, epilog="Example: micromanip device probe config/can.yaml can0 --seconds 5")
+@subcommand("probe", "micromanip device probe config/can.yaml can0 --seconds 5")
 @config_argument
 @click.argument("driver", metavar="DRIVER")
-@click.option(
-    "--seconds",
-    type=Quantity("Seconds", least=0.1, most=3600.0),
-    default=2.0,
-    show_default=True,
-    help="How long to look.",
-)
-@json_option
+@click.option("--seconds", type=Quantity("Seconds", least=0.1, most=3600.0), default=2.0, help="How long to look.")
 def probe(config: Path, driver: str, seconds: float, as_json: bool) -> None:
     """Show what answers on the bus of DRIVER, as CONFIG names it, with live values; nothing is moved.
 

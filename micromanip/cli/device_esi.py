@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .echo import echo
-from .options import StrictCommand, emit_answer, json_option
+from .options import emit_answer, subcommand
 
 if TYPE_CHECKING:
     from micromanip.bus.ethercat.esi import EsiDevice
@@ -31,15 +31,10 @@ class _Code(click.ParamType):  # type: ignore[type-arg]  # generic in newer vers
         return code
 
 
-@click.command(
-    "esi",
-    cls=StrictCommand,
-    epilog="Example: micromanip device esi config/ethercat/piezo-cell.xml --product 0x1003",
-)
+@subcommand("esi", "micromanip device esi config/ethercat/piezo-cell.xml --product 0x1003")
 @click.argument("file", type=click.Path(path_type=Path), metavar="FILE")
 @click.option("--product", type=_Code("product code"), help="Only this one, by its code: 0x1003.")
 @click.option("--revision", type=_Code("revision"), help="Only this one of its revisions: 0x110000.")
-@json_option
 def esi(file: Path, product: int | None, revision: int | None, as_json: bool) -> None:
     """List the devices of an ESI FILE (EtherCAT); of a single one, its keys below `terminals` of a configuration.
 

@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .echo import echo
-from .options import Quantity, StrictCommand, claim_json, config_argument, emit_json, json_option
+from .options import Quantity, claim_json, config_argument, emit_json, subcommand
 
 if TYPE_CHECKING:
     from micromanip.emulation.devices import Devices
 
 
-@click.command("simulate", cls=StrictCommand, epilog="Example: micromanip device simulate config/can.yaml")
+@subcommand("simulate", "micromanip device simulate config/can.yaml")
 @config_argument
 @click.option("--duration", "duration_s", type=Quantity("Duration"), help="End after so many seconds.")
 @click.option("--seed", type=Quantity("Seed"), help="In place of the seed in the section simulation.")
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     "watchdog_ms",
     type=Quantity("Milliseconds"),
     default=100.0,
-    show_default=True,
     metavar="MS",
     help="Without a command for so long an amplifier ramps to rest.",
 )
@@ -38,7 +37,6 @@ if TYPE_CHECKING:
     help="Take faults as lines of JSON from standard input, and answer each with a line; ends with the input. E.g. "
     '{"device": "freeze", "signal": "strain_x", "for_s": 1}',
 )
-@json_option
 def command(
     config: Path, duration_s: float | None, seed: int | None, watchdog_ms: float, commands: bool, as_json: bool
 ) -> None:

@@ -13,24 +13,19 @@ from micromanip.errors import UsageError
 
 from .axes import complete_axis, require_axis_of
 from .echo import echo
-from .options import Quantity, StrictCommand, config_argument, emit_json, json_option
+from .options import Quantity, config_argument, emit_json, subcommand
 from .progress import show_compiling, steps
 from .results import Pictures, out_option, provenance
 
 
-@click.command(
-    "evaluate",
-    cls=StrictCommand,
-    epilog="Example: micromanip evaluate config/simulated.yaml --axis x --out out/evaluate",
-)
+@subcommand("evaluate", "micromanip evaluate config/simulated.yaml --axis x --out out/evaluate")
 @config_argument
 @click.option(
     "--axis", "only", shell_complete=complete_axis, help="Report and draw this axis only (all are simulated together)."
 )
 @click.option("--seed", type=Quantity("Seed"), help="Seed of the simulation's noise, instead of the configuration's.")
-@out_option("the figures", default=Path("out/evaluate"), show_default=True)
-@click.option("--figures/--no-figures", default=True, show_default=True, help="Draw the figures.")
-@json_option
+@out_option("the figures", default=Path("out/evaluate"))
+@click.option("--figures/--no-figures", default=True, help="Draw the figures.")
 def command(
     config: Path, only: str | None, seed: int | None, folder: Path, figures: bool, as_json: bool,
 ) -> None:  # fmt: skip
@@ -38,7 +33,7 @@ def command(
 
     All three have the one PID that reproduces the paper; a commissioned cell is also run with its own, as D.
     """
-    from micromanip.design.evaluation import evaluate, evaluate_fast, fast_table, table, with_models
+    from micromanip.design.validate.evaluation import evaluate, evaluate_fast, fast_table, table, with_models
     from micromanip.settings.check import prepare
     from micromanip.virtual.experiment import VirtualExperiment
 
@@ -89,21 +84,8 @@ def command(
     _print_rows(rows)
     for told in _swinging([*rows, *alone, *fast]):
         echo(told)
-    for row in alone:
-        sigma, where = row["true_std_error_um"], "true"
-        if sigma is None:
-            sigma, where = row["std_error_um"], "measured"
-        what = f"feedforward alone, axis {row['axis']}, {row['frequency_hz']:g} Hz"
-        echo(f"{what}: sigma {sigma:.3f} um ({where} position)")
-    for row in fast:
-        what = f"{row['config']}, axis {row['axis']}, {row['frequency_hz']:g} Hz, {row['amplitude_um']:g} um"
-        if row["refused"] is not None:
-            echo(f"{what}: {row['refused']}")
-        elif row["true_std_error_um"] is None:
-            echo(f"{what}: sigma {row['std_error_um']:.3f} um (measured position)")
-        else:
-            share = f"{row['true_rms_percent']:.2f} % of the stroke"
-            echo(f"{what}: sigma {row['true_std_error_um']:.3f} um, {share} (true position)")
+    for row in [*alone, *fast]:
+        echo(_in_words(row))
     if written:
         echo(f"{len(written)} figures in {folder}/")
     pictures.require_written()
@@ -111,7 +93,7 @@ def command(
 
 def _print_rows(rows: list[dict[str, Any]]) -> None:
     """Sigma and maximum of each axis beside the paper's."""
-    from micromanip.design import paper
+    from micromanip.design.validate import paper
 
     from .tables import Figures, out_console
 
@@ -138,6 +120,19 @@ def _print_rows(rows: list[dict[str, Any]]) -> None:
             end_section=config == last,
         )
     out_console().print(report)
+
+
+def _in_words(row: dict[str, Any]) -> str:
+    """What the feedforward leaves alone, or a fast sine: the paper's table has no place for it."""
+    name = row["config"] if "amplitude_um" in row else "feedforward alone"
+    size = f", {row['amplitude_um']:g} um" if "amplitude_um" in row else ""
+    what = f"{name}, axis {row['axis']}, {row['frequency_hz']:g} Hz{size}"
+    if row.get("refused") is not None:
+        return f"{what}: {row['refused']}"
+    if row["true_std_error_um"] is None:
+        return f"{what}: sigma {row['std_error_um']:.3f} um (measured position)"
+    share = f", {row['true_rms_percent']:.2f} % of the stroke" if size else ""
+    return f"{what}: sigma {row['true_std_error_um']:.3f} um{share} (true position)"
 
 
 def _swinging(rows: list[dict[str, Any]]) -> list[str]:

@@ -11,22 +11,18 @@ import click
 from micromanip.errors import CheckFailed, MicromanipError
 
 from .echo import echo
-from .options import Quantity, StrictCommand, emit_json, json_option
+from .options import Quantity, emit_json, subcommand
 from .progress import steps
 from .recording_options import Target, echo_sources, recording_options
 from .results import Pictures, out_option
 
 if TYPE_CHECKING:
-    from micromanip.design.record import Record
+    from micromanip.design.data import Record
 
 KINDS = ("pi-affine", "pi-tanh", "pi-free", "rate", "network", "best")
 
 
-@click.command(
-    "hysteresis",
-    cls=StrictCommand,
-    epilog="Example: micromanip fit hysteresis x.csv --input voltage_V --output strain_um --burn-in 1",
-)
+@subcommand("hysteresis", "micromanip fit hysteresis x.csv --input voltage_V --output strain_um --burn-in 1")
 @click.argument("file", type=click.Path(path_type=Path), metavar="FILE")
 @click.option("--input", "input_name", required=True, metavar="NAME[:unit]", help="Column of the voltage.")
 @click.option("--output", "output_name", required=True, metavar="NAME[:unit]", help="Column of the displacement.")
@@ -37,15 +33,13 @@ KINDS = ("pi-affine", "pi-tanh", "pi-free", "rate", "network", "best")
     "burn_in_s",
     type=Quantity("SecondsOrZero"),
     default=0.0,
-    show_default=True,
     help="Seconds at the start that don't count: a record that begins in mid-loop needs a full period.",
 )
-@click.option("--model", "kind", type=click.Choice(KINDS), default="best", show_default=True)
-@click.option("--creep/--no-creep", default=False, show_default=True, help="Add creep operators (best tries both).")
-@click.option("--plays", type=click.IntRange(1, 32), default=10, show_default=True, help="Play operators.")
-@click.option("--seed", type=Quantity("Seed"), default=0, show_default=True, help="Of the starts.")
+@click.option("--model", "kind", type=click.Choice(KINDS), default="best")
+@click.option("--creep/--no-creep", default=False, help="Add creep operators (best tries both).")
+@click.option("--plays", type=click.IntRange(1, 32), default=10, help="Play operators.")
+@click.option("--seed", type=Quantity("Seed"), default=0, help="Of the starts.")
 @out_option("the figures")
-@json_option
 def command(
     file: Path, input_name: str, output_name: str, time_name: str | None, cut: tuple[float, float] | None,
     rate_hz: float | None, keep_spikes: bool, step_s: float | None, burn_in_s: float, kind: str, creep: bool,
@@ -58,8 +52,8 @@ def command(
     Errors are in percent of the record's stroke after the burn-in; on the validation record the offset is refitted.
     Exit code 1 where the data is unusable, with what to record instead.
     """
-    from micromanip.design.fitting import Request, fit_record
-    from micromanip.design.record import load_record
+    from micromanip.design.data import load_record
+    from micromanip.design.identify.fitting import Request, fit_record
     from micromanip.recordings import Wanted
     from micromanip.settings.write import with_hysteresis
 
@@ -87,7 +81,7 @@ def command(
         request = Request(kind, creep, plays, seed, burn_in_s, range_um)
         result = fit_record(record, held_out, request, lambda what: bar.say(f"fitting {what}"))
         if folder is not None:
-            from micromanip.design.plots.fit import draw_fit
+            from micromanip.design.plots.findings import draw_fit
 
             bar.say("drawing")
             pictures.draw(lambda where: draw_fit(result, record, held_out, where))

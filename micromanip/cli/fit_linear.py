@@ -12,16 +12,12 @@ import click
 from micromanip.errors import UsageError
 
 from .echo import echo
-from .options import Quantity, StrictCommand, emit_json, json_option
+from .options import Quantity, emit_json, subcommand
 from .progress import steps
 from .recording_options import Target, echo_sources, recording_options
 
 
-@click.command(
-    "linear",
-    cls=StrictCommand,
-    epilog="Example: micromanip fit linear x.csv --input setpoint_um --output stage_um --dt 1e-4",
-)
+@subcommand("linear", "micromanip fit linear x.csv --input setpoint_um --output stage_um --dt 1e-4")
 @click.argument("files", type=click.Path(path_type=Path), metavar="FILE...", nargs=-1, required=True)
 @click.option(
     "--input", "inputs", required=True, metavar="COLUMNS",
@@ -35,13 +31,12 @@ from .recording_options import Target, echo_sources, recording_options
 )  # fmt: skip
 @click.option("--order", type=click.IntRange(1, 60), help="States  [default: chosen up to 12 by the held-out error]")
 @click.option(
-    "--split", type=Quantity("Positive", least=0.1, most=1.0), default=0.5, show_default=True,
+    "--split", type=Quantity("Positive", least=0.1, most=1.0), default=0.5,
     help="Share of each file, from its start, that is fitted to; the rest is held out. 1 goes with --validate.",
 )  # fmt: skip
 @click.option(
     "--unstable", is_flag=True, help="A plant within a loop, by its prediction error; poles stay as they are."
 )
-@json_option
 def command(
     files: tuple[Path, ...], inputs: str, outputs: str, time_name: str | None, cut: tuple[float, float] | None,
     rate_hz: float | None, keep_spikes: bool, dt: float | None, order: int | None, split: float,
@@ -55,9 +50,9 @@ def command(
     both in um, recorded with the strain loop closed; `analyse margins` judges it, `commission` tunes to it. Exit code 1
     where the data is unusable.
     """
-    from micromanip.design.linear.configured import require_stage, with_model
-    from micromanip.design.linear.experiments import load_linear
-    from micromanip.design.linear.validated import fit_records
+    from micromanip.design.identify.linear.configured import require_stage, with_model
+    from micromanip.design.identify.linear.experiments import load_linear
+    from micromanip.design.identify.linear.validated import fit_records
     from micromanip.recordings import Wanted
 
     for option, columns in (("--input", inputs), ("--output", outputs)):

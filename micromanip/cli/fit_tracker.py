@@ -8,43 +8,38 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from micromanip.design.deviation.recorded import MOVES_PERCENT
+from micromanip.design.identify.tracker.recorded import MOVES_PERCENT
 from micromanip.errors import CheckFailed, ConfigError
 
 from .axes import axis_option, chosen_axes
 from .echo import echo
-from .options import Quantity, StrictCommand, emit_json, json_option
+from .options import Quantity, emit_json, subcommand
 from .progress import steps
 from .recording_options import open_recording
 
 if TYPE_CHECKING:
-    from micromanip.design.deviation.fit import Deviation
+    from micromanip.design.identify.tracker.fit import Deviation
     from micromanip.recordings import Telemetry
     from micromanip.settings.text.source import Source
 
 
-@click.command(
-    "tracker",
-    cls=StrictCommand,
-    epilog="Example: micromanip fit tracker run.mcap --into config/cell.yaml",
-)
+@subcommand("tracker", "micromanip fit tracker run.mcap --into config/cell.yaml")
 @click.argument("file", type=click.Path(path_type=Path), metavar="RECORDING")
 @axis_option
 @click.option(
-    "--moves", "moves_percent", type=Quantity("NotNegative", most=50.0), default=MOVES_PERCENT, show_default=True,
+    "--moves", "moves_percent", type=Quantity("NotNegative", most=50.0), default=MOVES_PERCENT,
     metavar="PERCENT", help="By how much an oscillation's frequency may be another than in the recording until it is "
     "found; 0: it is not looked for.",
 )  # fmt: skip
 @click.option("--into", type=click.Path(path_type=Path), help="Configuration file to put it into, as reference.axes.")
-@json_option
 def command(file: Path, only: str, moves_percent: float, into: Path | None, as_json: bool) -> None:
     """Noise, jerk and up to three oscillations of each axis' path deviation, from the tracker's samples in RECORDING.
 
     By maximum likelihood; the number of oscillations by samples held out. Record the robot on its path, as it will run:
     one that stands still shows no jerk. Exit code 1 where the samples don't do.
     """
-    from micromanip.design.deviation.fit import fit_deviation
-    from micromanip.design.deviation.recorded import recorded_samples
+    from micromanip.design.identify.tracker.fit import fit_deviation
+    from micromanip.design.identify.tracker.recorded import recorded_samples
     from micromanip.settings.text.source import Source
 
     telemetry = open_recording(file)
@@ -75,7 +70,7 @@ def command(file: Path, only: str, moves_percent: float, into: Path | None, as_j
 
 def _shares(telemetry: Telemetry, axis: str, found: Deviation) -> dict[str, Any]:
     """What noise and prediction leave of the path, as it ran and with the new figures, or why that isn't told."""
-    from micromanip.design.budget.path_record import predicted_share
+    from micromanip.design.analyse.budget.path_record import predicted_share
     from micromanip.settings.load import validate_document
     from micromanip.settings.schema.reference import Tracker
     from micromanip.settings.text.source import Source

@@ -12,7 +12,7 @@ from micromanip.bus.rights import leave_cpu
 from micromanip.errors import ConfigError
 from micromanip.extras import required
 
-from .options import Messages, StrictCommand, config_argument, emit_json, json_option, socket_option
+from .options import Messages, config_argument, emit_json, socket_option, subcommand
 
 _TOKENS, _OPCUA = "gateway-tokens", "gateway-opcua"
 
@@ -24,19 +24,15 @@ def _in_state_directory(name: str) -> Path:
     return state_directory() / name
 
 
-@click.command(
+@subcommand(
     "gateway",
-    cls=StrictCommand,
-    epilog="""\b
-Example: micromanip gateway config/simulated.yaml
+    """micromanip gateway config/simulated.yaml
          micromanip gateway cell.yaml --listen 0.0.0.0:8443 --tls-certificate cell.pem --tls-key cell.key
          micromanip gateway cell.yaml --behind-proxy https://cell.example
          micromanip gateway cell.yaml --opcua 127.0.0.1:4840""",
 )
 @config_argument
-@click.option(
-    "--listen", default="127.0.0.1:8090", show_default=True, metavar="HOST:PORT", help="Where browsers find it."
-)
+@click.option("--listen", default="127.0.0.1:8090", metavar="HOST:PORT", help="Where browsers find it.")
 @socket_option
 @click.option(
     "--tokens",
@@ -55,7 +51,6 @@ Example: micromanip gateway config/simulated.yaml
     type=click.Path(path_type=Path, file_okay=False),
     help=f"Certificates for OPC UA, made at the first start.  [default: {_OPCUA} in the state directory]",
 )
-@json_option
 def command(
     config: Path,
     listen: str,

@@ -11,7 +11,7 @@ from micromanip.errors import CheckFailed, UsageError, sentence
 
 from .axes import one_axis_option, require_axis_of
 from .echo import echo
-from .options import Quantity, StrictCommand, config_argument, emit_json, json_option, socket_option
+from .options import Quantity, config_argument, emit_json, socket_option, subcommand
 from .results import keep, out_option, results_folder
 
 if TYPE_CHECKING:
@@ -21,9 +21,7 @@ if TYPE_CHECKING:
     from micromanip.settings.check import Prepared
 
 
-@click.command(
-    "identify", cls=StrictCommand, epilog="Example: micromanip identify config/factory.yaml --axis x --out out/identify"
-)
+@subcommand("identify", "micromanip identify config/factory.yaml --axis x --out out/identify")
 @config_argument
 @one_axis_option
 @out_option("the CSV", required=True)
@@ -31,25 +29,17 @@ if TYPE_CHECKING:
     "--kind",
     type=click.Choice(["multisine", "turns", "triangle", "step"]),
     default="multisine",
-    show_default=True,
     help="turns: random turning points, what a network needs; triangle: major loop; step: creep.",
 )
 @click.option(
     "--seconds", type=Quantity("Seconds", least=1.0, most=600.0), help="Length  [default: 13, 60, 24 and 60 by kind]"
 )
-@click.option(
-    "--seed",
-    type=Quantity("Seed"),
-    default=1,
-    show_default=True,
-    help="Draws the multisine's phases, the turning points.",
-)
+@click.option("--seed", type=Quantity("Seed"), default=1, help="Draws the multisine's phases, the turning points.")
 @click.option(
     "--live", is_flag=True, help="Through the running loop, in real time; a simulation otherwise runs in virtual time."
 )
 @click.option("--yes", is_flag=True, help="Don't ask before a real stage moves.")
 @socket_option
-@json_option
 def command(
     config: Path, axis: str, folder: Path, kind: Any, seconds: float | None, seed: int, live: bool, yes: bool,
     socket_path: Path, as_json: bool,
@@ -60,8 +50,8 @@ def command(
     any fault ends it with a ramp to the park voltage; then nothing is written. Exit code 1 also where the gauge falls
     while the voltage rises, whose recording stays.
     """
-    from micromanip.design.identification import DEFAULT_SECONDS, design, held, recording, samples_for, write_csv
-    from micromanip.design.record import moves_against
+    from micromanip.design.data import moves_against
+    from micromanip.design.identify.experiments import DEFAULT_SECONDS, design, held, recording, samples_for, write_csv
     from micromanip.settings.check import prepare
 
     prepared = prepare(config)

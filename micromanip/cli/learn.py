@@ -14,13 +14,13 @@ from micromanip.errors import UsageError, system_error
 
 from .axes import axis_option
 from .echo import echo
-from .options import StrictCommand, client_command, emit_json, json_option
+from .options import client_command, emit_json, subcommand
 
 if TYPE_CHECKING:
     from micromanip.status_reply import LearningStatus
 
 
-@click.command("part", cls=StrictCommand, epilog="Example: micromanip learn part begin")
+@subcommand("part", "micromanip learn part begin")
 @click.argument("what", type=click.Choice(["begin", "end"]))
 @client_command(lambda _: echo("taken"))
 def part(what: str) -> Callable[[Client], dict[str, bool]]:
@@ -32,14 +32,14 @@ def part(what: str) -> Callable[[Client], dict[str, bool]]:
     return lambda client: _accepted(client.learn_part_begin if what == "begin" else client.learn_part_end)
 
 
-@click.command("status", cls=StrictCommand, epilog="Example: micromanip learn status")
+@subcommand("status", "micromanip learn status")
 @client_command(lambda told: _print_status(told))
 def status() -> Callable[[Client], LearningStatus]:
     """Show what each axis has learned, from how many parts, at which frequencies, and what is played."""
     return lambda client: client.learn_status()
 
 
-@click.command("reset", cls=StrictCommand, epilog="Example: micromanip learn reset --axis x")
+@subcommand("reset", "micromanip learn reset --axis x")
 @axis_option
 @client_command(lambda _: echo("forgotten; what was played has faded out"))
 def reset(only: str) -> Callable[[Client], dict[str, bool]]:
@@ -47,12 +47,9 @@ def reset(only: str) -> Callable[[Client], dict[str, bool]]:
     return lambda client: _accepted(lambda: client.learn_reset(*([] if only == "all" else [only])))
 
 
-@click.command(
-    "export", cls=StrictCommand, epilog="Example: micromanip learn export ~/.local/state/micromanip/learned/x.npz x.csv"
-)
+@subcommand("export", "micromanip learn export ~/.local/state/micromanip/learned/x.npz x.csv")
 @click.argument("memory", type=click.Path(path_type=Path))
 @click.argument("file", type=click.Path(path_type=Path))
-@json_option
 def export(memory: Path, file: Path, as_json: bool) -> None:
     """Write a MEMORY as the CSV file FILE: t_s, path_um, error_um, correction_um.
 

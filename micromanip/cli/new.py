@@ -15,7 +15,7 @@ from micromanip.errors import DeviceUnavailable, UsageError, nearest
 from micromanip.shipped import shipped
 
 from .echo import echo
-from .options import Quantity, StrictCommand, emit_json, json_option
+from .options import Quantity, emit_json, subcommand
 
 _LOCAL = {"canbus": "can0", "canopen": "can0", "ethercat": "eth1", "line_binary": "/dev/ttyUSB0"}
 """Where a driver's address is an interface or a port of this machine; the others have one in the network."""
@@ -33,18 +33,15 @@ _COUNTED = re.compile(r"\{(?:(\d+)\+)?(\d*)([ik])\}")
 """A number that grows with the axis: ``{100+2i}`` is 100, 102, 104; with k, with each such line of the file."""
 
 
-@click.command(
-    "new", cls=StrictCommand, epilog="Example: micromanip new --driver modbus --axes z --address 10.0.0.7 > cell.yaml"
-)
+@subcommand("new", "micromanip new --driver modbus --axes z --address 10.0.0.7 > cell.yaml")
 @click.option("--driver", metavar="NAME", help="Driver of the device; --list shows them.")
-@click.option("--axes", default="x", show_default=True, metavar="X,Y", help="Names of the axes.")
+@click.option("--axes", default="x", metavar="X,Y", help="Names of the axes.")
 @click.option("--address", metavar="WHERE", help="Host of the device, or interface or port of this machine.")
 @click.option("--rate", "rate_hz", type=Quantity("Hertz", least=10, most=20_000), help="Samples a second.")
 @click.option("--stage", is_flag=True, help="Each axis has a sensor of its stage, too.")
 @click.option("--tracker", is_flag=True, help="A tracker sees the deviation along each axis.")
 @click.option("--probe", is_flag=True, help="Look what answers there; no output is written.")
 @click.option("--list", "lists", is_flag=True, help="Show the drivers and the examples that come with the program.")
-@json_option
 def command(
     driver: str | None, axes: str, address: str | None, rate_hz: float | None, stage: bool, tracker: bool, probe: bool,
     lists: bool, as_json: bool,

@@ -101,10 +101,25 @@ json_option = click.option("--json", "as_json", is_flag=True, help="One JSON doc
 socket_option = click.option(
     "--socket",
     "socket_path",
+    show_default=False,
     type=click.Path(path_type=Path, readable=False),  # the client says whom it lets in
     default=default_socket,
     help=f"Control socket.  [default: {default_socket()}]",
 )
+
+
+def subcommand(name: str, example: str, **how: Any) -> Callable[[Callable[..., Any]], click.Command]:
+    """Decorator of a command: with ``--json``, and an `example` at the end of its help, which shows all defaults."""
+    begin = "\b\n" if "\n" in example else ""
+
+    def decorate(function: Callable[..., Any]) -> click.Command:
+        options = json_option(function).__click_params__  # type: ignore[attr-defined]  # click's own list, in reverse
+        options.insert(0, options.pop())
+        settings = {"show_default": True, **how.pop("context_settings", {})}
+        epilog = f"{begin}Example: {example}"
+        return click.command(name, cls=StrictCommand, epilog=epilog, context_settings=settings, **how)(function)
+
+    return decorate
 
 
 def warn(warnings: Iterable[str]) -> None:
@@ -159,7 +174,6 @@ def client_command(
 
     def decorate(function: Callable[..., Callable[[Client], _Answer]]) -> Callable[..., None]:
         @socket_option
-        @json_option
         @functools.wraps(function)
         def command(socket_path: Path, as_json: bool, **given: Any) -> None:
             ask = function(**given)

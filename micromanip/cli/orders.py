@@ -12,7 +12,7 @@ from micromanip.replies import Audit, Jogged
 
 from .axes import complete_axis
 from .echo import echo
-from .options import Quantity, StrictCommand, client_command
+from .options import Quantity, client_command, subcommand
 from .parameters import brief
 
 
@@ -23,7 +23,7 @@ def _order(name: str, send: Callable[[Client], object], taken: str, what: str) -
         send(client)
         return {"accepted": True}
 
-    @click.command(name, cls=StrictCommand, help=what, epilog=f"Example: micromanip {name}")
+    @subcommand(name, f"micromanip {name}", help=what)
     @client_command(lambda _: echo(taken))
     def command() -> Callable[[Client], dict[str, bool]]:
         return ask
@@ -53,11 +53,8 @@ def _show_target(jogged: Jogged) -> None:
     echo(f"axis {jogged['axis']} goes to {jogged['target_um']:g} um")
 
 
-@click.command(
-    "jog",
-    cls=StrictCommand,
-    context_settings={"ignore_unknown_options": True},
-    epilog="Example: micromanip jog x -2.5     or: micromanip jog x --to 60",
+@subcommand(
+    "jog", "micromanip jog x -2.5     or: micromanip jog x --to 60", context_settings={"ignore_unknown_options": True}
 )
 @click.argument("axis", shell_complete=complete_axis)
 @click.argument("by_um", type=Quantity("Micrometres"), required=False, metavar="[BY_UM]")
@@ -94,8 +91,8 @@ def _show_log(audit: Audit) -> None:
         echo(f"{audit['unwritten']} entries of this run could not be written to {audit['file']}", err=True)
 
 
-@click.command("log", cls=StrictCommand, epilog="Example: micromanip log --last 5")
-@click.option("--last", type=click.IntRange(1, 1000), default=20, show_default=True, help="How many entries.")
+@subcommand("log", "micromanip log --last 5")
+@click.option("--last", type=click.IntRange(1, 1000), default=20, help="How many entries.")
 @client_command(_show_log)
 def log(last: int) -> Callable[[Client], Audit]:
     """The newest entries of the audit trail, oldest first: arming, disarming, every change and every refusal."""

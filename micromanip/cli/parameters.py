@@ -15,7 +15,7 @@ from micromanip.errors import UsageError
 from micromanip.replies import Change, Differences, Parameter, Saved, Swap
 
 from .echo import echo
-from .options import Quantity, StrictCommand, client_command, emit_answer, json_option, socket_option, warn
+from .options import Quantity, client_command, emit_answer, socket_option, subcommand, warn
 
 _BRIEF = 60
 
@@ -66,15 +66,14 @@ def _echo_saved(saved: Saved) -> None:
     echo_changes(saved["changed"])
 
 
-@click.command("get", cls=StrictCommand, epilog="Example: micromanip get axes.x.inner start.lift_s")
+@subcommand("get", "micromanip get axes.x.inner start.lift_s")
 @click.argument("names", nargs=-1, metavar="[NAME...]")
 @click.option("--watch", is_flag=True, help="Values of the loop as a live stream, a line a sample, until Ctrl-C.")
 @click.option(
-    "--every", "every_s", type=Quantity("Seconds", least=0.001), default=0.1, show_default=True, metavar="S",
+    "--every", "every_s", type=Quantity("Seconds", least=0.001), default=0.1, metavar="S",
     help="With --watch: the time from one sample to the next.",
 )  # fmt: skip
 @socket_option
-@json_option
 def get(names: tuple[str, ...], watch: bool, every_s: float, socket_path: Path, as_json: bool) -> None:
     """Running values of parameters, of all below NAME where it is a section; all without a NAME.
 
@@ -93,9 +92,7 @@ def get(names: tuple[str, ...], watch: bool, every_s: float, socket_path: Path, 
             print_live_values(client, names, every_s, as_json)
 
 
-@click.command(
-    "set", cls=StrictCommand, epilog="Example: micromanip set axes.x.inner.K_V_per_um=0.5 axes.x.inner.Ti_ms=0.6"
-)
+@subcommand("set", "micromanip set axes.x.inner.K_V_per_um=0.5 axes.x.inner.Ti_ms=0.6")
 @click.argument("assignments", nargs=-1, required=True, metavar="KEY=VALUE...")
 @client_command(_echo_swap)
 def set_(assignments: tuple[str, ...]) -> Callable[[Client], Swap]:
@@ -110,14 +107,14 @@ def set_(assignments: tuple[str, ...]) -> Callable[[Client], Swap]:
     return lambda client: client.set(changes)
 
 
-@click.command("diff", cls=StrictCommand, epilog="Example: micromanip diff")
+@subcommand("diff", "micromanip diff")
 @client_command(_echo_differences)
 def diff() -> Callable[[Client], Differences]:
     """Values of the configuration file, as it is on disk now, that are not the running ones."""
     return Client.diff
 
 
-@click.command("save", cls=StrictCommand, epilog="Example: micromanip save")
+@subcommand("save", "micromanip save")
 @click.option("--force", is_flag=True, help="Also where the file was edited since it was loaded.")
 @client_command(_echo_saved)
 def save(force: bool) -> Callable[[Client], Saved]:
@@ -125,7 +122,7 @@ def save(force: bool) -> Callable[[Client], Saved]:
     return lambda client: client.save(force=force)
 
 
-@click.command("reload", cls=StrictCommand, epilog="Example: micromanip reload")
+@subcommand("reload", "micromanip reload")
 @client_command(_echo_swap)
 def reload() -> Callable[[Client], Swap]:
     """Take over the configuration file as it is now, all of it or nothing; as SIGHUP does.

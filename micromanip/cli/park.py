@@ -9,10 +9,10 @@ import click
 from micromanip.errors import DeviceUnavailable
 
 from .echo import echo
-from .options import Quantity, StrictCommand, config_argument, emit_json, json_option, warn
+from .options import Quantity, config_argument, emit_json, subcommand, warn
 
 
-@click.command("park", cls=StrictCommand, epilog="Example: micromanip park /etc/micromanip/cell.yaml")
+@subcommand("park", "micromanip park /etc/micromanip/cell.yaml")
 @config_argument
 @click.option(
     "--wait",
@@ -28,7 +28,6 @@ from .options import Quantity, StrictCommand, config_argument, emit_json, json_o
     is_flag=True,
     help="You have seen that the outputs are at their safe values: begin there where a device can't tell.",
 )
-@json_option
 def command(config: Path, wait_s: float, from_file: bool, at_rest: bool, as_json: bool) -> None:
     """Bring every output of CONFIG's drivers to its safe value; does no harm where they are.
 

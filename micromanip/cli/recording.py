@@ -12,7 +12,7 @@ from micromanip.replies import Marked
 from micromanip.status_reply import Recorded
 
 from .echo import echo
-from .options import Quantity, StrictCommand, client_command
+from .options import Quantity, client_command, subcommand
 
 
 def _show_begun(recorded: Recorded) -> None:
@@ -28,11 +28,7 @@ def _show_marked(marked: Marked) -> None:
     echo(f"marked cycle {marked['cycle']} in {marked['file']}")
 
 
-@click.command(
-    "start",
-    cls=StrictCommand,
-    epilog="Example: micromanip recording start part17.mcap --before 3",
-)
+@subcommand("start", "micromanip recording start part17.mcap --before 3")
 @click.argument("file", required=False)
 @click.option(
     "--before", "before_s", type=Quantity("SecondsOrZero", most=5.0), default=0.0, help="Begin so much earlier, s."
@@ -70,14 +66,14 @@ def start(
     )
 
 
-@click.command("stop", cls=StrictCommand, epilog="Example: micromanip recording stop")
+@subcommand("stop", "micromanip recording stop")
 @client_command(_show_ended)
 def stop() -> Callable[[Client], Recorded]:
     """End the recording; all that was recorded until now is in the file."""
     return Client.recording_stop
 
 
-@click.command("mark", cls=StrictCommand, epilog='Example: micromanip recording mark "coolant on"')
+@subcommand("mark", 'micromanip recording mark "coolant on"')
 @click.argument("text")
 @client_command(_show_marked)
 def mark(text: str) -> Callable[[Client], Marked]:

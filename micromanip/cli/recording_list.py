@@ -9,20 +9,69 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from micromanip.extras import required
+
 from .echo import echo
-from .options import StrictCommand, emit_answer, json_option
+from .options import Messages, emit_answer, emit_json, subcommand
+from .recording_options import Cut, open_recording
 
 if TYPE_CHECKING:
     from micromanip.recordings import Telemetry
     from micromanip.recordings.telemetry import Piece
 
+
+@subcommand("view", "micromanip recording view out/run.mcap")
+@click.argument("file", type=click.Path(path_type=Path), metavar="FILE")
+@click.option("--listen", default="127.0.0.1:8091", metavar="HOST:PORT", help="Where browsers find it.")
+def view(file: Path, listen: str, as_json: bool) -> None:
+    """Show a recording of ours, MCAP or HDF5, as the scope shows a running cell.
+
+    Zoom from 1 ms to the whole file, spectrum, x-y, states, faults and remarks. Of a long file it makes an overview
+    meanwhile, which is kept in the user's cache; browsers of this computer need no token. It needs the extra `gateway`.
+    """
+    with required("recording view", "gateway"):
+        from micromanip.gateway.viewing import view as view_file
+    messages = Messages()
+    view_file(file, listen, messages)
+    if as_json:
+        emit_json({"file": str(file), "listen": listen, "messages": messages})
+
+
+@subcommand("export", "micromanip recording export run.mcap --to part.csv --cut 2:3 --signals strain_um,voltage_V_x")
+@click.argument("file", type=click.Path(path_type=Path), metavar="FILE")
+@click.option(
+    "--to",
+    "--out",
+    "to",
+    required=True,
+    type=click.Path(path_type=Path),
+    help="New file: .csv, .mat, .npz, .h5 or .parquet.",
+)  # fmt: skip
+@click.option("--cut", type=Cut(), help="This part only, FROM:TO in seconds from the first cycle.")
+@click.option("--signals", help="These columns only, between commas; without the axis, those of all axes.")
+def export(file: Path, to: Path, cut: tuple[float, float] | None, signals: str | None, as_json: bool) -> None:
+    """Write a recording to another format; every number keeps its bits.
+
+    .h5 and .parquet need the extra `formats`.
+    """
+    from micromanip.recordings.export import export as export_to
+
+    chosen = [name.strip() for name in (signals or "").split(",") if name.strip() not in ("", "t_s")]
+    telemetry = open_recording(file)
+    done = export_to(telemetry, to, cut, chosen)
+    emit_answer(
+        {"file": str(done.file), "rows": done.rows, "columns": done.columns, "bytes": done.bytes},
+        lambda _: echo(f"{done.rows} cycles to {done.file}, {done.bytes / 1e6:.1f} MB"),
+        as_json,
+    )
+
+
 _HEAD = ("recording", "begun (UTC)", "s", "axes", "configuration", "MB", "ended", "marks")
 _HASH = 12
 
 
-@click.command("list", cls=StrictCommand, epilog="Example: micromanip recording list /var/lib/micromanip/recordings")
+@subcommand("list", "micromanip recording list /var/lib/micromanip/recordings")
 @click.argument("folder", type=click.Path(path_type=Path, exists=True, file_okay=False), required=False)
-@json_option
 def command(folder: Path | None, as_json: bool) -> None:
     """What FOLDER has of recordings, the newest first; without FOLDER those that `recording start` made for this user.
 

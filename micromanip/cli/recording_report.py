@@ -8,26 +8,25 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .echo import echo
-from .options import StrictCommand, emit_answer, json_option
+from .options import emit_answer, subcommand
 from .results import require_new_page, write_new_page
 
 if TYPE_CHECKING:
     from micromanip.design.run.statistics import RecordedRun
 
 
-@click.command("report", cls=StrictCommand, epilog="Example: micromanip recording report run.mcap --to run.html")
+@subcommand("report", "micromanip recording report run.mcap --to run.html")
 @click.argument("file", type=click.Path(path_type=Path), metavar="FILE")
 @click.option(
     "--to", "--out", "to", type=click.Path(path_type=Path), metavar="FILE.html",
     help="New file.  [default: FILE with the ending .html]",
 )  # fmt: skip
-@json_option
 def report(file: Path, to: Path | None, as_json: bool) -> None:
     """A recording of ours as one page: error, spectrum, voltage left, hysteresis loop, timing, marks.
 
     With --json its figures, too: those of `compare` for one run.
     """
-    from micromanip.design.run.figures import run_figures
+    from micromanip.design.run.comparison import run_figures
     from micromanip.design.run.report import run_report
     from micromanip.design.run.statistics import RecordedRun
     from micromanip.recordings import open_telemetry
@@ -48,25 +47,20 @@ def report(file: Path, to: Path | None, as_json: bool) -> None:
     emit_answer(document, lambda _: echo(f"{to}, {len(page) / 1e3:.0f} kB"), as_json)
 
 
-@click.command(
-    "compare", cls=StrictCommand, epilog="Example: micromanip recording compare monday.mcap tuesday.mcap --to week.html"
-)
+@subcommand("compare", "micromanip recording compare monday.mcap tuesday.mcap --to week.html")
 @click.argument("first", type=click.Path(path_type=Path), metavar="A")
 @click.argument("second", type=click.Path(path_type=Path), metavar="B")
 @click.option(
     "--to", "--out", "to", type=click.Path(path_type=Path), metavar="FILE.html",
     help="New file: both as one page of HTML.",
 )  # fmt: skip
-@json_option
 def compare(first: Path, second: Path, to: Path | None, as_json: bool) -> None:
     """Two recordings of ours: error, its spectrum, headroom, timing, and what differs in their configurations.
 
     Whether B's error is lower or higher is judged with 95 % confidence, by as many independent pieces as the runs have.
     --to draws both side by side, judges every quantity, and says what each parameter that differs means.
     """
-    from micromanip.design.run.comparison import compared
-    from micromanip.design.run.confidence import ratio
-    from micromanip.design.run.figures import configuration_changes, run_figures
+    from micromanip.design.run.comparison import compared, configuration_changes, ratio, run_figures
     from micromanip.design.run.report import comparison_page
     from micromanip.design.run.statistics import BANDS_Hz, RecordedRun
     from micromanip.recordings import open_telemetry

@@ -11,18 +11,14 @@ import click
 from micromanip.errors import UsageError
 
 from .echo import echo
-from .options import Quantity, StrictCommand, emit_answer, json_option
+from .options import Quantity, emit_answer, subcommand
 from .progress import show_compiling
 from .recording_options import Cut, open_recording
 
 _OF_VARY = ("trials", "best", "objective", "seed", "jobs", "address", "out")
 
 
-@click.command(
-    "replay",
-    cls=StrictCommand,
-    epilog="Example: micromanip replay out/run.mcap --vary axes.*.outer.control_weight=1..100:log --out best.yaml",
-)
+@subcommand("replay", "micromanip replay out/run.mcap --vary axes.*.outer.control_weight=1..100:log --out best.yaml")
 @click.argument("file", type=click.Path(path_type=Path), metavar="RECORDING")
 @click.option(
     "--with",
@@ -37,15 +33,13 @@ _OF_VARY = ("trials", "best", "objective", "seed", "jobs", "address", "out")
     "axis alike. Again for more keys.",
 )  # fmt: skip
 @click.option("--cut", type=Cut(), help="With --with or --vary: this part only, in seconds from the first row.")
+@click.option("--trials", type=click.IntRange(1, 1_000_000), default=200, help="With --vary: tunings to try.")
+@click.option("--best", type=click.IntRange(1, 1000), default=5, help="With --vary: tunings shown.")
 @click.option(
-    "--trials", type=click.IntRange(1, 1_000_000), default=200, show_default=True, help="With --vary: tunings to try."
-)
-@click.option("--best", type=click.IntRange(1, 1000), default=5, show_default=True, help="With --vary: tunings shown.")
-@click.option(
-    "--objective", type=click.Choice(["rms", "p99", "peak"]), default="rms", show_default=True,
+    "--objective", type=click.Choice(["rms", "p99", "peak"]), default="rms",
     help="With --vary: the figure of the path error, over all axes, by which tunings are ranked.",
 )  # fmt: skip
-@click.option("--seed", type=Quantity("Seed"), default=1, show_default=True, help="With --vary: seed of the trials.")
+@click.option("--seed", type=Quantity("Seed"), default=1, help="With --vary: seed of the trials.")
 @click.option(
     "--jobs", type=click.IntRange(-1, 1024), default=-1, show_default="one a CPU", help="With --vary: processes."
 )
@@ -55,7 +49,6 @@ _OF_VARY = ("trials", "best", "objective", "seed", "jobs", "address", "out")
 @click.option(
     "--out", type=click.Path(path_type=Path, dir_okay=False), help="With --vary: new file for the best configuration."
 )
-@json_option
 @click.pass_context
 def command(
     context: click.Context, /, file: Path, config: Path | None, vary: tuple[str, ...], cut: tuple[float, float] | None,

@@ -12,10 +12,10 @@ import click
 from micromanip.errors import CheckFailed
 from micromanip.status_reply import Status
 
-from .options import Quantity, StrictCommand, config_argument, emit_answer, json_option, socket_option
+from .options import Quantity, config_argument, emit_answer, socket_option, subcommand
 
 
-@click.command("run", cls=StrictCommand, epilog="Example: micromanip run config/simulated.yaml --duration 10")
+@subcommand("run", "micromanip run config/simulated.yaml --duration 10")
 @config_argument
 @click.option(
     "--duration",
@@ -35,11 +35,8 @@ from .options import Quantity, StrictCommand, config_argument, emit_answer, json
     type=click.Path(path_type=Path, file_okay=False),
     help="Folder for the black box of each trip.  [default: $STATE_DIRECTORY/trips, or the user's own]",
 )
-@click.option(
-    "--keep-trips", type=Quantity("Count"), default=50, show_default=True, help="So many of them, the newest."
-)
+@click.option("--keep-trips", type=Quantity("Count"), default=50, help="So many of them, the newest.")
 @socket_option
-@json_option
 def command(
     config: Path,
     duration_s: float | None,

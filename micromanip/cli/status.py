@@ -13,16 +13,13 @@ from micromanip.client import Client
 from micromanip.errors import UsageError
 
 from .echo import echo
-from .options import Quantity, StrictCommand, emit_answer, json_option, socket_option
+from .options import Quantity, emit_answer, socket_option, subcommand
 
 
-@click.command("status", cls=StrictCommand, epilog="Example: micromanip status --watch")
+@subcommand("status", "micromanip status --watch")
 @click.option("--watch", is_flag=True, help="Go on: the full screen with keys on a terminal, a line a time elsewhere.")
-@click.option(
-    "--every", "every_s", type=Quantity("Seconds", least=0.1), default=2.0, show_default=True, help="Seconds a line."
-)
+@click.option("--every", "every_s", type=Quantity("Seconds", least=0.1), default=2.0, help="Seconds a line.")
 @socket_option
-@json_option
 def command(watch: bool, every_s: float, socket_path: Path, as_json: bool) -> None:
     """What the running controller does: its state, what each axis does, its timing and path error.
 

@@ -14,16 +14,15 @@ import micromanip
 from micromanip.errors import CheckFailed, DeviceUnavailable
 
 from .echo import echo
-from .options import StrictCommand, emit_answer, json_option
+from .options import emit_answer, subcommand
 from .progress import steps
 
 _PAIRS, _LATENESS_S = 15, 2.0
 """Interleaved pairs; length of each measurement of lateness."""
 
 
-@click.command("bench", cls=StrictCommand, epilog="Example: micromanip system bench --only cycle --only offline")
+@subcommand("bench", "micromanip system bench --only cycle --only offline")
 @click.option("--only", multiple=True, metavar="NAME", help="One of the names below; may be repeated.")
-@json_option
 def command(only: tuple[str, ...], as_json: bool) -> None:
     """Measure the speed of this machine, each figure beside a reference measured in the same run.
 

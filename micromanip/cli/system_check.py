@@ -10,7 +10,7 @@ import click
 from micromanip.errors import UsageError
 
 from .echo import echo
-from .options import Quantity, StrictCommand, emit_answer, json_option
+from .options import Quantity, emit_answer, subcommand
 
 if TYPE_CHECKING:
     from micromanip.host.readiness.answer import Answer
@@ -20,12 +20,11 @@ if TYPE_CHECKING:
 _STYLES = {"good": "green", "poor": "yellow", "bad": "bold red", "unknown": "dim"}
 
 
-@click.command("check", cls=StrictCommand, epilog="Example: sudo micromanip system check config/simulated.yaml")
+@subcommand("check", "sudo micromanip system check config/simulated.yaml")
 @click.argument("config", type=click.Path(path_type=Path), metavar="[CONFIG]", required=False)
-@click.option("--seconds", type=Quantity("Seconds", least=1, most=3600), default=5.0, show_default=True,
+@click.option("--seconds", type=Quantity("Seconds", least=1, most=3600), default=5.0,
               help="Length of each of the two runs.")  # fmt: skip
 @click.option("--no-run", is_flag=True, help="Look at the settings only; nothing is run.")
-@json_option
 def command(config: Path | None, seconds: float, no_run: bool, as_json: bool) -> None:
     """Say whether this machine keeps the deadlines of the loop of CONFIG, and what would mend what does not.
 

@@ -11,10 +11,10 @@ import click
 from micromanip.errors import MicromanipError, UsageError
 
 from .echo import echo
-from .options import StrictCommand, emit_json, json_option, warn
+from .options import emit_json, subcommand, warn
 
 
-@click.command("install", cls=StrictCommand, epilog="Example: sudo micromanip system install cell.yaml --dry-run")
+@subcommand("install", "sudo micromanip system install cell.yaml --dry-run")
 @click.argument("config", type=click.Path(path_type=Path), required=False)
 @click.option(
     "--dry-run", is_flag=True, help="Only show what would be done, with contents and differences, from anywhere."
@@ -28,7 +28,6 @@ from .options import StrictCommand, emit_json, json_option, warn
     default="/",
     help="Install below this folder, e.g. another machine's file system.",
 )
-@json_option
 def command(
     config: Path | None, dry_run: bool, yes: bool, uninstall: bool, purge: bool, root: Path, as_json: bool
 ) -> None:

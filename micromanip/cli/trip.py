@@ -10,7 +10,7 @@ import click
 from micromanip.errors import UsageError, system_error
 
 from .echo import echo
-from .options import StrictCommand, emit_json, json_option
+from .options import emit_json, subcommand
 
 if TYPE_CHECKING:
     from micromanip.host.trips.store import TripRecord
@@ -22,9 +22,8 @@ _folder_option = click.option(
 )  # fmt: skip
 
 
-@click.command("list", cls=StrictCommand, epilog="Example: micromanip trip list")
+@subcommand("list", "micromanip trip list")
 @_folder_option
-@json_option
 def list_(folder: Path | None, as_json: bool) -> None:
     """List all trips, the newest last."""
     from micromanip.host.trips.store import folder_to_read, summary, trips
@@ -40,11 +39,10 @@ def list_(folder: Path | None, as_json: bool) -> None:
         echo(f"no trips in {folder}")
 
 
-@click.command("show", cls=StrictCommand, epilog="Example: micromanip trip show --plot trip.png")
+@subcommand("show", "micromanip trip show --plot trip.png")
 @click.argument("trip", required=False)
 @click.option("--plot", type=click.Path(path_type=Path, dir_okay=False), help="Draw it into this .png or .svg file.")
 @_folder_option
-@json_option
 def show(trip: str | None, plot: Path | None, folder: Path | None, as_json: bool) -> None:
     """Show what tripped, the order of causes, what the controller did, and what to do next.
 

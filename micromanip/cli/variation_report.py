@@ -67,9 +67,8 @@ def vary_tuning(
 
 def _recorded(file: Path, config: Path | None, cut: tuple[float, float] | None) -> tuple[Any, Any, Any]:
     """The tuning that is varied, and the piece of the recording with its models."""
-    from micromanip.replay.comparable import recorded_configuration, require_comparable
     from micromanip.replay.fitting import fit_models
-    from micromanip.replay.window import take_window
+    from micromanip.replay.window import recorded_configuration, require_comparable, take_window
     from micromanip.settings.check import prepared
     from micromanip.settings.text.source import Source
 

@@ -4,17 +4,18 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .fitting import Request, fit_record
-    from .linear import LinearFit, fit_linear
-    from .linear.configured import per_cycle
-    from .linear.experiments import load_linear
-    from .linear.validated import fit_records
-    from .record import load_record
-    from .synthesis import tune_outer
+    from .data import load_record
+    from .identify.fitting import Request, fit_record
+    from .identify.linear import LinearFit, fit_linear
+    from .identify.linear.configured import per_cycle
+    from .identify.linear.experiments import load_linear
+    from .identify.linear.validated import fit_records
+    from .synthesise import tune_outer
 
 _PLACES = {"Request": "fitting", "fit_record": "fitting", "LinearFit": "linear", "fit_linear": "linear"}
 _PLACES |= {"per_cycle": "linear.configured", "load_linear": "linear.experiments", "fit_records": "linear.validated"}
-_PLACES |= {"load_record": "record", "tune_outer": "synthesis"}
+_PLACES = {name: f"identify.{place}" for name, place in _PLACES.items()}
+_PLACES |= {"load_record": "data", "tune_outer": "synthesise"}
 
 __all__ = [
     "LinearFit", "Request", "fit_linear", "fit_record", "fit_records", "load_linear", "load_record", "per_cycle",

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from micromanip.design.learning.law import Update, updated
+from micromanip.design.learning.law import Update, updated, way_of
 from micromanip.design.learning.memory import (
     Memory,
     memory_file,
@@ -25,7 +25,6 @@ from micromanip.design.learning.memory import (
     write_memory,
 )
 from micromanip.design.learning.part import part_of
-from micromanip.design.learning.transfer import way_of
 from micromanip.errors import CheckFailed, MicromanipError, system_error
 from micromanip.rt.record import MAX_AXES
 from micromanip.settings.schema.model import Configuration

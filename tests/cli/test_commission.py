@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from micromanip.design import paper
+from micromanip.design.validate import paper
 from micromanip.settings.load import load_with_source
 from micromanip.settings.tuning_hash import changes_since
 

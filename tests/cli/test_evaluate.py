@@ -7,7 +7,7 @@ import pytest
 from click.testing import CliRunner
 
 from micromanip.cli.commands import cli
-from micromanip.design import paper
+from micromanip.design.validate import paper
 
 pytestmark = pytest.mark.long
 

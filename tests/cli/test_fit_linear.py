@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from tests.design.linear.test_predictor import looped
+from tests.design.identify.linear.test_predictor import looped
 
 from . import command
 

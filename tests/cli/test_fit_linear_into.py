@@ -13,7 +13,7 @@ from micromanip.settings.schema.axis import LinearModel, Outer
 from . import command
 
 FACTORY = Path(__file__).parents[2] / "config" / "factory.yaml"
-COLUMNS = ("--input", "setpoint_um", "--output", "stage_um", "--axis", "x")
+STAGE = ("--input", "setpoint_um", "--output", "stage_um", "--axis", "x")
 OMEGA, DAMPING = 2 * np.pi * 60.0, 0.05
 CONTINUOUS = np.array([[0.0, 1.0], [-(OMEGA**2), -2 * DAMPING * OMEGA]]), np.array([[0.0], [OMEGA**2]])
 A, B, C, _, _ = cont2discrete((*CONTINUOUS, np.array([[1.0, 0.0]]), np.zeros((1, 1))), 1e-4)
@@ -59,7 +59,7 @@ def test_the_model_in_the_configuration_is_that_of_the_record(every, name, cell,
     was = load_with_source(cell)[0].axes["x"].outer
     model = was.model if was else MODE
     file = stage(tmp_path / "x.csv", every, seconds=2.0 * every, model=model)
-    assert code_of(file, *COLUMNS, "--order", len(model.A), "--into", cell) == 0
+    assert code_of(file, *STAGE, "--order", len(model.A), "--into", cell) == 0
     assert "wrote axes.x.outer.model of" in capsys.readouterr().out
     assert command.code_of("check", cell) == 0
     outer = load_with_source(cell)[0].axes["x"].outer
@@ -91,6 +91,6 @@ def test_what_has_no_place_is_refused_and_nothing_is_written(name, cell, tmp_pat
 def test_a_rate_that_the_loop_s_is_no_multiple_of_is_refused(cell, tmp_path, capsys):
     file = stage(tmp_path / "x.csv")
     before = cell.read_text()
-    assert code_of(file, *COLUMNS, "--resample", "3000", "--order", "2", "--into", cell) == 1
+    assert code_of(file, *STAGE, "--resample", "3000", "--order", "2", "--into", cell) == 1
     assert "a step of 0.000333333 s, the loop one of 0.0001 s" in capsys.readouterr().err
     assert cell.read_text() == before

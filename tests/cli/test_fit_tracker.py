@@ -8,7 +8,7 @@ import pytest
 from replay.recorded import recording
 
 from micromanip.cli.fit_tracker import command
-from micromanip.design.budget.configured import cell_of
+from micromanip.design.analyse.budget.configured import cell_of
 from micromanip.errors import CheckFailed, ConfigError, UsageError
 from micromanip.settings.check import prepare
 from micromanip.virtual.experiment import VirtualExperiment

@@ -1,17 +1,125 @@
 """The command line as a whole: help, exit codes, one document with --json, and no traceback for anybody."""
 
 import json
+import os
+import re
+import socket
 import subprocess
 import sys
 from pathlib import Path
 
+import click
 import pytest
 
 from micromanip.cli.commands import SECTIONS
+from micromanip.cli.options import Quantity, StrictCommand
 from micromanip.client import default_socket
+from tests.cli.command import COMMANDS, code_of
 from tests.further import further
 
-from .command import COMMANDS, code_of
+ONCE = [
+    (name, option) for name, command in COMMANDS.items() for option in command.params
+    if isinstance(option, click.Option) and not option.multiple
+]  # fmt: skip
+NUMBERS = [
+    (name, each) for name, command in COMMANDS.items() for each in command.params if isinstance(each.type, Quantity)
+]
+
+
+def refusal(capsys, *arguments):
+    assert code_of(*arguments) == 64
+    return capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_takes_each_option_once(name):
+    assert isinstance(COMMANDS[name], StrictCommand)
+
+
+@pytest.mark.parametrize(("name", "option"), ONCE, ids=lambda each: getattr(each, "name", each))
+def test_an_option_given_twice_is_named(name, option, capsys):
+    text = [option.opts[0]] if option.is_flag else [option.opts[0], "1"]
+    assert f"{'/'.join(option.opts)} is given more than once" in refusal(capsys, *name.split(), *text, *text)
+
+
+def test_an_axis_given_twice_moves_none(tmp_path, capsys):
+    message = refusal(capsys, "identify", "none.yaml", "--axis", "x", "--axis", "y", "--out", str(tmp_path / "out"))
+    assert "--axis is given more than once" in message
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_number_has_bounds(name):
+    for each in COMMANDS[name].params:
+        assert not isinstance(each.type, click.types.FloatParamType), each.name  # of a range also: it takes NaN
+        if isinstance(each.type, click.types.IntParamType):
+            assert None not in (getattr(each.type, "min", None), getattr(each.type, "max", None)), each.name
+
+
+@pytest.mark.parametrize("text", ["nan", "inf", "-inf", "-1e300", "1e300", "1" * 400, "fast", ""])
+@pytest.mark.parametrize(("name", "number"), NUMBERS, ids=lambda each: getattr(each, "name", each))
+def test_no_number_that_none_could_mean(name, number, text, capsys):
+    given = [f"{number.opts[0]}={text}"] if isinstance(number, click.Option) else ["--", "x", text]
+    needed = [each for each in COMMANDS[name].params if isinstance(each, click.Argument) and each.required]
+    before = [] if given[0] == "--" else ["x"] * len(needed)
+    message = refusal(capsys, *name.split(), *given, *before)
+    assert " number from " in message
+
+
+FIT = ("--input", "u", "--output", "y", "--burn-in", "0")
+
+
+@pytest.mark.parametrize(
+    ("missing", "extra", "arguments"),
+    [
+        ("h5py", "formats", ("fit", "hysteresis", "foreign.h5", *FIT)),
+        ("h5py", "formats", ("fit", "hysteresis", "new.mat", *FIT)),
+        ("pyarrow", "formats", ("fit", "hysteresis", "foreign.parquet", *FIT)),
+        ("uvicorn", "gateway", ("gateway", "cell.yaml")),
+    ],
+)
+def test_a_command_names_the_extra(missing, extra, arguments, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "foreign.h5").write_bytes(b"\x89HDF\r\n\x1a\n")
+    (tmp_path / "foreign.parquet").write_bytes(b"PAR1PAR1")
+    (tmp_path / "new.mat").write_bytes(b"MATLAB 7.3 MAT-file".ljust(512) + b"\x89HDF\r\n\x1a\n")
+    monkeypatch.setitem(sys.modules, missing, None)
+    for name in [name for name in sys.modules if name.startswith("micromanip.gateway")]:
+        monkeypatch.delitem(sys.modules, name)
+    assert code_of(*arguments) == 69
+    said = capsys.readouterr().err
+    assert f"needs {missing}: install micromanip with its extra {extra} " in said
+
+
+@pytest.fixture(params=["pipe", "device", "socket", "folder"])
+def no_file(request, tmp_path, monkeypatch):
+    """Something of that kind, under a short name: a socket's is limited."""
+    monkeypatch.chdir(tmp_path)
+    file = Path("input")
+    if request.param == "pipe":
+        os.mkfifo(file)
+    elif request.param == "device":
+        file.symlink_to("/dev/zero")
+    elif request.param == "folder":
+        file.mkdir()
+    else:
+        with socket.socket(socket.AF_UNIX) as bound:
+            bound.bind(str(file))
+    return file
+
+
+@pytest.mark.parametrize("command", ["check", "run", "device simulate", "park", "evaluate"])
+def test_a_configuration(command, no_file, capsys):
+    assert code_of(*command.split(), no_file) == 78
+    assert re.search("not a regular file|a directory", capsys.readouterr().err)
+
+
+@pytest.mark.parametrize("kind", ["hysteresis", "linear"])
+def test_a_recording(kind, no_file, capsys):
+    file = no_file.rename("recording")
+    assert code_of("fit", kind, file, "--input", "u", "--output", "y") == 1
+    assert re.search("not a regular file|Is a directory", capsys.readouterr().err)
+
 
 CONFIG = str(Path(__file__).parents[2] / "config" / "paper.yaml")
 FULL = "standard output: No space left on device; make room there, or choose another place\n"

@@ -112,7 +112,7 @@ def test_a_disk_that_fills_while_drawing_keeps_what_is_whole(tmp_path):
 
 def test_a_recording_that_finds_no_room_is_kept_elsewhere(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    from micromanip.design import identification
+    from micromanip.design.identify import experiments as identification
 
     write = identification.write_csv
 

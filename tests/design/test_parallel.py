@@ -6,11 +6,10 @@ import signal
 import joblib
 import pytest
 
-from micromanip.design.loops import monte_carlo
+from micromanip.design.analyse.loops import monte_carlo
 from micromanip.design.parallel import each, scheduler
 from micromanip.errors import DeviceUnavailable
-
-from .test_perturbation import PERIOD_S, sides
+from tests.design.analyse.test_loops import PERIOD_S, sides
 
 
 def square(seed):

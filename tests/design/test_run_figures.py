@@ -13,10 +13,8 @@ from hypothesis import strategies as st
 from recordings.damaged import damage
 from scipy.signal import lfilter, welch
 
-from micromanip.design.run import confidence
-from micromanip.design.run.comparison import TOO_SHORT, by_section
-from micromanip.design.run.confidence import ratio
-from micromanip.design.run.figures import configuration_changes, run_figures
+from micromanip.design.run import comparison
+from micromanip.design.run.comparison import TOO_SHORT, by_section, configuration_changes, ratio, run_figures
 from micromanip.design.run.statistics import RecordedRun
 from micromanip.design.run.sums import BlockMeans, Counts, Envelope, Picked, Sections, Spectra
 from micromanip.errors import CheckFailed
@@ -32,7 +30,7 @@ def correlated(count, memory, seed):
 
 
 def mean_square(x):
-    return confidence.mean_square(x * x, len(x))
+    return comparison.mean_square(x * x, len(x))
 
 
 @pytest.mark.parametrize("memory", [0.0, 0.9, 0.99, 0.998])

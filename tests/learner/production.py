@@ -7,7 +7,7 @@ from unittest.mock import patch
 
 import numpy as np
 
-from micromanip.design.learning import transfer
+from micromanip.design.learning import law
 from micromanip.host.learning.handover import Handover, Memories
 from micromanip.learner.memory_store import MemoryStore
 from micromanip.learner.part_collector import PartCollector
@@ -50,7 +50,7 @@ class Production:
         self.prepared = prepare(self.file)
         self.learning = self.prepared.configuration.learning
         self.axes = list(self.prepared.configuration.axes)
-        with patch.object(transfer, "Transfer", partial(transfer.Transfer, draws=draws)):
+        with patch.object(law, "Transfer", partial(law.Transfer, draws=draws)):
             self.store = MemoryStore(self.prepared.configuration, folder / "learned")
         self.said = list(self.store.read())
         self.tool = 0

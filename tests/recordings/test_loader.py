@@ -8,8 +8,8 @@ from host.test_mcap_recording import begun, slots
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from micromanip.design.linear.experiments import load_linear
-from micromanip.design.record import load_record
+from micromanip.design.data import load_record
+from micromanip.design.identify.linear.experiments import load_linear
 from micromanip.errors import CheckFailed
 from micromanip.recordings import Wanted, take
 from micromanip.recordings.spikes import bridged, find_spikes

@@ -11,11 +11,10 @@ from scipy.signal import lfilter
 
 from campaigns.counterfactual import CONFIG
 from micromanip.errors import CheckFailed
-from micromanip.replay.comparable import recorded_configuration
 from micromanip.replay.counterfactual import Rerun, predict
 from micromanip.replay.fitting import fit_models
 from micromanip.replay.self_replay import first_mismatch
-from micromanip.replay.window import take_window
+from micromanip.replay.window import recorded_configuration, take_window
 
 from .tuned import tuned
 

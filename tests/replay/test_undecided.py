@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from campaigns.counterfactual import track
-from micromanip.replay.counterfactual import Rerun, predict
+from micromanip.replay.counterfactual import Outcome, Rerun, predict
 from micromanip.replay.fitting import fit_models
-from micromanip.replay.outcomes import Outcome
 from micromanip.replay.window import take_window
 from micromanip.rt.states import TOOTH_LOST
 

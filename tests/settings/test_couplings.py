@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from micromanip.control.outer_gains import dc_gain, steady_lag
-from micromanip.design.loops import model_system
+from micromanip.control.stage_loop import model_system
 from micromanip.errors import ConfigError
 from micromanip.settings.check import prepared
 from micromanip.settings.text.source import Source

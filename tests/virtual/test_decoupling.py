@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import yaml
 
-from micromanip.design.coupling.measured import measure_coupling
+from micromanip.design.analyse.coupling import measure_coupling
 from micromanip.settings.check import prepared
 from micromanip.settings.compile.cell import compile_cell
 from micromanip.settings.text.source import Source

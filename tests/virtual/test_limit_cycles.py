@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from micromanip.design import paper
 from micromanip.design.experiment import open_loop, with_axes, with_reference
+from micromanip.design.validate import paper
 from micromanip.errors import CheckFailed
 from micromanip.faults import KINDS, FaultReport
 from micromanip.rt.records import MAX_AXES

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from micromanip.design.actuation import identify_actuator
+from micromanip.design.analyse.loops import strain_loop
 from micromanip.design.experiment import with_axes, with_reference
-from micromanip.design.loops import strain_loop
+from micromanip.design.identify.actuation import identify_actuator
 from micromanip.settings.check import prepare
 from micromanip.settings.schema.axis import Notch
 from micromanip.settings.schema.reference import Sine, Sines

@@ -8,7 +8,7 @@ from campaigns.drawn_plants import REACH_UM, drawn_cell, drawn_plant, with_plant
 from campaigns.robustness import AXIS, CONFIG
 from campaigns.true_plant import small_slope, true_plant
 from micromanip.design.experiment import open_loop, parked
-from micromanip.design.response import measure, multisine
+from micromanip.design.identify.response import measure, multisine
 from micromanip.settings.check import prepare
 from micromanip.virtual.experiment import VirtualExperiment
 

@@ -12,9 +12,9 @@ from micromanip.control.injection import MISSED
 from micromanip.control.margins import margins
 from micromanip.control.outer_gains import outer_gains
 from micromanip.control.pid import pid_system
-from micromanip.design.describing import harmonics, inverse_operator
-from micromanip.design.live_margins import judge_running, measure_virtually
-from micromanip.design.loops import stage_loop
+from micromanip.control.stage_loop import stage_loop
+from micromanip.design.analyse.describing import harmonics, inverse_operator
+from micromanip.design.analyse.live_margins import judge_running, measure_virtually
 from micromanip.errors import CheckFailed
 from micromanip.rt.states import HOLDING, NO_COMMAND
 from micromanip.settings.check import prepare

@@ -17,10 +17,10 @@ from matplotlib.figure import Figure
 from scipy.signal import find_peaks
 
 from micromanip.control.outer_gains import outer_gains
-from micromanip.design.evaluation import evaluate
 from micromanip.design.experiment import with_axes, with_reference
 from micromanip.design.plots.canvas import drawn
 from micromanip.design.plots.paper import figure_9, hysteresis_loops
+from micromanip.design.validate.evaluation import evaluate
 from micromanip.rt.laws.hysteresis import play
 from micromanip.settings.check import Prepared, prepare
 from micromanip.settings.schema.reference import Hold, Step

@@ -5,11 +5,11 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
+from micromanip.design.data import Record, load_record
 from micromanip.design.experiment import open_loop
-from micromanip.design.fitting import Request, fit_record
-from micromanip.design.identification import DEFAULT_SECONDS, Kind, design, recording, samples_for, write_csv
-from micromanip.design.plots.fit import draw_fit
-from micromanip.design.record import Record, load_record
+from micromanip.design.identify.experiments import DEFAULT_SECONDS, Kind, design, recording, samples_for, write_csv
+from micromanip.design.identify.fitting import Request, fit_record
+from micromanip.design.plots.findings import draw_fit
 from micromanip.recordings import Wanted
 from micromanip.settings.check import prepare
 from micromanip.virtual.experiment import VirtualExperiment

@@ -6,13 +6,13 @@ import numpy as np
 
 from micromanip.settings.wiring.timing import AT_ONCE
 
-from ..analysis import AxisAnalysis
-from ..criteria import criteria, told
-from ..evaluation import Run
-from ..report.verdict import Criterion
-from ..sensitivity import AGREEMENT, KEPT, Sensitivity
-from ..step import RISE_S, STEP_UM
-from ..tuning import OUTER_DELAY
+from ..analyse.axis import AxisAnalysis
+from ..analyse.sensitivity import AGREEMENT, KEPT, Sensitivity
+from ..identify.models import OUTER_DELAY
+from ..report.model import Criterion
+from ..validate.criteria import criteria, told
+from ..validate.evaluation import Run
+from ..validate.step import RISE_S, STEP_UM
 from .axis import FOLLOWED, Commissioned
 from .quality import COHERENCE, COVERAGE, HELD_OUT_PERCENT, STAGE_FIT_PERCENT
 from .validation import Validation, asked

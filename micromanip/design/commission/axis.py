@@ -17,16 +17,16 @@ from micromanip.settings.schema.axis import Axis
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.wiring.timing import AT_ONCE
 
-from ..actuation import Actuator, identify_actuator
+from ..analyse.loop_analysis import analyse_inverse
+from ..analyse.loops import over_path
+from ..analyse.sensitivity import Sensitivity
+from ..data import Record, judge_record
 from ..experiment import Experiment, open_loop, with_axis
-from ..hysteresis import HysteresisFit
-from ..identification import design, recording, samples_for
-from ..judged import analyse_inverse
-from ..loops import over_path
-from ..record import Record, judge_record
-from ..sensitivity import Sensitivity
-from ..synthesis import InvertedActuator, PidDesign, invert_actuator
-from ..tuning import burn_in, hysteresis_models, identify_stage, record_hysteresis
+from ..identify.actuation import Actuator, identify_actuator
+from ..identify.experiments import design, recording, samples_for
+from ..identify.hysteresis import HysteresisFit
+from ..identify.models import burn_in, hysteresis_models, identify_stage, record_hysteresis
+from ..synthesise import InvertedActuator, PidDesign, invert_actuator
 from .closing import ClosedOuter, Say, close_strain, prove_outer
 from .guarded_experiment import GuardedExperiment
 from .limit_cycle import Rest, strain_at_rest

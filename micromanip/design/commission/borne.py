@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from micromanip.control.margins import sensitivity
 from micromanip.control.outer_gains import OuterGains
+from micromanip.control.stage_loop import stage_loop
+from micromanip.design.analyse.loops import HELD_SENSITIVITY, StrainSide, draw, drawn_plant, held_plant
 from micromanip.settings.schema.accept import Accept
 from micromanip.settings.schema.axis import LinearModel, Outer
 
-from ..actuation import Actuator
-from ..loops import HELD_SENSITIVITY, StrainSide, draw, held_plant, stage_loop
-from ..loops.monte_carlo import drawn_plant
+from ..identify.actuation import Actuator
 
 DRAWN = range(1, 21)
 """Seeds of the plants on which the tuning is tried on paper."""

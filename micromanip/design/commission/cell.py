@@ -10,9 +10,9 @@ from micromanip.errors import CheckFailed
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.schema.reference import Jog
 
-from ..analysis import AxisAnalysis, analyse_axis
+from ..analyse.axis import AxisAnalysis, analyse_axis
 from ..experiment import Experiment, with_axis, with_reference
-from ..report.verdict import Evidence
+from ..report.model import Evidence
 from .axis import Commissioned, commission_axis
 from .borne import DRAWN
 from .coupled import Coupled, decoupled, look_at_coupling, with_coupling

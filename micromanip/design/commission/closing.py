@@ -11,20 +11,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.control.outer_gains import outer_gains
+from micromanip.control.stage_loop import stage_loop
+from micromanip.design.analyse.loops import over_path, strain_loop
 from micromanip.errors import CheckFailed
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.wiring.timing import AT_ONCE
 
-from ..actuation import DELAYS, ORDERS, Actuator
-from ..closed_loop_response import measure_outer_loop, measure_strain_loop
+from ..analyse.loop_analysis import analyse_inverse, analyse_strain, between, slopes_of, small_slope
+from ..analyse.sensitivity import Sensitivity, judge_loop
 from ..experiment import Experiment, with_axis
-from ..judged import analyse_inverse, analyse_strain, between, slopes_of, small_slope
-from ..loops import over_path, stage_loop, strain_loop
-from ..response import Wanted, identify
-from ..sensitivity import Sensitivity, judge_loop
-from ..synthesis import OuterDesign, PidDesign, Reach, tune_outer, tune_pid
-from ..tuning import StageModel, with_response
+from ..identify.actuation import DELAYS, ORDERS, Actuator
+from ..identify.closed_loop_response import measure_outer_loop, measure_strain_loop
+from ..identify.models import StageModel, with_response
+from ..identify.response import Wanted, identify
+from ..synthesise import OuterDesign, PidDesign, Reach, tune_outer, tune_pid
 from .borne import Borne
 from .limit_cycle import Held
 from .options import Options

@@ -13,14 +13,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from micromanip.design.analyse.coupling import (
+    Cost,
+    Coupling,
+    Together,
+    costs,
+    judge_together,
+    loop_of,
+    measure_coupling,
+    relative_gain,
+)
 from micromanip.settings.schema.coupling import Coupling as CouplingSection
 from micromanip.settings.schema.model import Configuration
 
-from ..coupling.measured import Coupling, measure_coupling
-from ..coupling.together import Cost, Together, costs, judge_together, loop_of, relative_gain
 from ..experiment import Experiment, with_axis
-from ..report.model import Curve, Plot, Section, Table
-from ..report.verdict import Criterion, Evidence
+from ..report.model import Criterion, Curve, Evidence, Plot, Section, Table
 from .production import MOVED_HZ, Production
 
 Array = NDArray[np.float64]

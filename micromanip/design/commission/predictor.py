@@ -14,8 +14,8 @@ from micromanip.control.joints import joints_radius
 from micromanip.errors import CheckFailed
 from micromanip.settings.schema.reference import AxisDeviation, AxisTracker, Tracker
 
-from ..deviation.fit import Deviation, fit_deviation, followed
-from ..deviation.innovations import log_likelihood
+from ..identify.tracker.fit import Deviation, fit_deviation, followed
+from ..identify.tracker.innovations import log_likelihood
 from .quiescent_spectrum import AtRest
 
 Array = NDArray[np.float64]

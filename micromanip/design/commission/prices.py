@@ -9,12 +9,12 @@ from typing import Any
 from micromanip.control.system import delay
 from micromanip.errors import CheckFailed
 
-from ..actuation import Actuator
-from ..judged import SLOPES
-from ..loops import over_path
+from ..analyse.loop_analysis import SLOPES
+from ..analyse.loops import over_path
+from ..identify.actuation import Actuator
 from ..report.model import Section, Table
-from ..synthesis import OuterDesign, PidDesign
-from ..synthesis.pairs import FRAGILE, SLEWED, UNKNOWN
+from ..synthesise import OuterDesign, PidDesign
+from ..synthesise.search import FRAGILE, SLEWED, UNKNOWN
 
 
 @dataclass(frozen=True)

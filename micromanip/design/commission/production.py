@@ -19,12 +19,10 @@ from micromanip.settings.schema.model import Configuration
 from micromanip.settings.schema.reference import Tracker
 from micromanip.virtual.experiment import at_limit
 
-from ..budget.budget import AxisBudget
-from ..budget.composition import TITLE, composition
-from ..criteria import told
+from ..analyse.budget.budget import TITLE, AxisBudget, composition
 from ..experiment import Experiment, with_axes, with_reference
-from ..report.model import Curve, Plot, Section
-from ..report.verdict import Criterion
+from ..report.model import Criterion, Curve, Plot, Section
+from ..validate.criteria import told
 from .predictor import known_deviations
 from .quiescent_spectrum import AtRest
 

@@ -19,7 +19,7 @@ from micromanip.settings.schema.model import Configuration
 from micromanip.settings.schema.reference import Tracker
 
 from ..experiment import Experiment, alone, open_loop, parked, play, resting
-from ..network import white_noise
+from ..identify.network.fit import white_noise
 
 Array = NDArray[np.float64]
 

@@ -10,8 +10,8 @@ from pathlib import Path
 
 from micromanip.settings.write import write_atomically
 
-from ..report import page, verdict
-from ..report.verdict import Criterion, Evidence, Verdict
+from ..report import page
+from ..report.model import Criterion, Evidence, Verdict, of_axis, overall, sentence
 
 _SIGNS = {Verdict.PASS: "✓", Verdict.LESS: "✓", Verdict.FAIL: "✗", Verdict.NONE: "–"}
 
@@ -39,10 +39,10 @@ def _rendered(
     axes: Sequence[Evidence],
     hashes: Mapping[str, str],
 ) -> str:
-    found, numbers = verdict.overall(axes), count(1)
+    found, numbers = overall(axes), count(1)
     head = (
         f'<p class="verdict {found.name.lower()}" id="verdict">{_badge(found)} '
-        f"<span>{escape(verdict.sentence(axes))}</span></p>"
+        f"<span>{escape(sentence(axes))}</span></p>"
     )
     criteria = "".join(_criteria_table(evidence) for evidence in axes if evidence.criteria)
     parts = "".join(_axis_part(evidence, hashes.get(evidence.axis), numbers) for evidence in axes)
@@ -63,7 +63,7 @@ def _axes_table(axes: Sequence[Evidence], hashes: Mapping[str, str]) -> str:
     rows = [
         (
             f'<a href="#{_anchor(evidence)}">Axis {escape(evidence.axis)}</a>',
-            _badge(verdict.of_axis(evidence)),
+            _badge(of_axis(evidence)),
             f"{sum(c.passed for c in evidence.criteria)} of {len(evidence.criteria)}",
             f"<code>{escape(hashes.get(evidence.axis, 'none'))}</code>",
         )
@@ -88,7 +88,7 @@ def _axis_part(evidence: Evidence, of_hash: str | None, ids: Iterator[int]) -> s
     sections = "".join(page.section(section, ids, 3, f"Axis {evidence.axis}, ") for section in evidence.sections)
     return (
         f'<section class="axis" id="{_anchor(evidence)}"><h2>Axis {escape(evidence.axis)} '
-        f"{_badge(verdict.of_axis(evidence))}</h2><p>{tuning}{back}</p>{sections}</section>\n"
+        f"{_badge(of_axis(evidence))}</h2><p>{tuning}{back}</p>{sections}</section>\n"
     )
 
 

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..analysis import AxisAnalysis
-from ..evaluation import Run
+from ..analyse.axis import AxisAnalysis
+from ..identify.models import StageModel
 from ..plots.loops import loop_plots
 from ..plots.paper import figure_2, figure_5, figure_7, figure_8, figure_9
-from ..report.model import Curve, Plot, Section
-from ..report.verdict import Evidence
-from ..tuning import StageModel
+from ..report.model import Curve, Evidence, Plot, Section
+from ..validate.evaluation import Run
 from . import prices
 from .acceptance import acceptance
 from .axis import Commissioned

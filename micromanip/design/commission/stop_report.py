@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 
 from micromanip.errors import CheckFailed, sentence
 
-from ..report.model import Section
-from ..report.verdict import Criterion, Evidence
+from ..report.model import Criterion, Evidence, Section
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

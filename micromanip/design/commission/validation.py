@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from micromanip.control.outer_gains import OuterGains, outer_gains
 from micromanip.settings.schema.model import Configuration
 
-from ..evaluation import HOLD_S, SETTLE_S, WINDOW_S, Run, variant_of
 from ..experiment import EXCITED, Experiment, alone, parked, play, resting, with_reference
-from ..step import StepAnswer, course, judge_step
+from ..validate.evaluation import HOLD_S, SETTLE_S, WINDOW_S, Run, variant_of
+from ..validate.step import StepAnswer, course, judge_step
 from .limit_cycle import Held, Rest, stage_at_rest
 
 Array = NDArray[np.float64]

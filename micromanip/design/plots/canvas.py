@@ -8,8 +8,8 @@ from pathlib import Path
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from ..report.drawing import thinned
 from ..report.model import Plot
+from ..report.page import thinned
 
 _WIDTH, _DPI = 7.0, 130
 

@@ -7,10 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
+from micromanip.control.margins import Margins, grid, refined
+from micromanip.control.system import System
+from micromanip.design.analyse.loops import Sample
 from micromanip.settings.schema.accept import Accept
 
-from ..analysis import AxisAnalysis
-from ..loops import Margins, Sample, System, grid, refined
+from ..analyse.axis import AxisAnalysis
 from ..report.model import Array, Curve, Plot
 from .paper import figure_7
 

@@ -10,12 +10,12 @@ import numpy as np
 from micromanip.rt.records import MAX_AXES
 from micromanip.settings.schema.model import Configuration
 
-from ..evaluation import Run
+from ..analyse.loop_analysis import Inverse
 from ..excitation import shrinking_triangle
 from ..experiment import Experiment, open_loop
-from ..hysteresis import HysteresisFit
-from ..judged import Inverse
+from ..identify.hysteresis import HysteresisFit
 from ..report.model import Array, Curve, Plot
+from ..validate.evaluation import Run
 
 _BINS, _SHOWN_BINS = 60, 585
 

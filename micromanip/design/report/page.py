@@ -1,16 +1,169 @@
-"""A report as HTML, for a screen, a phone or paper; every text that comes from elsewhere is escaped here."""
+"""A report as HTML, for a screen, a phone or paper; every text that comes from elsewhere is escaped here.
+
+A plot of the evidence as data for the page's own script, which draws it as SVG, as wide as the screen allows.
+
+Coordinates are given as they are seen (logarithms on a logarithmic axis), in 16 bits of the plot's extent: a screen
+shows fewer. Title, legend, labels and note are HTML around the drawing, where they wrap on a phone and are read aloud.
+"""
 
 from __future__ import annotations
 
+import base64
+import json
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from html import escape
 from importlib.resources import files
 from itertools import count
 from string import Template
+from typing import Any
 
-from .drawing import figure_json, style
-from .model import Plot, Section
+import numpy as np
+from numpy.typing import NDArray
+
+from .model import Array, Curve, Plot, Section
+
+COLOURS = 7
+"""Of the style sheet, c0 to c6, told apart also by people who see no red or no green (Okabe and Ito, 2008)."""
+DASHES = ("", "6 3", "2 3")
+GAP = 65535
+_POINTS_IN_PLOT, _LEAST_POINTS, _MOST_POINTS = 1600, 300, 1000
+_ROOM = 0.04
+
+
+def style(number: int) -> tuple[str, str]:
+    """Class and dashes of curve `number` of a plot."""
+    return f"c{number % COLOURS}", DASHES[number // COLOURS % len(DASHES)]
+
+
+def figure_json(plot: Plot) -> str:
+    """The drawing as JSON that can stand inside a script element."""
+    for curve in plot.curves:
+        if curve.x.shape != curve.y.shape:
+            raise ValueError(f"{plot.title}: curve {curve.label} has {curve.x.shape} x and {curve.y.shape} y values")
+    long = sum(len(curve.x) > _LEAST_POINTS for curve in plot.curves)
+    most = min(_MOST_POINTS, max(_LEAST_POINTS, _POINTS_IN_PLOT // max(long, 1)))
+    shown = [_seen(plot, *thinned(curve.x, curve.y, most, log_x=plot.log_x)) for curve in plot.curves]
+    spans = [_span([values[k] for values in shown]) for k in range(2)]
+    figure = {
+        "log": [plot.log_x, plot.log_y],
+        "equal": plot.equal,
+        "span": spans,
+        "curves": [_curve(plot.curves[i], *shown[i], spans, *style(i)) for i in range(len(shown))],
+    }
+    text = json.dumps(figure, separators=(",", ":"), allow_nan=False)
+    for character in "<>&":
+        text = text.replace(character, f"\\u{ord(character):04x}")
+    return text
+
+
+def _curve(curve: Curve, x: Array, y: Array, spans: list[list[float]], colour: str, dash: str) -> dict[str, Any]:
+    drawn: dict[str, Any] = {"name": curve.label, "class": colour, "dash": dash, "points": _coded(x, y, spans)}
+    if curve.marks:
+        drawn["marks"] = True
+    if curve.faint:
+        drawn["faint"] = True
+    if curve.texts:
+        drawn["texts"] = list(curve.texts)
+    return drawn
+
+
+def _seen(plot: Plot, x: Array, y: Array) -> tuple[Array, Array]:
+    """Where the points are seen; what can't be shown is a gap."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        out = [np.log10(v) if log else np.asarray(v, float) for v, log in ((x, plot.log_x), (y, plot.log_y))]
+    good = np.isfinite(out[0]) & np.isfinite(out[1])
+    return np.where(good, out[0], np.nan), np.where(good, out[1], np.nan)
+
+
+def _span(values: list[Array]) -> list[float]:
+    """From the lowest to the highest, with some room."""
+    every = np.concatenate([*values, np.zeros(0)])
+    every = every[np.isfinite(every)]
+    low, high = (float(every.min()), float(every.max())) if len(every) else (0.0, 1.0)
+    room = _ROOM * (high - low) or 0.5 * max(abs(high), 1e-3)
+    return [float(f"{low - room:.8g}"), float(f"{high + room:.8g}")]
+
+
+def _coded(x: Array, y: Array, spans: list[list[float]]) -> str:
+    """Both as unsigned 16-bit numbers, x first; `GAP` in x is a gap."""
+    out: list[NDArray[np.uint16]] = []
+    for values, (low, high) in zip((x, y), spans, strict=True):
+        share = (np.nan_to_num(values, nan=low) - low) / (high - low)
+        out.append(np.round(share * (GAP - 1)).astype("<u2"))
+    out[0][~np.isfinite(x)] = GAP
+    return base64.b64encode(np.concatenate(out).tobytes()).decode()
+
+
+MOST_POINTS = 2000
+
+
+def thinned(x: Array, y: Array, most: int = MOST_POINTS, log_x: bool = False) -> tuple[Array, Array]:
+    """At most `most` (>= 20) of the points `x` (n,), `y` (n,), in their order.
+
+    Where x never falls, the axis is cut into equal pieces as it is seen (equal in log x with `log_x`), and each
+    piece keeps its lowest and its highest point: on paper the curve covers the same. Where x turns back
+    (Nyquist, hysteresis), the pieces are parts of its way, and the extremes in x are kept as well. A gap (a point that
+    is not finite) stays a gap. Short curves are returned as they are.
+    """
+    if len(x) <= most:
+        return x, y
+    shown = np.isfinite(x) & np.isfinite(y)
+    if log_x:
+        shown &= x > 0
+    rises = bool(np.all(np.diff(x[shown]) >= 0))
+    kinds = (y,) if rises else (x, y)
+    pieces = (most - 2) // (2 * len(kinds) + (not shown.all()))
+    position = _place(x, shown, log_x) if rises else _along(x, y, shown)
+    piece = _pieces(position, pieces)
+    ends = np.flatnonzero(shown)[[0, -1]] if shown.any() else np.zeros(0, np.int64)
+    kept = [_extremes(piece, values, shown) for values in kinds] + [_first(piece, np.flatnonzero(~shown)), ends]
+    order = np.unique(np.concatenate(kept))
+    return x[order], y[order]
+
+
+def _place(x: Array, shown: NDArray[np.bool_], log_x: bool) -> Array:
+    """Place on the axis; that of what is not shown is where the point before it is."""
+    if not shown.any():
+        return np.arange(float(len(x)))
+    last = np.maximum.accumulate(np.where(shown, np.arange(len(x)), np.argmax(shown)))
+    return np.log(x[last]) if log_x else x[last]
+
+
+def _along(x: Array, y: Array, shown: NDArray[np.bool_]) -> Array:
+    """Way along the curve as it is seen, its whole size one; half of it is the number of the point.
+
+    The way alone would leave the calm part of a curve that is mostly noise with hardly a point.
+    """
+    way = np.zeros(len(x))
+    for values in (x, y):
+        size = np.ptp(values[shown])
+        step = np.abs(np.diff(values, prepend=values[0])) / (size if size > 0 else 1.0)
+        way = np.hypot(way, np.where(np.isfinite(step), step, 0.0))
+    travelled = np.cumsum(way)
+    share: Array = travelled / max(travelled[-1], 1e-300) + np.linspace(0.0, 1.0, len(x))
+    return share
+
+
+def _pieces(position: Array, pieces: int) -> NDArray[np.int64]:
+    """Number of the piece each position is in, 0..pieces-1."""
+    span = position.max() - position.min()
+    share = (position - position.min()) / span if span > 0 else np.linspace(0.0, 1.0, len(position))
+    return np.minimum((share * pieces).astype(np.int64), pieces - 1)
+
+
+def _extremes(piece: NDArray[np.int64], values: Array, shown: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Indices of the lowest and the highest shown value of each piece."""
+    candidates = np.flatnonzero(shown)
+    order = candidates[np.lexsort((values[candidates], piece[candidates]))]
+    edges = np.flatnonzero(np.diff(piece[order]))
+    return np.concatenate((order[:1], order[edges], order[edges + 1], order[-1:]))
+
+
+def _first(piece: NDArray[np.int64], indices: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The first of `indices` in each piece."""
+    return indices[np.unique(piece[indices], return_index=True)[1]]
+
 
 HINT = """<noscript><p class="verdict none">The plots are drawn by a script inside this file; this viewer runs none.</p>
 </noscript><p class="hint">Plots: point at a curve for its figures, drag to zoom, double-click to see all again.</p>"""

@@ -14,9 +14,7 @@ from micromanip.settings.text.shape import Shape
 
 from ..report.model import Array, Curve, Plot, Section, Table
 from ..report.page import page_of
-from .comparison import ERROR, TOO_SHORT, Compared
-from .confidence import SAME
-from .figures import RunFigures
+from .comparison import ERROR, SAME, TOO_SHORT, Compared, RunFigures
 from .statistics import RecordedRun
 from .sums import Envelope
 

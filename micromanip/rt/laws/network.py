@@ -6,7 +6,7 @@ training is folded into them.
 
 The memory ``(y_m, v_m)`` is the last turning point of y, not the sample before: the sample before y has come
 back by more than ``reversal_um`` from its extreme. The branch that leaves a turning point is a smooth function of y
-alone, at any speed and any loop rate (``design/network.py`` trains just that).
+alone, at any speed and any loop rate (``design/identify/network/model.py`` trains just that).
 """
 
 from __future__ import annotations

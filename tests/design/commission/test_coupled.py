@@ -6,10 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from micromanip.design.analyse.coupling import Coupling, Disk, Together
 from micromanip.design.commission.coupled import Coupled, decoupled
 from micromanip.design.commission.production import PathErrorSeen, Production
-from micromanip.design.coupling.measured import Coupling
-from micromanip.design.coupling.together import Disk, Together
 from micromanip.settings.load import load
 from micromanip.settings.write import with_tuning
 

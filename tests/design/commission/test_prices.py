@@ -8,12 +8,12 @@ import pytest
 
 from micromanip.control.system import delay
 from micromanip.design.commission.prices import Price, outer_prices, section, strain_prices
-from micromanip.design.synthesis import tune_pid
-from micromanip.design.synthesis.pairs import UNKNOWN
+from micromanip.design.synthesise import tune_pid
+from micromanip.design.synthesise.search import UNKNOWN
 from micromanip.errors import CheckFailed
 from micromanip.settings.wiring.timing import AT_ONCE
 
-from ..test_synthesis import ANCHOR_PID, T, lag
+from ..synthesise.test_synthesis import ANCHOR_PID, T, lag
 
 
 @dataclass

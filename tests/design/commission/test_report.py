@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from micromanip.design.commission.report import write_report
-from micromanip.design.report.model import Curve, Plot, Section, Table
-from micromanip.design.report.verdict import Criterion, Evidence
+from micromanip.design.report.model import Criterion, Curve, Evidence, Plot, Section, Table
 
 NASTY = """<script>alert("x")</script> & <b title='y'>"""
 T = np.linspace(0.0, 1.0, 50)

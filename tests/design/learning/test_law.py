@@ -11,8 +11,7 @@ from scipy import signal
 
 from micromanip.design.learning.law import ALIKE, BETTER, FIRST, WORSE, compared, contraction, updated
 from micromanip.design.learning.memory import Memory
-from micromanip.design.learning.part import Part
-from micromanip.design.learning.spectrum import ORDER, Bands, answered, filtered, low_pass
+from micromanip.design.learning.part import ORDER, Bands, Part, answered, filtered, low_pass
 from micromanip.errors import CheckFailed
 
 RATE_HZ, VALUES = 1000.0, 4000

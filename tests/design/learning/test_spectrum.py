@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import welch
 
-from micromanip.design.learning.spectrum import Bands
+from micromanip.design.learning.part import Bands
 
 RATE_HZ, VALUES = 1000.0, 8000
 BANDS = Bands(VALUES, RATE_HZ, 75.0)

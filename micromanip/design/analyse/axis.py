@@ -1,0 +1,108 @@
+"""Analysis of one axis: describing function of its inverse, margins of its loops, limit cycles, robustness.
+
+What an axis lacks (a hysteresis model, an outer model, a recording of its actuator) is left out, and said.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+from micromanip.design.analyse.loops import monte_carlo
+from micromanip.settings.schema.axis import Axis
+from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
+from micromanip.settings.schema.model import Configuration
+from micromanip.settings.schema.reference import Tracker
+
+from ..experiment import Experiment
+from ..identify.actuation import Actuator, identify_actuator
+from ..parallel import each
+from .loop_analysis import Inverse, Stage, Strain, analyse_inverse, analyse_stage, analyse_strain
+from .loops import Sample, draw
+
+Play = Callable[[Mapping[str, float], int], dict[str, Any]]
+"""Runs a whole cell with another plant (factors of a perturbation) and a seed of its noise."""
+
+
+@dataclass(frozen=True)
+class AxisAnalysis:
+    """Everything about one axis; ``missing`` says in words what could not be judged, and why."""
+
+    axis: str
+    settings: Axis
+    period_s: float
+    inverse: Inverse | None
+    strain: Strain | None
+    stage: Stage | None
+    samples: tuple[Sample, ...] = ()
+    played: tuple[dict[str, Any], ...] = ()
+    missing: tuple[str, ...] = field(default=())
+
+
+def analyse_axis(
+    configuration: Configuration,
+    axis: str,
+    experiment: Experiment | None,
+    seeds: range,
+    *,
+    play: Play | None = None,
+    jobs: int | None = None,
+    actuator: Actuator | None = None,
+    progress: Callable[[str], None] = lambda _: None,
+) -> AxisAnalysis:
+    """Analyse `axis`; `experiment` records its actuator (None: nothing may move), `play` runs whole varied cells.
+    An `actuator` that is known already is not recorded again.
+
+    `seeds` draws the plants, one a seed. `progress` is told what comes next.
+    """
+    settings, missing = configuration.axes[axis], []
+    period_s = configuration.loop.period_ns * 1e-9
+    progress("describing function")
+    inverse = None
+    if isinstance(settings.hysteresis, PrandtlIshlinskii):
+        inverse = analyse_inverse(settings.hysteresis, settings)
+    else:
+        what = "a network" if settings.hysteresis.model == "network" else "none"
+        missing.append(
+            f"no describing function: the hysteresis model is {what}, a Prandtl-Ishlinskii model (model: pi) is "
+            "needed; `micromanip fit hysteresis` fits one"
+        )
+    strain = None
+    if settings.inner.mode == "feedforward":
+        missing.append("no strain loop: inner.mode is feedforward, nothing is fed back from the strain gauge")
+    elif actuator is not None:
+        strain = analyse_strain(settings, actuator, inverse)
+    elif experiment is None:
+        missing.append(
+            "no margins of the strain loop: its actuator is recorded on a simulated cell only, nothing moves"
+        )
+    else:
+        progress("recording the actuator")
+        strain = analyse_strain(settings, identify_actuator(configuration, experiment, axis), inverse)
+    progress("outer loop")
+    stage = None
+    if settings.outer is None:
+        missing.append("no margins of the outer loop: the axis has no section outer with an identified model")
+    else:
+        tracker = configuration.reference.of(axis) if isinstance(configuration.reference, Tracker) else None
+        late = experiment.path(configuration, axis).stage_late if experiment is not None else 0
+        stage = analyse_stage(settings, tracker, period_s, late, strain)
+    samples: list[Sample] = []
+    strain_side, stage_side = strain.side if strain else None, stage.side if stage else None
+    if strain_side or stage_side:
+        for number, sample in enumerate(monte_carlo(strain_side, stage_side, period_s, seeds, jobs), start=1):
+            progress(f"plant {number} of {len(seeds)}")
+            samples.append(sample)
+    played: list[dict[str, Any]] = []
+    if play is not None:
+        for number, result in enumerate(each(partial(_played, play=play), seeds, jobs), start=1):
+            progress(f"cell {number} of {len(seeds)}")
+            played.append(result)
+    return AxisAnalysis(axis, settings, period_s, inverse, strain, stage, tuple(samples), tuple(played), tuple(missing))
+
+
+def _played(seed: int, play: Play) -> dict[str, Any]:
+    drawn = draw(seed).factors()
+    return {"seed": seed, "drawn": drawn} | play(drawn, seed)

@@ -1,0 +1,335 @@
+"""The preview of a path on a cell: stretches beyond what each axis has, and the robot's offset that leaves least."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from micromanip.control.outer_gains import dc_gain
+from micromanip.errors import CheckFailed, UsageError, system_error
+from micromanip.recordings.path_deviation import PathDeviation
+from micromanip.settings.check import Prepared
+from micromanip.settings.schema.axis import Axis
+from micromanip.settings.schema.model import Output
+from micromanip.settings.schema.reference import Tracker
+from micromanip.settings.wiring.timing import AT_ONCE, cycles_between, feedback_path, signal_timing
+
+from ..budget.loop import AxisLaws
+from ..budget.tracking import Tracking
+from .prediction import MOST_HZ, Predicted, predict
+from .seen import on_grid
+
+Array = NDArray[np.float64]
+
+TRACKER, RANGE, RESERVE = "tracker range", "set-point range", "set-point reserve"
+SLEW, VOLTAGE, VOLTAGE_RESERVE = "set-point slew", "voltage range", "voltage reserve"
+VOLTAGE_SLEW, ERROR = "voltage slew", "following error"
+_RESERVES, _RANGES = (RESERVE, VOLTAGE_RESERVE), (TRACKER, RANGE, VOLTAGE)
+_JOINED_S = 0.25
+"""Stretches that are nearer to one another are one: a robot's joints swing some 8 times a second."""
+_LEAD_S = 0.05
+"""A reserve that is used for less than this before a range ends tells nothing new."""
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """From `from_s` to `to_s` `axis` is asked for more than `limit`, at worst for `asked`, `over` it, in `unit`."""
+
+    axis: str
+    what: str
+    from_s: float
+    to_s: float
+    asked: float
+    limit: float
+    over: float
+    unit: str
+
+    def document(self) -> dict[str, Any]:
+        """As JSON has it."""
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class Demand:
+    """What is asked (n,) of something that goes from `low` to `high`."""
+
+    what: str
+    unit: str
+    asked: Array
+    low: float
+    high: float
+
+
+def demands(
+    axis: Axis,
+    output: Output,
+    seen_um: tuple[float, float],
+    found: Predicted,
+    reserve_um: float,
+    tolerance_um: float,
+) -> Iterator[Demand]:
+    """All that has a limit; errors are tolerated up to `tolerance_um`, the tracker is believed within `seen_um`.
+
+    `reserve_um` is kept at either end of the set-point's range, and the same share of it of the voltage's.
+    """
+    per_ms = 1e-3 * found.rate_Hz
+    low, high = axis.setpoint.range_um
+    slew = axis.setpoint.slew_um_per_ms
+    yield Demand(TRACKER, "um", found.deviation_um, *seen_um)
+    yield Demand(RANGE, "um", found.setpoint_um, low, high)
+    yield Demand(RESERVE, "um", found.setpoint_um, low + reserve_um, high - reserve_um)
+    yield Demand(SLEW, "um/ms", _steps(found.setpoint_um) * per_ms, -slew, slew)
+    if found.voltage_V is not None:
+        low_V, high_V = output.range_V
+        reserve_V = reserve_um * (high_V - low_V) / (high - low)
+        yield Demand(VOLTAGE, "V", found.voltage_V, low_V, high_V)
+        yield Demand(VOLTAGE_RESERVE, "V", found.voltage_V, low_V + reserve_V, high_V - reserve_V)
+        steps = _steps(found.voltage_V) * per_ms
+        yield Demand(VOLTAGE_SLEW, "V/ms", steps, -output.slew_V_per_ms, output.slew_V_per_ms)
+    yield Demand(ERROR, "um", found.error_um, -tolerance_um, tolerance_um)
+
+
+def stretches(axis: str, demand: Demand, rate_hz: float) -> list[Stretch]:
+    """Where `demand` is over its limit, in order of time."""
+    over = np.maximum(demand.asked - demand.high, demand.low - demand.asked)
+    outside = np.flatnonzero(over > 0.0)
+    if not len(outside):
+        return []
+    pieces = np.split(outside, np.flatnonzero(np.diff(outside) > _JOINED_S * rate_hz) + 1)
+    found = []
+    for piece in pieces:
+        worst = int(piece[np.argmax(over[piece])])
+        asked = float(demand.asked[worst])
+        limit = demand.high if asked > demand.high else demand.low
+        found.append(
+            Stretch(
+                axis, demand.what, float(piece[0] / rate_hz), float((piece[-1] + 1) / rate_hz), asked, limit,
+                float(over[worst]), demand.unit,
+            )
+        )  # fmt: skip
+    return found
+
+
+def beyond(found: list[Stretch]) -> list[Stretch]:
+    """Without the stretches of a reserve around one that is beyond a range itself, unless they begin well before it."""
+    hard = [each for each in found if each.what in _RANGES]
+    return [
+        stretch
+        for stretch in found
+        if stretch.what not in _RESERVES
+        or not any(each.from_s - _LEAD_S <= stretch.from_s <= each.to_s for each in hard)
+    ]
+
+
+def _steps(values: Array) -> Array:
+    return np.asarray(np.diff(values, prepend=values[:1]))
+
+
+# The path is known beforehand, so the low-pass needs no delay: a Butterworth filter of second order, forwards and
+# backwards, of amplitude 1/2 at its corner. What is left to the stage is the path minus the offset as the robot runs
+# it: straight lines between the rows of its file.
+
+_ROWS = 40
+"""Rows in a period of the corner."""
+
+
+@dataclass(frozen=True)
+class Offset:
+    """Offset (k, axes) in um that the robot adds to its path as commanded, at `time_s` (k,); straight in between."""
+
+    corner_Hz: float
+    axes: tuple[str, ...]
+    time_s: Array
+    offset_um: Array
+
+    def at(self, time_s: Array) -> Array:
+        """The offset (n, axes) at `time_s` (n,)."""
+        return np.column_stack([np.interp(time_s, self.time_s, column) for column in self.offset_um.T])
+
+    @property
+    def speed_um_per_s(self) -> float:
+        """The fastest that it moves along one axis."""
+        return float(np.abs(np.diff(self.offset_um, axis=0) / np.diff(self.time_s)[:, None]).max())
+
+    def write(self, file: Path) -> None:
+        """As CSV, into a file that is not there yet: t_s, and offset_<axis>_um of each axis."""
+        lines = [",".join(["t_s", *(f"offset_{axis}_um" for axis in self.axes)])]
+        lines += [
+            ",".join([f"{t:.9g}", *(f"{um:.3f}" for um in row)])
+            for t, row in zip(self.time_s, self.offset_um, strict=True)
+        ]
+        try:
+            with file.open("x", encoding="utf-8") as written:
+                written.write("\n".join(lines) + "\n")
+        except FileExistsError:
+            raise UsageError(f"--offset {file} is there already: nothing is replaced; name another file") from None
+        except OSError as problem:
+            raise system_error(problem, f"--offset {file}") from problem
+
+
+def slow_part(axes: Sequence[str], deviation_um: Array, rate_hz: float, corner_hz: float) -> Offset:
+    """The offset of a deviation (n, axes) below `corner_hz`."""
+    from scipy.signal import butter, sosfiltfilt
+
+    time_s = np.arange(len(deviation_um)) / rate_hz
+    every = max(1, int(rate_hz / (_ROWS * corner_hz)))
+    sections = butter(2, corner_hz, fs=rate_hz, output="sos")
+    around = min(len(deviation_um) - 1, round(3.0 * rate_hz / corner_hz))
+    slow = sosfiltfilt(sections, deviation_um, axis=0, padlen=around)
+    rows = np.unique(np.append(np.arange(0, len(slow), every), len(slow) - 1))
+    return Offset(corner_hz, tuple(axes), time_s[rows], np.asarray(slow)[rows])
+
+
+TOLERANCE_UM = 5.0
+"""Following error where the file asks for none."""
+_PEAK = 3.0
+"""Peak over rms of an error."""
+
+
+@dataclass(frozen=True)
+class AxisPreview:
+    """What one axis would do, and where more is asked of it than it has."""
+
+    axis: str
+    predicted: Predicted
+    tolerance_um: float
+    stretches: tuple[Stretch, ...]
+
+    def document(self) -> dict[str, Any]:
+        """As JSON has it."""
+        found, per_ms = self.predicted, 1e-3 * self.predicted.rate_Hz
+        return {
+            "axis": self.axis,
+            "deviation_um": _ends(found.deviation_um),
+            "setpoint_um": _ends(found.setpoint_um),
+            "setpoint_um_per_ms": float(np.abs(np.diff(found.setpoint_um)).max() * per_ms),
+            "voltage_V": None if found.voltage_V is None else _ends(found.voltage_V),
+            "error_um": {
+                "rms": float(np.sqrt(np.mean(found.error_um**2))),
+                "peak": float(np.abs(found.error_um).max()),
+                "tolerance": self.tolerance_um,
+            },
+            "stretches": [stretch.document() for stretch in self.stretches],
+        }
+
+
+@dataclass(frozen=True)
+class Preview:
+    """All axes on one path; `offset` is proposed, `left` the axes on what it leaves."""
+
+    seconds: float
+    axes: tuple[AxisPreview, ...]
+    offset: Offset
+    left: tuple[AxisPreview, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def fits(self) -> bool:
+        """Whether nothing is asked for that is not there."""
+        return not any(axis.stretches for axis in self.axes)
+
+    def document(self) -> dict[str, Any]:
+        """As JSON has it."""
+        return {
+            "fits": self.fits,
+            "seconds": self.seconds,
+            "axes": [axis.document() for axis in self.axes],
+            "offset": {
+                "corner_Hz": self.offset.corner_Hz,
+                "peak_um": float(np.abs(self.offset.offset_um).max()),
+                "speed_um_per_s": self.offset.speed_um_per_s,
+                "fits": not any(axis.stretches for axis in self.left),
+                "axes": [axis.document() for axis in self.left],
+            },
+            "notes": list(self.notes),
+        }
+
+
+@dataclass(frozen=True)
+class Cell:
+    """Each axis' laws and its tracker, whose samples are believed within `seen_um`, as a preview needs them."""
+
+    prepared: Prepared
+    seen_um: tuple[float, float]
+    laws: dict[str, AxisLaws]
+    tracking: dict[str, Tracking]
+    notes: tuple[str, ...]
+
+    def preview(
+        self, axis: str, deviation_um: Array, rate_hz: float, reserve_um: float, tolerance_um: float | None
+    ) -> AxisPreview:
+        """One axis on `deviation_um` (n,); `tolerance_um` None is what the file asks for."""
+        configuration, laws = self.prepared.configuration, self.laws[axis]
+        asked, output = laws.axis.accept.tracking_error_um, configuration.outputs[f"voltage_{axis}"]
+        allowed_um = (TOLERANCE_UM if asked is None else _PEAK * asked) if tolerance_um is None else tolerance_um
+        low, high = laws.axis.setpoint.range_um
+        if 2.0 * reserve_um >= high - low:
+            raise CheckFailed(f"axis {axis}: a reserve of {reserve_um:g} um leaves nothing of {low:g}..{high:g} um")
+        found = predict(laws, self.tracking[axis], output.park_V, deviation_um, rate_hz)
+        asking = demands(laws.axis, output, self.seen_um, found, reserve_um, allowed_um)
+        over = [stretch for demand in asking for stretch in stretches(axis, demand, rate_hz)]
+        return AxisPreview(axis, found, allowed_um, tuple(sorted(beyond(over), key=lambda each: each.from_s)))
+
+    def middle_um(self, axis: str) -> float:
+        """Deviation at which the actuator stands in the middle of its range."""
+        settings = self.laws[axis].axis
+        gain, share = dc_gain(settings.outer), settings.authority_percent / 100.0
+        return (0.5 * sum(settings.setpoint.range_um) - settings.centre_um) * gain / share
+
+
+def cell_of(prepared: Prepared, axes: Sequence[str]) -> Cell:
+    """The cell's `axes`. Raises CheckFailed where what they do on a path can't be computed."""
+    configuration, wiring = prepared.configuration, prepared.wiring
+    tracker = configuration.reference
+    if not isinstance(tracker, Tracker):
+        raise CheckFailed(
+            f"{prepared.source.path}: a preview is of what a tracker would see: reference.source is {tracker.source}, "
+            "it must be signal"
+        )
+    period_s = configuration.loop.period_ns * 1e-9
+    followed = {axis: tracker.frame.signals[0] if tracker.frame else f"deviation_{axis}" for axis in axes}
+    timing = {axis: signal_timing(configuration, wiring, followed[axis]) for axis in axes}
+    return Cell(
+        prepared,
+        tracker.range_um,
+        {axis: AxisLaws(axis, configuration.axes[axis], tracker.of(axis), period_s) for axis in axes},
+        {
+            axis: Tracking(tracker.of(axis), cycles_between(configuration, channel), channel.latency_s, period_s)
+            for axis, channel in timing.items()
+        },
+        tuple(
+            f"axis {axis} is behind a bus: predicted as if its sensors were read, and its voltage written, at once"
+            for axis in axes
+            if feedback_path(configuration, wiring, axis) != AT_ONCE
+        ),
+    )
+
+
+def preview_of(
+    prepared: Prepared, path: PathDeviation, reserve_um: float, tolerance_um: float | None, corner_hz: float
+) -> Preview:
+    """The preview of `path` on its axes. CheckFailed where it can't be made."""
+    cell = cell_of(prepared, path.axes)
+    rate_hz = min(MOST_HZ, float(prepared.configuration.loop.rate_hz))
+    deviation, notes = on_grid(path, rate_hz)
+    # the offset leads each axis to the middle of its range, which need not be where its centre is
+    middles = np.array([cell.middle_um(axis) for axis in path.axes])
+    offset = slow_part(path.axes, deviation - middles, rate_hz, corner_hz)
+    left = deviation - offset.at(np.arange(len(deviation)) / rate_hz)
+
+    def on(each: Array) -> tuple[AxisPreview, ...]:
+        return tuple(
+            cell.preview(axis, column, rate_hz, reserve_um, tolerance_um)
+            for axis, column in zip(path.axes, each.T, strict=True)
+        )
+
+    return Preview(float(path.time_s[-1]), on(deviation), offset, on(left), (*cell.notes, *notes))
+
+
+def _ends(values: Array) -> list[float]:
+    return [float(values.min()), float(values.max())]

@@ -1,8 +1,0 @@
-"""Controllers from models: the strain PID under a sensitivity limit, what its feedforward undoes, the outer loop."""
-
-from .actuator import InvertedActuator, invert_actuator
-from .outer import OuterDesign, tune_outer
-from .pid import PidDesign, tune_pid
-from .saturation import Reach
-
-__all__ = ["InvertedActuator", "OuterDesign", "PidDesign", "Reach", "invert_actuator", "tune_outer", "tune_pid"]

@@ -1,0 +1,1 @@
+"""What is measured and judged: the paper's experiment, steps, criteria."""

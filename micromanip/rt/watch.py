@@ -320,13 +320,11 @@ def measured(p: Record, s: Record, i: int, code: int) -> tuple[float, float]:
     if code in (states.COASTING, states.STRAIN_SILENT, states.STRAIN_INVALID, states.STRAIN_STUCK):
         sensor, samples, identical = a["strain"], limits["strain_samples"], limits["strain_identical"]
         lost = sensor["bad"] if sensor["bad"] >= samples else sensor["identical"]
-        alone = limits["coast_cycles"] if code != states.COASTING else 0
-        return float(lost), float(identical if code == states.STRAIN_STUCK else samples + alone)
+        return float(lost), float(identical if code == states.STRAIN_STUCK else samples + limits["coast_cycles"])
     if code in (states.DEGRADED, states.STAGE_INVALID, states.STAGE_STUCK):
         sensor, samples, identical = a["stage"], limits["stage_samples"], limits["stage_identical"]
         lost = sensor["bad"] if sensor["bad"] >= samples else sensor["identical"]
-        alone = limits["degraded_cycles"] if code != states.DEGRADED else 0
-        return float(lost), float(identical if code == states.STAGE_STUCK else samples + alone)
+        return float(lost), float(identical if code == states.STAGE_STUCK else samples + limits["degraded_cycles"])
     if code == states.DISAGREEMENT:
         return w["innovation"], limits["innovation_ratio"]
     if code == states.STAGE_DRIFT:

@@ -50,7 +50,7 @@ class CanNode:
         with self.frozen:
             if frame.identifier == _VOLTAGES and not frame.error and self.amplifier.hears:
                 if self._cut == "late":
-                    self._held.append(frame)
+                    self._held.append((frame, time.monotonic()))
                 elif self._cut in (None, "deaf"):
                     self._take(frame)
 
@@ -67,8 +67,9 @@ class CanNode:
                 self._boots, self._count, self._held = self.amplifier.boots, 0, []
             if self._cut is None and self._held:
                 held, self._held = self._held, []
-                for frame in held:
-                    self._take(frame)
+                for frame, came_s in held:
+                    if time.monotonic() - came_s <= self.amplifier.habits.longest_under_way_s:
+                        self._take(frame)
 
     def _say(self):
         self._loop.call_at(time.monotonic_ns() + _PERIOD_NS, self._say)

@@ -197,9 +197,14 @@ def test_a_new_worker_and_park_wait_until_the_device_rests(tmp_path, volts):
 
 
 @pytest.mark.live
+@pytest.mark.parametrize("reads", [False, True])
 @pytest.mark.parametrize("keys", [None, Watchdog(ms=300, rest_ms=50, after_power_on="unknown")])
-def test_where_nothing_is_known_a_person_is_asked_before_the_first_write(tmp_path, keys, said):
+def test_where_nothing_is_known_a_person_is_asked_before_the_first_write(tmp_path, keys, reads, said):
+    """Also where a register still reads what was written last: the output may have gone to rest by itself."""
     line = Line(Amplifier(), keys)
+    if reads:
+        line.amplifier.register = 60.0
+        line.read_outputs = lambda: [line.amplifier.register]
     with Served(line, _given(60.0, tmp_path)) as served:
         served.until(lambda: any(document["event"] == "latched" for document in said))
     (told,) = [document["text"] for document in said if document["event"] == "latched"]
@@ -248,6 +253,15 @@ def test_a_register_tells_nothing_where_the_watchdog_may_have_led_the_output_awa
     keys = Watchdog(ms=300, rest_ms=50, after_power_on=after_power_on)
     assert safe.after_silence(keys, keys.still_ns, [60.0]) == [0]
     assert _left_at(60.0).after_silence(keys, keys.still_ns, [1.0]) == []
+
+
+@pytest.mark.parametrize("keys", [None, Watchdog(ms=300, rest_ms=50, after_power_on="unknown")])
+def test_a_register_that_somebody_else_has_written_makes_what_was_left_at_rest_unknown(keys):
+    assert _left_at(0.0).after_silence(keys, 10**9, [60.0]) == [0]
+    vouched_for = _left_at(0.0)
+    vouched_for.assume_safe()
+    assert vouched_for.after_silence(keys, 10**9, [60.0]) == []
+    assert vouched_for.last == [0.0]
 
 
 def test_a_register_still_tells_the_set_point_where_the_link_is_lost_before_anything_was_given():

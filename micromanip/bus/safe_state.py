@@ -124,7 +124,7 @@ class SafeState:
         for i, value in enumerate(values):
             if value is None:
                 continue
-            if self._is_expected(i, value):
+            if self._is_on_the_way(i, value):
                 _settle(self.fields, i, value)
                 self.fields["last"][i], self.fields["known"][i] = value, 1
             else:
@@ -204,10 +204,10 @@ class SafeState:
         pairs = zip(values, self._outputs, strict=True)
         return all(value is not None or output.kind != VOLTAGE for value, output in pairs)
 
-    def _is_expected(self, i: int, value: float) -> bool:
-        """Whether it lies where the device is known to be, or a step beside that."""
+    def _is_on_the_way(self, i: int, value: float) -> bool:
+        """Whether it lies where the ramp is, or a step beside that; one at rest would be led away from it."""
         g, step = self.fields, self.fields["step"][i]
-        return bool(g["lowest"][i] - step <= value <= g["highest"][i] + step)
+        return bool(abs(value - g["last"][i]) <= step < abs(value - g["safe"][i]))
 
     def _begin_at(self, i: int, value: float) -> None:
         g = self.fields

@@ -279,6 +279,19 @@ def test_a_register_a_step_from_rest_is_a_set_point_too():
     assert safe.last == [0.0]
 
 
+@pytest.mark.parametrize("found", [0.0, -STEP_V])
+def test_what_reads_nearer_to_rest_than_it_was_given_is_not_led_back(found):
+    """Power was off and on while values were sent that nobody confirmed: they are bounds, and no way to go on."""
+    safe = _left_at(-60.0)
+    for value in (-40.0, 0.0):
+        safe.fields["value"][0] = value
+        note_sent(safe.fields, 0, 0, 0)
+    safe.leave()
+    assert safe.after_silence(KEEPS, 10**9, [found]) == []
+    safe.decide([], 0, 10**9)
+    assert found <= safe.values[0] <= 0.0
+
+
 def _left_at(volts):
     safe = SafeState(OUTPUTS, TASKS, 0.1, 500_000_000)
     safe.remember([volts])

@@ -135,9 +135,9 @@ class SafeState:
 
         `values` is what it reads back, which goes before all else but for a register that may tell a set-point and not
         the output: one that still reads what was written last, long after the watchdog has led the output to rest; any
-        away from rest, where nobody knows what the device has after power-on, or said what it does in silence. One
-        that was given its safe value last, and reads nothing that somebody else has written, rests where the watchdog
-        does not say it: so a person's word is asked for once.
+        away from rest, where nobody knows what the device has after power-on, or said what it does in silence. If that
+        is not what was written either, somebody else has, or the last values were lost: it is unknown. One that was
+        given its safe value last rests where the watchdog does not say it: so a person's word is asked for once.
         """
         g, unknown, values = self.fields, [], list(values)
         still = watchdog is not None and watchdog.ms is not None and silent_ns >= watchdog.still_ns
@@ -146,17 +146,20 @@ class SafeState:
                 continue
             if still:
                 g["led"][i] = 1
-            if values[i] is not None and not self._may_be_a_set_point(i, values[i], watchdog):
-                continue
-            of_nobody = values[i] is not None and not self._may_have_been_written(i, values[i])
-            values[i] = None
+            if values[i] is not None:
+                if not self._may_be_a_set_point(i, values[i], watchdog):
+                    continue
+                if self._reads_away(i, values[i]) and not self._may_have_been_written(i, values[i]):
+                    unknown.append(i)
+                    continue
+                values[i] = None
             given = (g["lowest"][i], g["highest"][i]) if g["known"][i] else UNKNOWN
             low, high = after_silence(watchdog, silent_ns, given, g["rest"][i])
             if low == high and (low, high) != given:
                 self._begin_at(i, low)
             elif math.isfinite(low) and math.isfinite(high):
                 g["lowest"][i], g["highest"][i] = low, high
-            elif of_nobody or not g["known"][i] or _furthest(g, i, output.safe) > g["step"][i] + EQUAL_V:
+            elif not g["known"][i] or _furthest(g, i, output.safe) > g["step"][i] + EQUAL_V:
                 unknown.append(i)
                 continue
             if (low, high) != given and _furthest(g, i, output.safe) <= g["step"][i] + EQUAL_V:
@@ -166,9 +169,14 @@ class SafeState:
 
     def _may_be_a_set_point(self, i: int, value: float, watchdog: Watchdog | None) -> bool:
         """Whether what output `i` reads may be left from before it went to rest by itself."""
-        if watchdog is None or (self.fields["led"][i] and not watchdog.leads_to_rest):
-            return self._reads_away(i, value)
-        return bool(self.fields["led"][i]) and self._may_have_been_written(i, value)
+        leads = watchdog is not None and watchdog.leads_to_rest
+        if watchdog is not None and (not self.fields["led"][i] or (leads and self._is_unwritten(i))):
+            return False
+        return self._reads_away(i, value) or (leads and self._may_have_been_written(i, value))
+
+    def _is_unwritten(self, i: int) -> bool:
+        """Whether nothing is known to have been written to its register, which so moved with its output."""
+        return bool(self.fields["register_low"][i] > self.fields["register_high"][i])
 
     def _reads_away(self, i: int, value: float) -> bool:
         return bool(

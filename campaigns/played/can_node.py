@@ -48,12 +48,11 @@ class CanBus:
 
     def on_frame(self, frame, time_ns):
         """One of the bus."""
-        with self.frozen:
-            if not frame.error and self.amplifier.hears:
-                if self._cut == "late":
-                    self._held.append((frame, time.monotonic()))
-                elif self._cut in (None, "deaf"):
-                    self.hear(frame)
+        if not frame.error and self.amplifier.hears:
+            if self._cut == "late" or self.frozen.locked():
+                self._held.append((frame, time.monotonic()))
+            elif self._cut in (None, "deaf"):
+                self.hear(frame)
 
     def send(self, frame):
         """Onto the bus, if it can."""
@@ -67,7 +66,9 @@ class CanBus:
 
     def _look(self):
         self._loop.call_at(time.monotonic_ns() + _LOOK_NS, self._look)
-        with self.frozen, self.amplifier.lock:
+        if self.frozen.locked():
+            return
+        with self.amplifier.lock:
             self.amplifier.look()
             if self.amplifier.boots != self._boots and self.amplifier.hears:
                 self._boots, self._held = self.amplifier.boots, []

@@ -76,11 +76,18 @@ class Port:
                 ends = self._ends()
             with suppress(OSError, ValueError):
                 select.select(ends, [], [], LOOK_S)
-            with self.frozen, self.lock, self.amplifier.lock:
-                self._turn()
+            began_s = time.monotonic()
+            with self.frozen:
+                stood_s = time.monotonic() - began_s
+                with self.lock, self.amplifier.lock:
+                    self._turn(stood_s)
 
-    def _turn(self):
+    def _turn(self, stood_s):
+        """What came while it stood still counts as held back."""
         self.amplifier.look()
+        if stood_s > self.amplifier.habits.longest_under_way_s and self._cut != "refused":
+            for _ in self._read():
+                pass
         if self.amplifier.boots != self._boots:
             self._boots, self._held, self._outbox = self.amplifier.boots, [], []
             self._rebooted()

@@ -54,4 +54,4 @@ def test_garbage_at_the_compiled_half(request):
         assert at.tables.counted("pdos") == came > 0
         assert left > 0
         assert {name: tables[name].tobytes() for name in before} == before
-        assert np.all(at.signal[len(fields) :] == np.zeros(1, at.signal.dtype)), "of inputs that there are none of"
+        assert np.all(at.signal[len(FIELDS) :] == np.zeros(1, at.signal.dtype)), "of inputs that there are none of"

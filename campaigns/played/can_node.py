@@ -52,6 +52,7 @@ class CanBus:
             if self._cut == "late" or self.frozen.locked():
                 self._held.append((frame, time.monotonic()))
             elif self._cut in (None, "deaf"):
+                self._wake()
                 self.hear(frame)
 
     def send(self, frame):
@@ -70,14 +71,17 @@ class CanBus:
             return
         with self.amplifier.lock:
             self.amplifier.look()
-            if self.amplifier.boots != self._boots and self.amplifier.hears:
-                self._boots, self._held = self.amplifier.boots, []
-                self.boot()
+            self._wake()
             if self._cut is None and self._held:
                 held, self._held = self._held, []
                 for frame, came_s in held:
                     if time.monotonic() - came_s <= self.amplifier.habits.longest_under_way_s:
                         self.hear(frame)
+
+    def _wake(self):
+        if self.amplifier.boots != self._boots and self.amplifier.hears:
+            self._boots, self._held = self.amplifier.boots, []
+            self.boot()
 
     def _say(self):
         self._loop.call_at(time.monotonic_ns() + _PERIOD_NS, self._say)

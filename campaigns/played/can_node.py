@@ -47,13 +47,13 @@ class CanBus:
         self._loop.close()
 
     def on_frame(self, frame, time_ns):
-        """One of the bus."""
+        """One of the bus, which this process may see late."""
         if not frame.error and self.amplifier.hears:
             if self._cut == "late" or self.frozen.locked():
-                self._held.append((frame, time.monotonic()))
+                self._held.append((frame, time_ns))
             elif self._cut in (None, "deaf"):
-                self._wake()
-                self.hear(frame)
+                self._hear_held()
+                self._hear_in_time(frame, time_ns)
 
     def send(self, frame):
         """Onto the bus, if it can."""
@@ -72,11 +72,18 @@ class CanBus:
         with self.amplifier.lock:
             self.amplifier.look()
             self._wake()
-            if self._cut is None and self._held:
-                held, self._held = self._held, []
-                for frame, came_s in held:
-                    if time.monotonic() - came_s <= self.amplifier.habits.longest_under_way_s:
-                        self.hear(frame)
+            if self._cut is None:
+                self._hear_held()
+
+    def _hear_held(self):
+        held, self._held = self._held, []
+        for frame, came_ns in held:
+            self._hear_in_time(frame, came_ns)
+
+    def _hear_in_time(self, frame, came_ns):
+        if 1e-9 * (time.monotonic_ns() - came_ns) <= self.amplifier.habits.longest_under_way_s:
+            self._wake()
+            self.hear(frame)
 
     def _wake(self):
         if self.amplifier.boots != self._boots and self.amplifier.hears:

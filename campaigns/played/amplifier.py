@@ -66,6 +66,12 @@ class Amplifier:
         """Whether it is switched on, and has booted."""
         return self.on and time.monotonic() >= self._ready_s
 
+    @property
+    def goes_to_rest(self):
+        """Whether its watchdog has begun."""
+        self.look()
+        return self._falls_from is not None
+
     def command(self, volts):
         """Output values by name; False where it takes none of them."""
         with self.lock:

@@ -33,9 +33,11 @@ class CanBus:
         self._thread.start()
 
     def cut(self, how):
-        """Of the cuts of a port a bus knows: nothing is heard, it is heard late, or nothing is said."""
+        """Of the cuts of a port a bus knows: all is heard late, as a controller repeats what nobody acknowledges, or
+        nothing is said.
+        """
         self.mend()
-        self._cut = how
+        self._cut = "deaf" if how == "deaf" else "late"
 
     def mend(self):
         self._cut = None
@@ -51,7 +53,7 @@ class CanBus:
         if not frame.error and self.amplifier.hears:
             if self._cut == "late" or self.frozen.locked():
                 self._held.append((frame, time_ns))
-            elif self._cut in (None, "deaf"):
+            else:
                 self._hear_held()
                 self._hear_in_time(frame, time_ns)
 
@@ -72,7 +74,7 @@ class CanBus:
         with self.amplifier.lock:
             self.amplifier.look()
             self._wake()
-            if self._cut is None:
+            if self._cut != "late":
                 self._hear_held()
 
     def _hear_held(self):
@@ -81,7 +83,8 @@ class CanBus:
             self._hear_in_time(frame, came_ns)
 
     def _hear_in_time(self, frame, came_ns):
-        if 1e-9 * (time.monotonic_ns() - came_ns) <= self.amplifier.habits.longest_under_way_s:
+        under_way_s = 1e-9 * (time.monotonic_ns() - came_ns)
+        if under_way_s <= self.amplifier.habits.longest_under_way_s or not self.amplifier.goes_to_rest:
             self._wake()
             self.hear(frame)
 

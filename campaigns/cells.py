@@ -162,7 +162,7 @@ CELLS = {
     ),
     "ethercat": Cell(
         "terminals", lambda amplifier, _: VethPort(amplifier, Terminals), 4.0, 2e-3,
-        least_boot_ms=0.0, pauses=False, hears_by_reads=True, guarded=True,
+        least_boot_ms=0.0, pauses=False, hears_by_reads=True, guarded=True, blind=True,
     ),
 }  # fmt: skip
 """By the bus between controller and device. A line resolves a step to half a count at either end of it."""

@@ -146,10 +146,10 @@ class SafeState:
                 continue
             if still:
                 g["led"][i] = 1
-            if values[i] is not None:
-                if not self._may_be_a_set_point(i, values[i], watchdog):
+            if (value := values[i]) is not None:
+                if not self._may_be_a_set_point(i, value, watchdog):
                     continue
-                if self._reads_away(i, values[i]) and not self._may_have_been_written(i, values[i]):
+                if self._reads_away(i, value) and not self._may_have_been_written(i, value):
                     unknown.append(i)
                     continue
                 values[i] = None

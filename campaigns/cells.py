@@ -12,15 +12,18 @@ from .fault_cells import CONFIG, assembled
 from .oracle import Bounds
 from .played.amplifier import Habits
 from .played.can_node import CanNode
+from .played.canopen_nodes import CanOpenNodes
 from .played.datagrams import Datagrams
 from .played.lines import Board, CommandValue, Gcs
 from .played.modbus import RtuUnits, TcpUnits
 from .played.port import DatagramPort, TcpPort, Terminal
+from .played.terminals import Terminals, VethPort
 
 KEEPS = "watchdog: {ms: null, after_power_on: last}"
 _SILENT_SHARE = 0.1
 """How often nothing is said of a device."""
 _NAMES = {"name": "piezo", "inputs": "", "outputs": "", "way": "", "database": CONFIG / "can" / "manipulator.dbc"}
+_NAMES |= {"sensor": CONFIG / "can" / "sensor.eds", "amplifier": CONFIG / "can" / "amplifier.eds"}
 
 
 @dataclass(frozen=True)
@@ -55,7 +58,9 @@ class Cell:
         for key in (f"port: {place}", "baud: 1000000"):
             text = text.replace(f"{key}}}", f"{key}{pause}")
         return "".join(
-            f"{line[: len(line) - len(line.lstrip())]}{watchdog}\n" if line.strip().startswith("watchdog:") else line
+            f"{' ' * 4 if watchdog.startswith('without') else line[: len(line) - len(line.lstrip())]}{watchdog}\n"
+            if line.strip().startswith("watchdog:")
+            else line
             for line in text.splitlines(keepends=True)
         )
 
@@ -150,6 +155,14 @@ CELLS = {
     "can": Cell(
         "can", lambda amplifier, _: CanNode(amplifier, f"devices-{os.getpid()}"), 5.0, 0.006,
         (-20.0, 150.0), names=(("inputs", "Sensors."), ("outputs", "Voltages.")), pauses=False, blind=True,
+    ),
+    "canopen": Cell(
+        "canopen", lambda amplifier, _: CanOpenNodes(amplifier, f"devices-{os.getpid()}"), 5.0, 0.006,
+        least_boot_ms=0.0, names=(("inputs", "sensor."), ("outputs", "amplifier.")), pauses=False, blind=True,
+    ),
+    "ethercat": Cell(
+        "terminals", lambda amplifier, _: VethPort(amplifier, Terminals), 4.0, 2e-3,
+        least_boot_ms=0.0, pauses=False, hears_by_reads=True, guarded=True, blind=True,
     ),
 }  # fmt: skip
 """By the bus between controller and device. A line resolves a step to half a count at either end of it."""

@@ -111,11 +111,11 @@ class Wire(BusDriver):
         return ()
 
     def mend(self):
-        """What was held back arrives."""
+        """What was held back arrives, unless for too long."""
         self.cut, held = None, self._held
-        self._held = []
-        for boots, volts in held:
-            if boots == self._amplifier.boots:
+        self._held, least_ns = [], self._clock.monotonic_ns() - 1e9 * self._amplifier.habits.longest_under_way_s
+        for boots, sent_ns, volts in held:
+            if boots == self._amplifier.boots and sent_ns >= least_ns:
                 self._amplifier.command(volts)
 
     def open(self):
@@ -147,7 +147,7 @@ class Wire(BusDriver):
         volts = {OUTPUTS[i]: values[i] for i in self.tasks[task].outputs}
         self._pass(_CALL_NS)
         if self.cut == "late":
-            self._held.append((self._amplifier.boots, volts))
+            self._held.append((self._amplifier.boots, self._clock.monotonic_ns(), volts))
         reaches = self.cut in (None, "deaf") and not (self._connected and self._boots != self._amplifier.boots)
         taken = reaches and self._amplifier.command(volts)
         if self._way != BLIND:

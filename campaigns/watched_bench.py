@@ -318,6 +318,8 @@ class WatchedBench:
                 self.start()
                 end = max(end, time.monotonic() + _BACK_S / 2)
                 continue
+            if self.amplifier.latched:  # by its watchdog, since the link was lost
+                self.amplifier.reset()
             try:
                 with self.client() as client:
                     status = client.status()

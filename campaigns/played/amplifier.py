@@ -29,6 +29,14 @@ class Habits:
     opening_ms: float = 0.0
     boot_ms: float = 0.0
 
+    @property
+    def longest_under_way_s(self):
+        """Its line holds no value back for longer. One that came after its watchdog began would be a step.
+
+        No host can prevent that, so it is asked of who plans the line (``docs/safety.md``), and not drawn.
+        """
+        return math.inf if self.watchdog_ms is None else 1e-4 * self.watchdog_ms
+
 
 class Amplifier:
     """Its outputs move at once; each move is told to `arrivals`, those by itself as such."""
@@ -57,6 +65,12 @@ class Amplifier:
     def hears(self):
         """Whether it is switched on, and has booted."""
         return self.on and time.monotonic() >= self._ready_s
+
+    @property
+    def goes_to_rest(self):
+        """Whether its watchdog has begun."""
+        self.look()
+        return self._falls_from is not None
 
     def command(self, volts):
         """Output values by name; False where it takes none of them."""

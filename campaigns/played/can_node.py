@@ -1,4 +1,4 @@
-"""A node on a CAN bus in software: sends its readings 200 times a second, takes frames with voltages."""
+"""A CAN bus in software, and a node on it that a database describes."""
 
 import struct
 import threading
@@ -16,8 +16,8 @@ _V, _OFFSET_V, _UM = 0.00275, -22.0, 1e-4
 _LINES = 0x7F
 
 
-class CanNode:
-    """Bus and node, in a thread; frames are those of config/can/manipulator.dbc."""
+class CanBus:
+    """A bus and what is on it, in a thread: told each frame that reaches it, asked each period what it has to say."""
 
     def __init__(self, amplifier, channel):
         self.amplifier, self.place = amplifier, channel
@@ -25,16 +25,19 @@ class CanNode:
         self._loop = EventLoop()
         self._hub = CanHub(self._loop, channel, 1_000_000, 5_000_000)
         self._hub.attach(self)
-        self._cut, self._held, self._count, self._boots = None, [], 0, 0
+        self._cut, self._held, self._boots = None, [], 0
+        self.boot()
         self._loop.call_at(time.monotonic_ns(), self._say)
         self._loop.call_at(time.monotonic_ns(), self._look)
         self._thread = threading.Thread(target=self._loop.run, daemon=True)
         self._thread.start()
 
     def cut(self, how):
-        """Of the cuts of a port a bus knows: nothing is heard, it is heard late, or nothing is said."""
+        """Of the cuts of a port a bus knows: all is heard late, as a controller repeats what nobody acknowledges, or
+        nothing is said.
+        """
         self.mend()
-        self._cut = how
+        self._cut = "deaf" if how == "deaf" else "late"
 
     def mend(self):
         self._cut = None
@@ -46,34 +49,74 @@ class CanNode:
         self._loop.close()
 
     def on_frame(self, frame, time_ns):
-        """One of the bus."""
-        with self.frozen:
-            if frame.identifier == _VOLTAGES and not frame.error and self.amplifier.hears:
-                if self._cut == "late":
-                    self._held.append(frame)
-                elif self._cut in (None, "deaf"):
-                    self._take(frame)
+        """One of the bus, which this process may see late."""
+        if not frame.error and self.amplifier.hears:
+            if self._cut == "late" or self.frozen.locked():
+                self._held.append((frame, time_ns))
+            else:
+                self._hear_held()
+                self._hear_in_time(frame, time_ns)
 
-    def _take(self, frame):
-        codes = struct.unpack_from("<HH", frame.data)
-        volts = {name: round(_V * code + _OFFSET_V, 6) for name, code in zip(OUTPUTS, codes, strict=True)}
-        self.amplifier.command(volts)
+    def send(self, frame):
+        """Onto the bus, if it can."""
+        if self.amplifier.hears and self._cut is None:
+            self._hub.send(self, frame)
+
+    def send_reading(self, frame):
+        """The same; one that fails by being late comes so."""
+        late_ns = round(LATE_S * 1e9) if self.amplifier.fails == "late" else 0
+        self._loop.call_at(time.monotonic_ns() + late_ns, lambda: self.send(frame))
 
     def _look(self):
         self._loop.call_at(time.monotonic_ns() + _LOOK_NS, self._look)
-        with self.frozen, self.amplifier.lock:
+        if self.frozen.locked():
+            return
+        with self.amplifier.lock:
             self.amplifier.look()
-            if self.amplifier.boots != self._boots:
-                self._boots, self._count, self._held = self.amplifier.boots, 0, []
-            if self._cut is None and self._held:
-                held, self._held = self._held, []
-                for frame in held:
-                    self._take(frame)
+            self._wake()
+            if self._cut != "late":
+                self._hear_held()
+
+    def _hear_held(self):
+        held, self._held = self._held, []
+        for frame, came_ns in held:
+            self._hear_in_time(frame, came_ns)
+
+    def _hear_in_time(self, frame, came_ns):
+        under_way_s = 1e-9 * (time.monotonic_ns() - came_ns)
+        if under_way_s <= self.amplifier.habits.longest_under_way_s or not self.amplifier.goes_to_rest:
+            self._wake()
+            self.hear(frame)
+
+    def _wake(self):
+        if self.amplifier.boots != self._boots and self.amplifier.hears:
+            self._boots, self._held = self.amplifier.boots, []
+            self.boot()
 
     def _say(self):
         self._loop.call_at(time.monotonic_ns() + _PERIOD_NS, self._say)
+        if self.amplifier.hears and not self.frozen.locked():
+            self.say()
+
+
+class CanNode(CanBus):
+    """Sends its readings 200 times a second; frames are those of config/can/manipulator.dbc."""
+
+    def boot(self):
+        """Its counter begins anew."""
+        self._count = 0
+
+    def hear(self, frame):
+        """Take voltages."""
+        if frame.identifier == _VOLTAGES:
+            codes = struct.unpack_from("<HH", frame.data)
+            volts = {name: round(_V * code + _OFFSET_V, 6) for name, code in zip(OUTPUTS, codes, strict=True)}
+            self.amplifier.command(volts)
+
+    def say(self):
+        """A frame with readings."""
         fails = self.amplifier.fails
-        if not self.amplifier.hears or self._cut is not None or fails == "silent" or self.frozen.locked():
+        if fails == "silent" or self._cut is not None:
             return
         if fails != "stale":
             self._count = (self._count + 1) % 65536
@@ -83,6 +126,6 @@ class CanNode:
         body = b"".join(code.to_bytes(3, "little", signed=True) for code in codes) + bytes(12)
         status = int(fails in ("exception", "garbage"))
         data = body + bytes((status, _LINES, 0, 0)) + self._count.to_bytes(2, "little")
-        frame = Frame(_STRANGER if fails == "wrong unit" else _SENSORS, b"" if fails == "empty" else data, fd=True)
-        late_ns = round(LATE_S * 1e9) if fails == "late" else 0
-        self._loop.call_at(time.monotonic_ns() + late_ns, lambda: self._hub.send(self, frame))
+        self.send_reading(
+            Frame(_STRANGER if fails == "wrong unit" else _SENSORS, b"" if fails == "empty" else data, fd=True)
+        )

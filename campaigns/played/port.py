@@ -14,7 +14,8 @@ from contextlib import suppress
 CUTS = ("reset", "refused", "hole", "late", "deaf")
 """reset: connections break, new ones are accepted. refused: as long as the cut lasts, there is no port either.
 hole: connections stand, nothing goes either way, and what was sent is lost. late: the same, but what was sent to the
-device arrives when the cut is mended, as TCP would have it. deaf: commands arrive, answers don't."""
+device arrives when the cut is mended, as TCP would have it, unless it was held back for too long (`Habits`). deaf:
+commands arrive, answers don't."""
 LOOK_S = 0.002
 _READ_BYTES = 65536
 _RESET = struct.pack("=ii", 1, 0)
@@ -56,8 +57,10 @@ class Port:
             if was == "refused":
                 self._open()
             held, self._held = self._held, []
-            for link, data in held:
-                self._hear(link, data)
+            least_s = time.monotonic() - self.amplifier.habits.longest_under_way_s
+            for link, came_s, data in held:
+                if came_s >= least_s:
+                    self._hear(link, data)
 
     def close(self):
         """End it."""
@@ -73,18 +76,25 @@ class Port:
                 ends = self._ends()
             with suppress(OSError, ValueError):
                 select.select(ends, [], [], LOOK_S)
-            with self.frozen, self.lock, self.amplifier.lock:
-                self._turn()
+            began_s = time.monotonic()
+            with self.frozen:
+                stood_s = time.monotonic() - began_s
+                with self.lock, self.amplifier.lock:
+                    self._turn(stood_s)
 
-    def _turn(self):
+    def _turn(self, stood_s):
+        """What came while it stood still counts as held back."""
         self.amplifier.look()
+        if stood_s > self.amplifier.habits.longest_under_way_s and self._cut != "refused":
+            for _ in self._read():
+                pass
         if self.amplifier.boots != self._boots:
             self._boots, self._held, self._outbox = self.amplifier.boots, [], []
             self._rebooted()
         if self._cut != "refused":
             for link, data in self._read():
                 if self._cut == "late":
-                    self._held.append((link, data))
+                    self._held.append((link, time.monotonic(), data))
                 elif self._cut != "hole":
                     self._hear(link, data)
             for link in self._links():

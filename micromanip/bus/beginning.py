@@ -29,7 +29,7 @@ def begin(
     watchdog, values = driver.silence, read()
     if watchdog is not None and watchdog.ms is not None:
         goes_on = safe.all_told(values) and not writer.is_in_doubt()
-        if not goes_on and not safe.is_near_rest():
+        if not goes_on and not safe.is_near_rest(values):
             _listen(driver, writer.touched_ns + watchdog.still_ns, alive)
             values = read()
             writer.found_still()

@@ -124,7 +124,7 @@ class SafeState:
         for i, value in enumerate(values):
             if value is None:
                 continue
-            if self._is_expected(i, value):
+            if self._is_on_the_way(i, value):
                 _settle(self.fields, i, value)
                 self.fields["last"][i], self.fields["known"][i] = value, 1
             else:
@@ -133,10 +133,11 @@ class SafeState:
     def after_silence(self, watchdog: Watchdog | None, silent_ns: int, values: Known) -> list[int]:
         """What the device has once its link was opened, `silent_ns` after the last command: which voltages are unknown.
 
-        `values` is what it reads back, which goes before all else but for a register: one that still reads what was
-        written last, long after the watchdog has led the output to rest, tells the set-point and not the output; and
-        where nobody knows what it has after power-on, so may any other. One that was given its safe value last rests
-        where the watchdog does not say it: so a person's word is asked for once.
+        `values` is what it reads back, which goes before all else but for a register that may tell a set-point and not
+        the output: one that still reads what was written last, long after the watchdog has led the output to rest; any
+        away from rest, where nobody knows what the device has after power-on, or said what it does in silence. If that
+        is not what was written either, somebody else has, or the last values were lost: it is unknown. One that was
+        given its safe value last rests where the watchdog does not say it: so a person's word is asked for once.
         """
         g, unknown, values = self.fields, [], list(values)
         still = watchdog is not None and watchdog.ms is not None and silent_ns >= watchdog.still_ns
@@ -145,10 +146,13 @@ class SafeState:
                 continue
             if still:
                 g["led"][i] = 1
-            if g["led"][i] and self._may_be_a_set_point(i, values[i], watchdog):
+            if (value := values[i]) is not None:
+                if not self._may_be_a_set_point(i, value, watchdog):
+                    continue
+                if self._reads_away(i, value) and not self._may_have_been_written(i, value):
+                    unknown.append(i)
+                    continue
                 values[i] = None
-            if values[i] is not None:
-                continue
             given = (g["lowest"][i], g["highest"][i]) if g["known"][i] else UNKNOWN
             low, high = after_silence(watchdog, silent_ns, given, g["rest"][i])
             if low == high and (low, high) != given:
@@ -163,34 +167,55 @@ class SafeState:
         self.read_back(values)
         return unknown
 
-    def _may_be_a_set_point(self, i: int, value: float | None, watchdog: Watchdog | None) -> bool:
-        """Whether what output `i` reads may be left from before its watchdog led it to rest."""
-        if value is None:
+    def _may_be_a_set_point(self, i: int, value: float, watchdog: Watchdog | None) -> bool:
+        """Whether what output `i` reads may be left from before it went to rest by itself."""
+        leads = watchdog is not None and watchdog.leads_to_rest
+        if watchdog is not None and (not self.fields["led"][i] or (leads and self._is_unwritten(i))):
             return False
+        return self._reads_away(i, value) or (leads and self._may_have_been_written(i, value))
+
+    def _is_unwritten(self, i: int) -> bool:
+        """Whether nothing is known to have been written to its register, which so moved with its output."""
+        return bool(self.fields["register_low"][i] > self.fields["register_high"][i])
+
+    def _reads_away(self, i: int, value: float) -> bool:
+        return bool(
+            self._outputs[i].kind == VOLTAGE and abs(value - self.fields["rest"][i]) > self.fields["step"][i] + EQUAL_V
+        )
+
+    def _may_have_been_written(self, i: int, value: float) -> bool:
+        """Whether the register of output `i` may have `value` from here, or a person vouched for whatever it reads."""
         g, step = self.fields, self.fields["step"][i]
-        if watchdog is None or not watchdog.leads_to_rest:
-            return bool(abs(value - g["rest"][i]) > step + EQUAL_V)
         return bool(g["register_low"][i] - step <= value <= g["register_high"][i] + step)
 
     def assume_safe(self, *, where_unknown: bool = False) -> None:
-        """Take the voltages, `where_unknown` those of which nothing is known, for being at their safe values."""
-        for i, output in enumerate(self._outputs):
-            if output.kind == VOLTAGE and not (where_unknown and self.fields["known"][i]):
-                self._begin_at(i, output.safe)
+        """Take the voltages, `where_unknown` those of which nothing is known, for being at their safe values.
 
-    def is_near_rest(self) -> bool:
-        """Whether it makes no step where the device's watchdog leads the voltages."""
-        return all(_is_near_rest(self.fields, i) for i in self._all)
+        Where all of them are, a register may read whatever it likes.
+        """
+        g = self.fields
+        for i, output in enumerate(self._outputs):
+            if output.kind == VOLTAGE and not (where_unknown and g["known"][i]):
+                self._begin_at(i, output.safe)
+                if not where_unknown:
+                    g["register_low"][i], g["register_high"][i] = -math.inf, math.inf
+
+    def is_near_rest(self, values: Known) -> bool:
+        """Whether it makes no step where the device's watchdog leads the voltages, and none reads otherwise."""
+        return all(
+            _is_near_rest(self.fields, i) and (value is None or not self._reads_away(i, value))
+            for i, value in enumerate(values)
+        )
 
     def all_told(self, values: Known) -> bool:
         """Whether `values` has every voltage."""
         pairs = zip(values, self._outputs, strict=True)
         return all(value is not None or output.kind != VOLTAGE for value, output in pairs)
 
-    def _is_expected(self, i: int, value: float) -> bool:
-        """Whether it lies where the device is known to be, or a step beside that."""
+    def _is_on_the_way(self, i: int, value: float) -> bool:
+        """Whether it lies where the ramp is, or a step beside that; one at rest would be led away from it."""
         g, step = self.fields, self.fields["step"][i]
-        return bool(g["lowest"][i] - step <= value <= g["highest"][i] + step)
+        return bool(abs(value - g["last"][i]) <= step < abs(value - g["safe"][i]))
 
     def _begin_at(self, i: int, value: float) -> None:
         g = self.fields

@@ -18,7 +18,8 @@ Milliseconds = Annotated[float, Field(strict=True, gt=0, le=6_500)]
 """As long as the watchdog of an EtherCAT terminal can be; one that is longer guards nothing anyhow."""
 
 _SHARE = 0.9
-"""A device that had no command for this part of its watchdog's time can't be known to have its last value still."""
+"""A device that had no command for this part of its watchdog's time can't be known to have its last value still. So
+late may a command arrive, by the rest of that time, and its watchdog begin anew."""
 
 UNKNOWN = (-math.inf, math.inf)
 
@@ -48,7 +49,7 @@ class Watchdog(Section):
     @property
     def still_ns(self) -> int:
         """Silence after which it is at rest, if it ever is."""
-        return 0 if self.ms is None else round(1e6 * (self.ms + self.rest_ms))
+        return 0 if self.ms is None else round(1e6 * ((2.0 - _SHARE) * self.ms + self.rest_ms))
 
     @property
     def leads_to_rest(self) -> bool:

@@ -103,6 +103,8 @@ async def _run(config: Path, socket_path: Path, duration_s: float | None, record
         with LiveLine() as live:
             return await served(prepared, options, live.say, live.show, process)
     finally:
+        # what asyncio lets go of ends a process: a reload that comes too late would take the report away
+        signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGHUP])
         await process.let_go()
 
 

@@ -197,9 +197,14 @@ def test_a_new_worker_and_park_wait_until_the_device_rests(tmp_path, volts):
 
 
 @pytest.mark.live
+@pytest.mark.parametrize("reads", [False, True])
 @pytest.mark.parametrize("keys", [None, Watchdog(ms=300, rest_ms=50, after_power_on="unknown")])
-def test_where_nothing_is_known_a_person_is_asked_before_the_first_write(tmp_path, keys, said):
+def test_where_nothing_is_known_a_person_is_asked_before_the_first_write(tmp_path, keys, reads, said):
+    """Also where a register still reads what was written last: the output may have gone to rest by itself."""
     line = Line(Amplifier(), keys)
+    if reads:
+        line.amplifier.register = 60.0
+        line.read_outputs = lambda: [line.amplifier.register]
     with Served(line, _given(60.0, tmp_path)) as served:
         served.until(lambda: any(document["event"] == "latched" for document in said))
     (told,) = [document["text"] for document in said if document["event"] == "latched"]
@@ -221,8 +226,8 @@ def test_what_was_left_at_rest_is_at_rest(tmp_path):
 @pytest.mark.parametrize(
     ("keys", "silent_ms", "expected"),
     [
-        (WATCHDOG, 349, (0.0, 61.0)),
-        (WATCHDOG, 350, (0.0, 0.0)),
+        (WATCHDOG, 379, (0.0, 61.0)),
+        (WATCHDOG, 380, (0.0, 0.0)),
         (KEEPS, 10**6, (59.0, 61.0)),
         (Watchdog(ms=None, after_power_on="rest"), 0, UNKNOWN),
         (Watchdog(ms=100, after_power_on="last"), 10**6, UNKNOWN),
@@ -250,6 +255,16 @@ def test_a_register_tells_nothing_where_the_watchdog_may_have_led_the_output_awa
     assert _left_at(60.0).after_silence(keys, keys.still_ns, [1.0]) == []
 
 
+@pytest.mark.parametrize("keys", [None, WATCHDOG, Watchdog(ms=300, rest_ms=50, after_power_on="unknown")])
+def test_a_register_that_somebody_else_has_written_makes_what_was_left_at_rest_unknown(keys):
+    """Or what was written last never came: then a device that its watchdog has led to rest is at rest."""
+    assert _left_at(0.0).after_silence(keys, 10**9, [60.0]) == [0]
+    vouched_for = _left_at(0.0)
+    vouched_for.assume_safe()
+    assert vouched_for.after_silence(keys, 10**9, [60.0]) == []
+    assert vouched_for.last == [0.0]
+
+
 def test_a_register_still_tells_the_set_point_where_the_link_is_lost_before_anything_was_given():
     safe = _left_at(60.0)
     assert safe.after_silence(WATCHDOG, WATCHDOG.still_ns, [60.0]) == []
@@ -263,6 +278,19 @@ def test_a_register_a_step_from_rest_is_a_set_point_too():
     safe = _left_at(2.0 * STEP_V)
     assert safe.after_silence(WATCHDOG, WATCHDOG.still_ns, [STEP_V]) == []
     assert safe.last == [0.0]
+
+
+@pytest.mark.parametrize("found", [0.0, -STEP_V])
+def test_what_reads_nearer_to_rest_than_it_was_given_is_not_led_back(found):
+    """Power was off and on while values were sent that nobody confirmed: they are bounds, and no way to go on."""
+    safe = _left_at(-60.0)
+    for value in (-40.0, 0.0):
+        safe.fields["value"][0] = value
+        note_sent(safe.fields, 0, 0, 0)
+    safe.leave()
+    assert safe.after_silence(KEEPS, 10**9, [found]) == []
+    safe.decide([], 0, 10**9)
+    assert found <= safe.values[0] <= 0.0
 
 
 def _left_at(volts):

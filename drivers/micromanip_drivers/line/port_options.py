@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from micromanip.driver import Section
 
@@ -20,7 +20,7 @@ Microseconds = Annotated[float, Field(strict=True, ge=0, le=100_000)]
 
 
 class Rs485(Section):
-    """Two wires for both directions: one sender at a time."""
+    """Two wires for both directions: one sender at a time, which the adapter or the kernel switches by itself."""
 
     turnaround_us: Microseconds = Field(
         default=0.0, description="Silence between a reception and the next transmission."
@@ -28,18 +28,6 @@ class Rs485(Section):
     echo: bool = Field(
         default=False, strict=True, description="The port receives its own transmission; the driver removes it."
     )
-    rts: Literal["adapter", "kernel"] = Field(
-        default="adapter",
-        description="Switches the transmitter: the adapter itself, or the kernel by RTS.",
-    )
-    delay_before_us: Microseconds = Field(default=0.0, description="RTS before the first bit; with rts: kernel only.")
-    delay_after_us: Microseconds = Field(default=0.0, description="RTS after the last bit; with rts: kernel only.")
-
-    @model_validator(mode="after")
-    def _delays_belong_to_the_kernel(self) -> Rs485:
-        if self.rts == "adapter" and (self.delay_before_us or self.delay_after_us):
-            raise ValueError("delay_before_us and delay_after_us are for rts: kernel; an adapter has its own")
-        return self
 
 
 class SerialPort(Section):

@@ -1,7 +1,7 @@
 """A serial line: pyserial sets it up, reading and writing are the kernel's own calls.
 
 pyserial's ``read`` returns short after a time-out and selects before every byte; its ``write`` waits. Only its setting
-up of the terminal, of low latency and of RS-485 is used.
+up of the terminal and of low latency is used.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ import time
 from pathlib import Path
 
 import serial
-import serial.rs485
 
 from .port import Port
 from .port_options import SerialPort
@@ -73,8 +72,6 @@ class SerialLine(Port):
         except termios.error as problem:
             raise OSError(errno.EIO, f"it can't be set up ({problem.args[-1]}); is it a serial port?") from problem
         self._serial = line
-        if options.rs485 is not None and options.rs485.rts == "kernel":
-            self._let_kernel_switch(line)
         if options.low_latency:
             self._ask_for_low_latency(line)
         line.reset_input_buffer()
@@ -107,16 +104,6 @@ class SerialLine(Port):
         cleaned = [(self._echo.without(data), time_ns) for data, time_ns in chunks]
         self.counters["echo_errors"] = self._echo.errors
         return [(data, time_ns) for data, time_ns in cleaned if data]
-
-    def _let_kernel_switch(self, line: serial.Serial) -> None:
-        rs485 = self._options.rs485
-        assert rs485 is not None
-        try:
-            line.rs485_mode = serial.rs485.RS485Settings(
-                delay_before_tx=rs485.delay_before_us * 1e-6, delay_before_rx=rs485.delay_after_us * 1e-6
-            )
-        except (OSError, ValueError) as problem:
-            raise OSError(errno.ENOTSUP, "the kernel can't switch its RTS (rts: kernel); try rts: adapter") from problem
 
     def _ask_for_low_latency(self, line: serial.Serial) -> None:
         try:

@@ -5,12 +5,11 @@ import contextlib
 import canopen
 import pytest
 
-from micromanip.bus.errors import LinkError
 from micromanip.bus.inbox import Inbox
 from micromanip.emulation.can.canopen_node import OPERATIONAL
 from micromanip.testbus.client import HubBus
 
-from .cell import AMPLIFIER, EDS, SENSOR, cell, run, wait_for
+from .cell import AMPLIFIER, EDS, SENSOR, cell, wait_for
 
 pytestmark = pytest.mark.live  # the library's thread beside ours, and the node's watchdog
 
@@ -72,43 +71,6 @@ def test_library_maps_and_drives_our_amplifier(at):
         wait_for(lambda: emergencies)
         assert emergencies[0].code == 0x8250
         assert at.values["voltage_z"] == 0.0
-
-
-class ForeignSensor:
-    """The library's node with our sensor's EDS, which sends its TPDOs at SYNC."""
-
-    def __init__(self, network, raw):
-        self.node = network.create_node(SENSOR, str(EDS / "sensor.eds"))
-        self.raw = raw
-        self.node.tpdo.read()
-        network.subscribe(0x80, self._on_sync)
-        self.node.nmt.state = "INITIALISING"
-        self.node.nmt.state = "PRE-OPERATIONAL"
-
-    def _on_sync(self, identifier, data, timestamp):
-        if self.node.nmt.state != "OPERATIONAL":
-            return
-        for pdo in self.node.tpdo.values():
-            for variable in pdo:
-                variable.raw = self.raw[variable.od.name]
-            pdo.transmit()
-
-
-def test_our_driver_reads_the_librarys_node():
-    raw = {f"{q}_{axis}": i for i, (q, axis) in enumerate((q, axis) for axis in "xyz" for q in ("strain", "stage"))}
-    raw |= {"strain_x": -(1 << 23), "stage_x": (1 << 23) - 1, "strain_z": -1}
-    with cell(sensor=False) as at, network(at) as bus_of_library:
-        foreign = ForeignSensor(bus_of_library, raw)
-        bus = at.driver()
-        bus.open()
-        assert foreign.node.nmt.state == "OPERATIONAL"
-        samples = run(bus, (0.0,) * 3, lambda samples: len({sample.channel for sample in samples}) == 6)
-        values = {bus.inputs[sample.channel].name.partition(".")[2]: sample.value for sample in samples}
-        assert values == pytest.approx({name: number * 1e-4 for name, number in raw.items()}, abs=1e-9)
-        foreign.node.nmt.stop_heartbeat()
-        with pytest.raises(LinkError, match="node sensor gave no heartbeat for 240 ms"):
-            run(bus, (0.0,) * 3, lambda _: False)
-        bus.close()
 
 
 def test_our_frames_are_the_librarys():

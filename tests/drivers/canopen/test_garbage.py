@@ -10,7 +10,7 @@ from micromanip_drivers.canopen.plan import SYNC
 
 from tests.bus.test_esi import mutated
 
-from .test_compiled_frames import HEARTBEAT, TPDO, compiled, layout, received
+from .test_compiled_frames import FIELDS, HEARTBEAT, TPDO, compiled, received
 
 pytestmark = pytest.mark.compiled_only
 
@@ -36,9 +36,8 @@ def test_garbage_at_the_compiled_half(request):
     With NUMBA_BOUNDSCHECK=1 a look outside of a buffer is an error.
     """
     chance, came, left = random.Random(1), 0, 0
-    fields, _ = layout(1)
-    pdo, syncs = received(fields, every=1)
-    with compiled(pdo, syncs, sent=[SentFrame(SYNC, b""), SentFrame(0x206, bytes(8), fields, 0)]) as at:
+    pdo, syncs = received(FIELDS, every=1)
+    with compiled(pdo, syncs, sent=[SentFrame(SYNC, b""), SentFrame(0x206, bytes(8), FIELDS, 0)]) as at:
         tables = at.tables.record[0]
         before = {name: tables[name].tobytes() for name in ("received", "sent", "field", "watched")}
         for _ in range(request.config.getoption("--garbage") // _AT_ONCE):
@@ -55,4 +54,4 @@ def test_garbage_at_the_compiled_half(request):
         assert at.tables.counted("pdos") == came > 0
         assert left > 0
         assert {name: tables[name].tobytes() for name in before} == before
-        assert np.all(at.signal[len(fields) :] == np.zeros(1, at.signal.dtype)), "of inputs that there are none of"
+        assert np.all(at.signal[len(FIELDS) :] == np.zeros(1, at.signal.dtype)), "of inputs that there are none of"

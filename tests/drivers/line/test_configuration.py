@@ -68,7 +68,6 @@ def changed(options, path, value):
 REFUSED = [
     (BOARD, "serial", None, "give one port, serial, tcp or udp; there is none"),
     (BOARD, "tcp", PIEZO["tcp"], "give one port, serial, tcp or udp; there are serial and tcp"),
-    (BOARD, "serial.rs485", {"delay_before_us": 5.0}, "delay_before_us and delay_after_us are for rts: kernel"),
     (BOARD, "binary.sync", "aa 5", '"aa 5" is not hexadecimal'),
     (BOARD, "binary.crc.name", "crc8.smbuss", "fastcrc has no crc8.smbuss: did you mean crc8.smbus"),
     (BOARD, "binary.receive.strains.fields.strain_x.type", "in32", "there is no type in32; did you mean int32?"),

@@ -5,16 +5,9 @@ import struct
 import pytest
 
 from micromanip.bus.ethercat.al_states import (
-    ERROR,
-    INIT,
-    INVALID_CHANGE,
-    INVALID_MAILBOX,
-    INVALID_OUTPUTS,
-    NO_BOOT,
     OP,
     PREOP,
     SAFEOP,
-    WATCHDOG,
 )
 from micromanip.bus.ethercat.frames import Datagram, framed, unframed
 from micromanip.bus.ethercat.registers import (
@@ -90,44 +83,6 @@ class Bench:
         assert self.ask(SAFEOP) == (SAFEOP, 0)
         assert self.ask(OP) == (OP, 0)
         return self
-
-
-def test_states_are_refused_with_their_reasons():
-    bench = Bench().stations()
-    assert bench.ask(PREOP) == (INIT | ERROR, INVALID_MAILBOX)
-    bench.mailboxes()
-    assert bench.ask(PREOP) == (INIT | ERROR, INVALID_MAILBOX), "the error was not acknowledged"
-    assert bench.ask(PREOP | ERROR) == (PREOP, 0)
-    assert bench.ask(OP) == (PREOP | ERROR, INVALID_CHANGE)
-    assert bench.ask(3 | ERROR) == (PREOP | ERROR, NO_BOOT)
-    assert bench.ask(SAFEOP | ERROR) == (PREOP | ERROR, INVALID_OUTPUTS)
-    assert bench.ask(INIT) == (INIT, 0)
-
-
-def test_a_mailbox_takes_one_mail_and_gives_one():
-    bench = Bench().stations().mailboxes()
-    assert bench.ask(PREOP) == (PREOP, 0)
-    request = struct.pack("<HHBBHBHB4x", 10, 0, 0, 0x13, 2 << 12, 0x40, 0x1018, 1).ljust(MAILBOX_BYTES, b"\0")
-    empty = bench.send(FPRD, (0x1001, MAILBOX_IN), bytes(MAILBOX_BYTES))
-    assert empty.wkc == 0
-    assert bench.send(FPWR, (0x1001, MAILBOX_OUT), request).wkc == 1
-    assert bench.send(FPRD, (0x1001, SM + 8 + 5), b"\0").data[0] & 8
-    answer = bench.send(FPRD, (0x1001, MAILBOX_IN), bytes(MAILBOX_BYTES))
-    assert answer.wkc == 1
-    assert struct.unpack_from("<BHBI", answer.data, 8) == (0x43, 0x1018, 1, 0x1234)
-    assert bench.send(FPRD, (0x1001, MAILBOX_IN), bytes(MAILBOX_BYTES)).wkc == 0
-
-
-def test_the_watchdog_ends_OP_unless_the_machine_stood_still():
-    bench = Bench().operate()
-    for k in range(1, 100):
-        bench.line.tick(bench.now_ns + k * MS)
-        assert bench.status() == (OP, 0)
-    bench.line.tick(bench.now_ns + 120 * MS)  # 20 ms in which nothing could be heard
-    assert bench.status() == (OP, 0)
-    bench.line.tick(bench.now_ns + 128 * MS)
-    assert bench.status() == (SAFEOP | ERROR, WATCHDOG)
-    assert bench.left == 1
 
 
 def test_the_clocks_follow_the_reference():

@@ -99,8 +99,10 @@ def _end_output() -> None:
 
 
 def bug(problem: Exception) -> None:
-    """What nobody foresaw: one line for the user, the trace in a file for who can mend it."""
+    """What nobody foresaw: one line for the user, the trace in a file for us, or for the author of a driver."""
     import tempfile
+
+    from micromanip.bus.authors import driver_at_fault, first_cause
 
     trace = "".join(traceback.format_exception(problem))
     try:
@@ -109,4 +111,8 @@ def bug(problem: Exception) -> None:
         how = f"with {file.name}"
     except OSError:
         how = f"with this:\n{trace}"
-    _complain(f"micromanip: bug: {type(problem).__name__}: {problem}\nPlease report it {how}")
+    driver = driver_at_fault(problem)
+    if driver is None:
+        _complain(f"micromanip: bug: {type(problem).__name__}: {problem}\nPlease report it {how}")
+    else:
+        _complain(f"micromanip: bug of {driver}: {first_cause(problem)}\nPlease report it to the driver's author {how}")

@@ -28,6 +28,8 @@ from micromanip.settings.check import prepare
 from micromanip.settings.compile.hysteresis import fill_hysteresis
 from micromanip.settings.schema.reference import Oscillation
 
+from .played_path import ABOUT_S, hard_stretches, narrowed
+
 PATH_HZ = 2000.0
 
 
@@ -95,8 +97,6 @@ def test_without_an_inverse_no_voltage_is_claimed(cell):
     pid = axis.model_copy(update={"inner": axis.inner.model_copy(update={"mode": "pid"})})
     assert inverse_voltage(pid, 0.0, np.zeros(3), PATH_HZ) is None
 
-
-from .played_path import ABOUT_S, hard_stretches, narrowed
 
 RATE_HZ = 1000.0
 TIME_S = np.arange(2000) / RATE_HZ

@@ -1,6 +1,7 @@
-"""``analyse health`` on the simulated cell: checks that add up to a history, a plant that changes, bad input."""
+"""``analyse health`` on the simulated cell: a plant that changes, bad input."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,7 @@ from micromanip.cli.main import cli
 CONFIG = Path(__file__).parents[2] / "config" / "simulated.yaml"
 
 
-def drift(*arguments):
+def health(*arguments):
     return CliRunner().invoke(cli, ["analyse", "health", *map(str, arguments)])
 
 
@@ -28,32 +29,17 @@ def heavier(folder, kg):
 
 @pytest.mark.long
 def test_a_spindle_that_is_exchanged_is_seen(tmp_path):
-    """A fifth heavier, its mode is 9 % lower: told by its second check beside five before, by name."""
-    history = tmp_path / "drift.csv"
-    for seed in range(1, 6):
-        done = drift(CONFIG, "--axis", "x", "--history", history, "--seed", seed, "--false-alarms", 100, "--json")
-        assert json.loads(done.stdout)["problems"] == []
-        assert done.exit_code == 0
-    document = json.loads(done.stdout)["axes"][0]
-    mode = document["figures"][1]
-    assert mode["commissioned"] == pytest.approx(mode["latest"], rel=0.02)
-    for seed in (9, 10):
-        done = drift(
-            heavier(tmp_path, 14.4), "--axis", "x", "--history", history, "--seed", seed, "--false-alarms", 100,
-            "--out", tmp_path / "out",
-        )  # fmt: skip
+    """Half as heavy again, its mode is 18 % lower: outside of what the margins were judged for, told by name."""
+    done = health(CONFIG, "--axis", "x", "--json")
+    document = json.loads(done.stdout)
+    assert (done.exit_code, document["problems"]) == (0, [])
+    mode = document["axes"][0]["figures"][1]
+    assert mode["latest"] == pytest.approx(mode["commissioned"], rel=0.02)
+    done = health(heavier(tmp_path, 18.0), "--axis", "x")
     assert done.exit_code == 1
-    assert "mode_Hz drifts since" in done.exception.args[0]
-    assert len(history.read_text().splitlines()) == 8
-    assert {file.name for file in (tmp_path / "out").iterdir()} == {"drift_x.svg"}
+    assert re.search(r"axis x: mode_Hz is 5\d.*, 6\d.* in the model: robustness was judged within", str(done.exception))
 
 
-def test_bad_input_changes_nothing(tmp_path):
-    foreign = tmp_path / "foreign.csv"
-    foreign.write_text("a;b\n1;2\n")
-    done = drift(CONFIG, "--axis", "x", "--history", foreign)
-    assert done.exit_code == 1
-    assert "foreign.csv:1: no history of `micromanip analyse health`" in str(done.exception)
-    assert foreign.read_text() == "a;b\n1;2\n"
-    assert "there is no axis 'w'" in str(drift(CONFIG, "--axis", "w").exception)
-    assert "is not a simulated cell" in str(drift(CONFIG.with_name("can.yaml"), "--axis", "x").exception)
+def test_bad_input_is_told():
+    assert "there is no axis 'w'" in str(health(CONFIG, "--axis", "w").exception)
+    assert "is not a simulated cell" in str(health(CONFIG.with_name("can.yaml"), "--axis", "x").exception)

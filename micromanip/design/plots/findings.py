@@ -1,4 +1,4 @@
-"""Plots of what `analyse` finds beside margins: an error budget, a path, the health of an axis, a running loop."""
+"""Plots of what `analyse` finds beside margins: an error budget, a path, a running loop."""
 
 from __future__ import annotations
 
@@ -7,14 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from micromanip.settings.schema.accept import Accept
 from micromanip.settings.schema.axis import Axis
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
 
 from ..analyse.budget.budget import AxisBudget, summed_up
 from ..analyse.describing import inverse_operator
-from ..analyse.health.history import COLUMNS, LABELS, MARGINS, Check
-from ..analyse.health.trend import DRAWN, Health
 from ..analyse.live_margins import Running
 from ..analyse.path.preview import ERROR, AxisPreview, Preview
 from ..data import Record
@@ -117,32 +114,6 @@ def preview_plots(axis: AxisPreview, left: AxisPreview, settings: Axis) -> tuple
         if over.any():
             curves.append(Curve("more than there is", time_s, np.where(over, getattr(found, name), np.nan)))
         plots.append(Plot(title, "s of the path", label, tuple(curves)))
-    return tuple(plots)
-
-
-def health_plots(checks: Sequence[Check], judged: Health, accept: Accept) -> tuple[Plot, ...]:
-    """`checks` of one axis under one tuning, oldest first, beside its model and what is accepted."""
-    found = {each.name: each for each in judged.watched}
-    least = dict(zip(MARGINS, (accept.gain_margin_dB, accept.phase_margin_deg), strict=True))
-    first = checks[0].time
-    days = np.array([(check.time - first).total_seconds() / 86400.0 for check in checks])
-    plots = []
-    for name in COLUMNS:
-        values = np.array([check.figures[name] for check in checks])
-        if np.isnan(values).all():
-            continue
-        curves, title = [Curve("measured", days, values, marks=True)], LABELS[name]
-        if name in least:
-            curves.append(_levels("accepted", days, least[name]))
-        elif not np.isnan(found[name].commissioned):
-            tuned = found[name].commissioned
-            curves.append(_levels("model", days, tuned))
-            curves += (
-                [_levels("judged within", days, *(tuned * share for share in DRAWN[name]))] if name in DRAWN else []
-            )
-        if name in found and (since := found[name].since) is not None:
-            title += f", drifts since {since:%Y-%m-%d %H:%M}"
-        plots.append(Plot(title, f"days since {first:%Y-%m-%d %H:%M}", LABELS[name], tuple(curves)))
     return tuple(plots)
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.errors import CheckFailed
+from micromanip.rt.telemetry import DEVIATION_FRESH, STRAIN_FRESH
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.schema.reference import Tracker
 
@@ -27,7 +28,7 @@ _PRESENT, NOISY = 0.5, 0.005
 """Share of the expected samples that must come; rms at rest, as a share of the sensor's way over the set-points."""
 _HUM = 0.5
 """Share of that rms which one line must have to be called by its frequency."""
-_FRESH = {"strain": ("strain gauge", 1), "deviation": ("tracker", 4)}
+_FRESH = {"strain": ("strain gauge", STRAIN_FRESH), "deviation": ("tracker", DEVIATION_FRESH)}
 
 
 def check_rest(configuration: Configuration, experiment: Experiment, axis: str) -> None:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import welch
 
+from micromanip.rt.telemetry import DEVIATION_FRESH, STAGE_FRESH
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.schema.reference import Tracker
 
@@ -34,7 +35,6 @@ FLANK_SHARE = 0.005
 """How far to either side a line may spread, in terms of its frequency: the spindle wanders by a quarter of a percent.
 Behind that it must have fallen; a resonance with a damping ratio above .005 has not."""
 _JOINTS_HZ, _JOINTS_STAND_OUT = (3.0, 30.0), 5.0
-_STAGE_FRESH, _DEVIATION_FRESH = 2, 4
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ def look_at_rest(configuration: Configuration, experiment: Experiment) -> AtRest
         found, size_um, ratio = _tooth_line(rows[:, i], rate_hz)
         if ratio > clearest:
             tooth_Hz, tooth_um, clearest = found, size_um, ratio
-        deviation, deviation_Hz = _samples(rows[:, i], "deviation_um", _DEVIATION_FRESH, rate_hz)
+        deviation, deviation_Hz = _samples(rows[:, i], "deviation_um", DEVIATION_FRESH, rate_hz)
         if len(deviation) >= _LEAST:
             tracker_Hz = float(f"{deviation_Hz:.3g}")
             seen[name] = deviation
@@ -95,7 +95,7 @@ def tooth_at_work(configuration: Configuration, experiment: Experiment, axis: st
 
 def _tooth_line(rows: NDArray[Any], rate_hz: float) -> tuple[float, float, float]:
     """Frequency (Hz) and amplitude (um) of the strongest line of the stage, and how far it stands out."""
-    stage, stage_Hz = _samples(rows[len(rows) // 2 :], "stage_um", _STAGE_FRESH, rate_hz)
+    stage, stage_Hz = _samples(rows[len(rows) // 2 :], "stage_um", STAGE_FRESH, rate_hz)
     if len(stage) < _LEAST:
         return 0.0, 0.0, 0.0
     return strongest_line(stage, stage_Hz, _TOOTH_HZ, flank_share=FLANK_SHARE)

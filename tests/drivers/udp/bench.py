@@ -14,7 +14,7 @@ from micromanip.bus.safe_state import SWITCH, VOLTAGE, SafeOutput
 from ..called import Called
 
 PERIOD_NS = 100_000
-SILENT_CYCLES, STILL_CYCLES, PATIENT_CYCLES = 20, 150, 5
+SILENT_CYCLES, STILL_CYCLES, PATIENT_CYCLES = 20, 160, 5
 ANSWER = struct.Struct("<2sHIBifBiH")
 COMMAND = struct.Struct("<2sHiB")
 

@@ -15,14 +15,14 @@ ROOMS = {  # the first that fits a file has it: pattern of paths, budget, ceilin
     "bus, driver": (r"micromanip/(bus|driver)/", 3000, 4041),
     "settings, control": (r"micromanip/(settings|control)/", 5000, 5912),
     "host": (r"micromanip/host/", 7500, 8367),
-    "design, virtual, replay": (r"micromanip/(design|virtual|replay)/", 13500, 15582),
+    "design, virtual, replay": (r"micromanip/(design|virtual|replay)/", 13500, 15759),
     "recordings": (r"micromanip/recordings/", 1900, 2459),
     "gateway": (r"micromanip/gateway/", 4200, 4470),
     "cli": (r"micromanip/cli/", 4300, 5462),
     "drivers and their devices": (r"drivers/|micromanip/emulation/\w+/", 15500, 19019),
     "emulation, testbus, conformance": (r"micromanip/(emulation|testbus|conformance)/", 3200, 3395),
     "campaigns, benchmarks, tools": (r"(campaigns|benchmarks|tools)/", 4200, 6542),
-    "tests": (r"tests/", 40000, 42944),
+    "tests": (r"tests/", 40000, 43015),
     "the rest": (r"", 2000, 1863),
 }
 WORDS, DECISIONS = (45000, 45000), (30, 30)

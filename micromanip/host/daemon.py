@@ -129,6 +129,7 @@ class Daemon:
         for number in (signal.SIGINT, signal.SIGTERM):
             loop.add_signal_handler(number, self._stop.set)
         loop.add_signal_handler(signal.SIGHUP, self._hang_up)
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGHUP])  # who began this process may have blocked it
         await asyncio.sleep(0)  # a Ctrl-C that came before takes effect here, where nothing is begun yet
         control = self._prepared.configuration.control
         access = Access(int(control.socket_mode, 8), control.operate_group, control.observe_group)
@@ -164,8 +165,7 @@ class Daemon:
         ended = asyncio.create_task(self._controller.wait())
         helpers = [asyncio.create_task(task) for task in (self._beat(), self._look(), self._feed())]
         helpers.append(asyncio.create_task(self._verbs.follow_trials()))
-        helpers.append(asyncio.create_task(self._trail.follow_repeats()))
-        helpers.append(asyncio.create_task(self._recordings.warn()))
+        helpers += map(asyncio.create_task, (self._trail.follow_repeats(), self._recordings.warn()))
         for helper in helpers:
             self._failures.watch(helper)
         stopped = asyncio.create_task(self._stop.wait())

@@ -15,7 +15,7 @@ ROOMS = {  # the first that fits a file has it: pattern of paths, budget, ceilin
     "bus, driver": (r"micromanip/(bus|driver)/", 3000, 4041),
     "settings, control": (r"micromanip/(settings|control)/", 5000, 5912),
     "host": (r"micromanip/host/", 7500, 8367),
-    "design, virtual, replay": (r"micromanip/(design|virtual|replay)/", 13500, 15759),
+    "design, virtual, replay": (r"micromanip/(design|virtual|replay)/", 13500, 15760),
     "recordings": (r"micromanip/recordings/", 1900, 2459),
     "gateway": (r"micromanip/gateway/", 4200, 4470),
     "cli": (r"micromanip/cli/", 4300, 5462),

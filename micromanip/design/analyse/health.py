@@ -38,8 +38,6 @@ _ABOVE, _SCATTER, _LATEST_S = 1.5, 0.05, 2e-3
 _SLOW, _LEAST_LINES = 10, 8
 """Lines that gains are the mean of; as many must lie about a mode."""
 _ASTRAY = 0.15
-
-
 _SLOWEST = math.sqrt((1.0 - SPREAD.stiffness) / (1.0 + SPREAD.stage_mass))
 _FASTEST = math.sqrt((1.0 + SPREAD.stiffness) / (1.0 - SPREAD.stage_mass))
 DRAWN = {
@@ -170,7 +168,8 @@ class Check:
 def problems_of(check: Check, accept: Accept) -> Iterator[str]:
     """Figures outside what robustness was judged for, margins that are surely below what is accepted."""
     for name, (low, high) in DRAWN.items():
-        if not math.isnan(check.change(name)) and not low <= 1.0 + check.change(name) <= high:
+        share = 1.0 + check.change(name)
+        if share < low or share > high:  # never where there is no such figure
             yield (
                 f"{name} is {getattr(check.figures, name):.4g}, {getattr(check.tuned, name):.4g} in the model: "
                 f"robustness was judged within {100 * (low - 1):+.0f} to {100 * (high - 1):+.0f} % of it"
@@ -206,11 +205,11 @@ def checked(configuration: Configuration, path: FeedbackPath, axis: str, respons
     settings = configuration.axes[axis]
     tuned = of_the_model(settings, configuration.loop.period_ns * 1e-9)
     figures = plant_figures(responses.get("stage"), responses.get("strain"), tuned)
-    check = Check(axis, figures, tuned)
+    margins, deviations = {}, {}
     if "stage" in responses:
         found = judge_running(configuration, path, axis, "stage", responses["stage"])
         nominal = found.measured[found.nominal]
         margins = dict(zip(MARGINS, (nominal.gain_dB, nominal.phase_deg), strict=True))
         deviations = dict(zip(MARGINS, found.loop.margin_deviations(), strict=True))
-        check = Check(axis, figures, tuned, margins, deviations)
+    check = Check(axis, figures, tuned, margins, deviations)
     return replace(check, problems=tuple(problems_of(check, settings.accept)))

@@ -91,7 +91,7 @@ def _raised(values: Array, moved: Array, period_s: float) -> Array:
     """
     poles = np.log(values.astype(complex)) / period_s
     turn, decay = np.abs(poles.imag), np.maximum(-poles.real, 1.0 / _RAISED_S)
-    raised: Array = 2.0 * np.abs(moved / (1.0 - values)) * 0.5 * turn / decay
+    raised: Array = np.abs(moved / (1.0 - values)) * turn / decay
     return raised
 
 

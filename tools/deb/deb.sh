@@ -4,6 +4,7 @@
 # In /opt/micromanip it has a virtual environment of Debian's Python, with the program as its wheel installs it and the
 # packages that it needs as they are in the environment of PYTHON: what was tested is what is installed.
 set -eu
+unset PYTHONPATH # pip would take a program found there for one that is installed
 python=$1 out=$2
 here=$(cd "$(dirname "$0")" && pwd)
 repository=$(dirname "$(dirname "$here")")

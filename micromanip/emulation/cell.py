@@ -84,10 +84,9 @@ class EmulatedCell:
         }
 
     def report_since_last(self) -> dict[str, Any]:
-        """Path error, outputs and the latest event since the last call, the rest since the start."""
+        """Outputs, switches and the latest event since the last call, the rest since the start."""
         report = self.report()
         self.plant.stalls.latest_ms = 0.0
-        report["path_error_um"] = self.errors.report_since_last()
         report["outputs"] = self._outputs(Amplifier.take_report)
         report["switches"] = self._outputs(Amplifier.take_switches)
         return report

@@ -9,7 +9,8 @@ from micromanip.testbus.event_loop import EventLoop
 
 MOST_BEHIND_NS = 5_000_000
 """A machine that is late makes up for it: messages come late, but each with its own sample and time. Beyond this they
-would be too old to be of use, and keep the machine busy: they are lost, which their counter shows.
+would be too old to be of use: all up to the present are lost, which their counter shows. Lost one by one, each as soon
+as it is too old, they would leave a machine that is busy so far behind for ever, and every sample too old.
 """
 
 
@@ -60,6 +61,7 @@ class Periodic:
         """`advance_to` is called before each, also before those that aren't sent."""
         self._loop, self._figures, self.message = loop, figures, message
         self._advance_to, self._send = advance_to, send
+        self._losing = False
         self.off_until_ns: float = 0
 
     def start(self, now_ns: int) -> None:
@@ -69,11 +71,12 @@ class Periodic:
 
     def _is_due(self) -> None:
         message = self.message
-        late = self._loop.now_ns() - message.due_ns > MOST_BEHIND_NS
+        most_ns = min(message.period_ns, MOST_BEHIND_NS) if self._losing else MOST_BEHIND_NS
+        self._losing = self._loop.now_ns() - message.due_ns > most_ns
         self._advance_to(message.due_ns)
         if message.due_ns < max(message.silent_until_ns, self.off_until_ns):
             self._figures.silent += 1
-        elif late:  # one after the other all the same: commands that came meanwhile act in between
+        elif self._losing:  # one after the other all the same: commands that came meanwhile act in between
             message.counted()
             self._figures.not_sent += 1
         else:

@@ -17,7 +17,7 @@ from .recording_options import Target, echo_sources, recording_options
 from .results import Pictures, out_option
 
 if TYPE_CHECKING:
-    from micromanip.design.data import Record
+    from micromanip.recordings import TimeSeries
 
 KINDS = ("pi-affine", "pi-tanh", "pi-free", "rate", "network", "best")
 
@@ -55,21 +55,14 @@ def command(
     from micromanip.design.data import load_record
     from micromanip.design.identify.fitting import Request, fit_record
     from micromanip.recordings import Wanted
+    from micromanip.recordings.loader import NO_TIME
     from micromanip.settings.write import with_hysteresis
 
     target = Target.of(into, axis)
     range_um = None if target is None else target.configuration.axes[target.axis].setpoint.range_um
-    untimed = step_s is not None and time_name is None
-    wanted = Wanted(
-        (input_name, output_name),
-        time_name,
-        step_s,
-        untimed,
-        cut,
-        rate_hz,
-        ("voltage", "length"),
-        bridge=not keep_spikes,
-    )
+    timed = time_name or (None if step_s is None else NO_TIME)
+    meant = ("voltage", "length")
+    wanted = Wanted((input_name, output_name), timed, step_s, cut, rate_hz, meant, bridge=not keep_spikes)
     record = load_record(file, wanted)
     if range_um is not None:
         _require_meant(record, range_um, f"axis {axis} of {into}")
@@ -105,9 +98,9 @@ def command(
     pictures.require_written()
 
 
-def _require_meant(record: Record, range_um: tuple[float, float], where: str) -> None:
+def _require_meant(record: TimeSeries, range_um: tuple[float, float], where: str) -> None:
     """What a stage will be moved by is in stated units, and of its range: continued, but not by more than was seen."""
-    for name, unit, base in zip((record.input_name, record.output_name), record.units, ("V", "um"), strict=True):
+    for name, unit, base in zip(record.names, record.units, ("V", "um"), strict=True):
         if unit is None:
             raise CheckFailed(
                 f"{record.file}: {name} states no unit, and --into takes none for granted: write {name}:{base}"
@@ -115,9 +108,9 @@ def _require_meant(record: Record, range_um: tuple[float, float], where: str) ->
     low, high = float(record.y.min()), float(record.y.max())
     if range_um[0] < low - (high - low) or range_um[1] > high + (high - low):
         raise CheckFailed(
-            f"{record.file}: {record.output_name} goes from {low:.4g} to {high:.4g} um, the set-point of {where} from "
+            f"{record.file}: {record.names[1]} goes from {low:.4g} to {high:.4g} um, the set-point of {where} from "
             f"{range_um[0]:g} to {range_um[1]:g}: too far beyond the record. Record the range that is "
-            f"used, or correct the unit, as in {record.output_name}:mm; nothing is written"
+            f"used, or correct the unit, as in {record.names[1]}:mm; nothing is written"
         )
 
 

@@ -79,7 +79,7 @@ def command(
     if as_json:
         emit_json(report | {"notes": [*read, *report["notes"]]})
     else:
-        _print(report, records[0].outputs, "held out" if split < 1.0 else "not fitted to")
+        _print(report, records[0].names[records[0].inputs :], "held out" if split < 1.0 else "not fitted to")
         if into is not None:
             echo(f"wrote axes.{axis}.outer.model of {into}: `analyse margins` judges the loop, `commission` tunes it")
 

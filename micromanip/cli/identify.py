@@ -73,20 +73,20 @@ def command(
             rows = _played(prepared, samples, duration_s, socket_path, live=live or not prepared.wiring.virtual)
         except CheckFailed as problem:
             raise CheckFailed(f"{sentence(problem)} Nothing is written") from problem
-        columns = recording(configuration, excitation, rows)
+        series = recording(configuration, excitation, rows)
         if old := int(held(configuration, axis, rows).sum() if f"stage_{axis}" in configuration.signals else 0):
             echo(
                 f"warning: signals.stage_{axis} gave no usable sample for {old / configuration.loop.rate_hz:.2g} s of "
                 f"{duration_s:.2g} s: stage_um is nan there; `micromanip device probe {config}` shows what it says",
                 err=True,
             )
-        keep(lambda place: write_csv(place, columns), file)
-    low, high = columns["strain_um"].min(), columns["strain_um"].max()
+        keep(lambda place: write_csv(place, series), file)
+    low, high, names = series.y.min(), series.y.max(), ["t_s", *series.names]
     if as_json:
-        emit_json({"file": str(file), "rows": len(columns["t_s"]), "columns": list(columns), "stroke_um": high - low})
+        emit_json({"file": str(file), "rows": len(series), "columns": names, "stroke_um": high - low})
     else:
-        echo(f"{file}: {len(columns['t_s'])} rows, {', '.join(columns)}; stroke {low:.1f} to {high:.1f} um")
-    if moves_against(columns["strain_um"], columns["voltage_V"]):
+        echo(f"{file}: {len(series)} rows, {', '.join(names)}; stroke {low:.1f} to {high:.1f} um")
+    if moves_against(series.y, series.u):
         raise CheckFailed(
             f"axis {axis}: the strain gauge falls while the voltage rises: the wrong way, feedback would run away; "
             f"swap the gauge's leads, or change the sign of its scale (signals.strain_{axis}), and record again. This "

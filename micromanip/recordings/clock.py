@@ -1,17 +1,15 @@
-"""What a column of time says: even, with samples missing, rounded, jittering; and samples on another grid."""
+"""What a column of time says: even, with samples missing, rounded, jittering."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.errors import CheckFailed
 
-from .spikes import bridged
 from .table import Array
 
 _EVEN = 0.01
@@ -41,9 +39,9 @@ class Clock:
     notes: tuple[str, ...]
 
 
-def even(index: NDArray[np.int64], step_s: float) -> Clock:
-    """The clock of a recording without a column of time, of whose rows those of the numbers `index` (n,) are used."""
-    return Clock(step_s, index, np.asarray(index * step_s, dtype=float), False, ())
+def even(index: NDArray[np.int64], step_s: float, *notes: str) -> Clock:
+    """The clock of rows of the numbers `index` (n,) on a grid."""
+    return Clock(step_s, index, np.asarray(index * step_s, dtype=float), False, notes)
 
 
 def read_clock(
@@ -102,7 +100,8 @@ def _rising(name: str, t: Array, steps: Array, where: Callable[[int], str], any_
     if np.abs(steps - counts * step).max() <= _EVEN * step * max(1.0, float(counts.max()) * 0.01):
         index = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
         step = float(t[-1]) / float(index[-1])
-        return Clock(step, index, np.asarray(index * step, dtype=float), False, _gaps(name, index, where))
+        at, missing = np.flatnonzero(np.diff(index) > 1), int(index[-1]) + 1 - len(index)
+        return even(index, step, *([_missing(name, [where(int(k) + 1) for k in at], missing)] if missing else []))
     step = float(np.mean(steps[steps <= _GAP * step])) if np.any(steps <= _GAP * step) else step
     ordinary = steps <= _GAP * step
     jitter = float(np.std(steps[ordinary])) / step
@@ -149,8 +148,7 @@ def _rounded(name: str, t: Array, steps: Array, where: Callable[[int], str], ste
         known = f", known to {max(50.0 * (high - low) / step, 1e-4):.1g} %"
         step = _roundest(low, high)
     note = f"{name} is rounded to {digit:.3g} s: taken as even, {len(t)} samples every {step:.6g} s{known}"
-    index = np.arange(len(t))
-    return Clock(step, index, np.asarray(index * step, dtype=float), False, (note,))
+    return even(np.arange(len(t)), step, note)
 
 
 def _bounds(rows: NDArray[np.int64], stamps: Array) -> tuple[float, float]:
@@ -176,12 +174,6 @@ def _roundest(low: float, high: float) -> float:
     return middle
 
 
-def _gaps(name: str, index: NDArray[np.int64], where: Callable[[int], str]) -> tuple[str, ...]:
-    at = np.flatnonzero(np.diff(index) > 1)
-    missing = int(index[-1]) + 1 - len(index)
-    return (_missing(name, [where(int(k) + 1) for k in at], missing),) if missing else ()
-
-
 def _missing(name: str, places: list[str], missing: int) -> str:
     samples = "1 sample is" if missing == 1 else f"{missing} samples are"
     gaps = f", in {len(places)} gaps, the first" if len(places) > 1 else ""
@@ -199,76 +191,3 @@ def doubts(name: str, samples: int, step_s: float) -> list[str]:
     if step_s < 1.0 / _FASTEST_HZ:
         return [f"by {name} it was sampled at {1e-6 / step_s:.3g} MHz: if these are seconds, give --time {name}:s"]
     return []
-
-
-Index = NDArray[np.int64]
-Flags = NDArray[np.bool_]
-Samples = tuple[Index, Array, Flags]
-
-_TAPS = 10
-"""Half length of the low-pass, in samples of the result."""
-_PASSED = 0.8
-"""Edge of the low-pass, share of half the new rate."""
-
-
-def onto_grid(clock: Clock, values: Array, spikes: Flags) -> Samples:
-    """Samples (n, k) of a jittering clock at the nearest grid points that lie among them; an even clock's as they are.
-
-    Gaps of two intervals and more stay gaps.
-    """
-    if not clock.jittered:
-        return clock.index, values, spikes
-    found = []
-    at = clock.seconds / clock.step_s
-    for piece in _pieces(at, 2.5):
-        grid = np.arange(int(np.ceil(at[piece.start] - 1e-6)), int(np.floor(at[piece.stop - 1] + 1e-6)) + 1)
-        found.append(_between(at[piece], values[piece], spikes[piece], grid, np.asarray(grid, dtype=float)))
-    return _joined(found)
-
-
-def resampled(index: Index, values: Array, spikes: Flags, step_s: float, new_step_s: float) -> Samples:
-    """Samples (n, k) every `new_step_s`."""
-    ratio = new_step_s / step_s
-    smooth = np.column_stack([bridged(column, flags) for column, flags in zip(values.T, spikes.T, strict=True)])
-    found = []
-    for piece in _pieces(index.astype(float), 1.5):
-        part = _low_passed(smooth[piece], ratio) if ratio > 1.0 else smooth[piece]
-        first, last = index[piece.start] / ratio, index[piece.stop - 1] / ratio
-        grid = np.arange(int(np.ceil(first - 1e-9)), int(np.floor(last + 1e-9)) + 1)
-        found.append(
-            _between(index[piece].astype(float), part, spikes[piece], grid, np.asarray(grid * ratio, dtype=float))
-        )
-    return _joined(found)
-
-
-def _pieces(at: Array, gap: float) -> Iterator[slice]:
-    ends = [0, *(np.flatnonzero(np.diff(at) > gap) + 1).tolist(), len(at)]
-    for first, last in pairwise(ends):
-        if last - first >= 2:
-            yield slice(first, last)
-
-
-def _between(at: Array, values: Array, spikes: Flags, grid: Index, where: Array) -> Samples:
-    from scipy.interpolate import PchipInterpolator
-
-    inside = (where >= at[0] - 1e-9) & (where <= at[-1] + 1e-9)
-    grid, where = grid[inside], np.clip(where[inside], at[0], at[-1])
-    nearest = np.clip(np.searchsorted(at, where), 1, len(at) - 1)
-    flags = spikes[nearest] | spikes[nearest - 1]
-    return grid, np.asarray(PchipInterpolator(at, values)(where)), flags
-
-
-def _joined(found: list[Samples]) -> Samples:
-    index, values, flags = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    return index, values, flags
-
-
-def _low_passed(values: Array, ratio: float) -> Array:
-    """Without delay; what lies before and behind is continued through the ends."""
-    from scipy.signal import firwin
-
-    half = min(int(np.ceil(_TAPS * ratio)), len(values) - 1)
-    taps = firwin(2 * half + 1, _PASSED / ratio)
-    ahead, behind = 2 * values[:1] - values[half:0:-1], 2 * values[-1:] - values[-2 : -half - 2 : -1]
-    long = np.vstack([ahead, values, behind])
-    return np.column_stack([np.convolve(column, taps, "valid") for column in long.T])

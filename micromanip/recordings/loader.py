@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from itertools import pairwise
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,11 +11,12 @@ from numpy.typing import NDArray
 
 from micromanip.errors import CheckFailed, UsageError
 
-from .clock import Clock, doubts, even, onto_grid, read_clock, resampled, unwrapped
+from .clock import Clock, doubts, even, read_clock, unwrapped
 from .reading import read_table
-from .rows import Rows, usable
+from .rows import usable
 from .spikes import faults_only, find_spikes
 from .table import Array, Table, called_time, has_time_word
+from .time_series import TimeSeries, resampled
 from .units import known, known_time, unknown_unit
 
 _MOST_SAMPLES = 20_000_000
@@ -27,7 +27,8 @@ _LATEST_S = 1e11
 """Times beyond, some 3,000 years, are counted in parts of a second, as those since 1970 or since a computer's start."""
 _DAYS, _DAY_S, _ROUND = ((2e4, 8e4), (6e5, 9e5)), 86_400.0, 1e-3
 """Days of our century from 1900 and from the year 0."""
-_SAME_RATE = 1e-9
+_SAME_RATE, _GAP = 1e-9, 2.5
+"""Share by which rates differ that are one; steps from which on there is a gap between jittered samples."""
 _STROKE_UM = (0.2, 5000.0)
 _SWING_V = 2000.0
 _BASE = {"length": "um", "voltage": "V"}
@@ -38,7 +39,7 @@ _OTHER = {"length": "mm", "voltage": "mV"}
 class Wanted:
     """Which columns, ``NAME[:unit]``, and how much of them: `cut` in s from the first sample, `rate_hz` of the result.
 
-    `step_s` is the sampling interval where there is no column of time, or where it is to be ignored (`untimed`).
+    `step_s` is the sampling interval where there is no column of time, or none is to be used, `time` "none".
     `dimensions`, of each column where it is given ("voltage", "length"), is what is meant by one that states no unit.
     The first `inputs` columns drive the others; with LISTS there are two entries, names of inputs and of outputs with
     commas between them. Spikes are looked for where they are to be bridged (`bridge`): in these, only faults.
@@ -47,7 +48,6 @@ class Wanted:
     columns: Sequence[str]
     time: str | None = None
     step_s: float | None = None
-    untimed: bool = False
     cut: tuple[float, float] | None = None
     rate_hz: float | None = None
     dimensions: Sequence[str | None] = ()
@@ -55,55 +55,7 @@ class Wanted:
     bridge: bool = True
 
 
-@dataclass(frozen=True)
-class Recording:
-    """Columns (n, k) as they were measured, on a grid of `step_s`.
-
-    `index` (n,) is each sample's number on the grid: where it leaps, samples are missing. `spikes` (n, k) marks single
-    samples that are wrong. The first `inputs` columns are inputs, where that was said; `place` tells where in the file
-    they stand.
-    """
-
-    file: Path
-    names: tuple[str, ...]
-    units: tuple[str | None, ...]
-    values: Array
-    step_s: float
-    index: NDArray[np.int64]
-    spikes: NDArray[np.bool_]
-    notes: list[str] = field(default_factory=list)
-    inputs: int | None = None
-    place: str = ""
-
-    @property
-    def pieces(self) -> list[slice]:
-        """The parts without a gap."""
-        ends = [0, *(np.flatnonzero(np.diff(self.index) > 1) + 1).tolist(), len(self.index)]
-        return [slice(first, last) for first, last in pairwise(ends)]
-
-    def summary(self) -> str:
-        """What was taken, in a line."""
-        columns = ", ".join(
-            name if unit is None else f"{name} in {unit}" for name, unit in zip(self.names, self.units, strict=True)
-        )
-        length = (int(self.index[-1]) + 1 - int(self.index[0])) * self.step_s
-        return (
-            f"{self.file.name} ({self.place}): {columns}; {len(self.values)} samples every {self.step_s:.6g} s "
-            f"({1 / self.step_s:.6g} Hz), {length:.4g} s"
-        )
-
-    def report(self) -> dict[str, object]:
-        """The same for a program."""
-        return {
-            "file": str(self.file),
-            "columns": list(self.names),
-            "samples": len(self.values),
-            "step_s": self.step_s,
-            "notes": list(self.notes),
-        }
-
-
-def take(file: Path, wanted: Wanted) -> Recording:
+def take(file: Path, wanted: Wanted) -> TimeSeries:
     """Read and judge what is `wanted` of `file`.
 
     Lengths come in um, voltages in V, times in s, whatever they were written in. Missing samples are left out, jittered
@@ -120,7 +72,7 @@ def take(file: Path, wanted: Wanted) -> Recording:
         raise UsageError(f"{file}: the column {twice} is named twice; an input can't be an output")
     columns = {name: table[name] for name in names}
     notes: list[str] = []
-    timed = wanted.time or (None if wanted.untimed else table.time_column(names))
+    timed = wanted.time or table.time_column(names)
     timed = None if timed == NO_TIME and NO_TIME not in table else timed
     time_name, t, unit_known = _times(table, timed, wanted, notes)
     if t is not None and time_name is not None:
@@ -131,30 +83,45 @@ def take(file: Path, wanted: Wanted) -> Recording:
             raise CheckFailed(f"{file}: {name} has {len(values)} values, {other} {samples}: not one recording")
     stacked = np.column_stack([columns[name] for name in names])
     rows = usable(table, names, stacked, time_name, t, fill=wanted.rate_hz is not None, clean=wanted.bridge)
-    clock = _clock(table, time_name, rows, wanted)
+    if time_name is None:
+        clock = even(rows.number, wanted.step_s or 1.0)
+    else:
+        any_rate = wanted.rate_hz is not None
+        where = lambda row: table.where(int(rows.number[row]))  # noqa: E731
+        clock = read_clock(time_name, rows.times, where, any_rate=any_rate, step_s=wanted.step_s)
     notes += [] if unit_known or time_name is None else doubts(time_name, len(rows.times), clock.step_s)
-    first, last = _part(file, clock, wanted.cut)
-    part = slice(first, last)
+    part = _part(file, clock, wanted.cut)
     dimensions = wanted.dimensions or [None] * len(names)
     written = [unit for _, unit in found]
     units, scaled = _in_our_units(file, names, written, dimensions, rows.values[part], notes)
-    clock = Clock(clock.step_s, clock.index[part], clock.seconds[part], clock.jittered, clock.notes)
     read = [*table.notes, *rows.left_out(rows.number[part], whole=wanted.cut is None), *clock.notes]
     notes[:0] = ["; ".join(read)] if read else []
     many = len(scaled) > 10 and wanted.bridge
     spikes = np.column_stack([find_spikes(column) for column in scaled.T]) if many else np.zeros(scaled.shape, bool)
     faults = spikes if inputs is None else faults_only(scaled, spikes, inputs)
     _tell_of_spikes(table, names, spikes, faults, rows.number[part], notes)
-    spikes = faults
-    if clock.jittered or wanted.rate_hz is not None:
-        clock, scaled, spikes = _at_a_rate(clock, scaled, spikes, wanted.rate_hz, notes)
-    if len(scaled) > _MOST_SAMPLES:
+    series = TimeSeries(file, names, units, scaled, clock.step_s, clock.index[part], faults, inputs or 1)
+    if clock.jittered:
+        series = resampled(series, series.step_s, clock.seconds[part] / clock.step_s, _GAP)
+    if wanted.rate_hz is not None and abs(series.step_s * wanted.rate_hz - 1.0) > _SAME_RATE:
+        notes.append(f"resampled from {1 / series.step_s:.6g} to {wanted.rate_hz:.6g} Hz")
+        series = resampled(series.bridged(), 1.0 / wanted.rate_hz)
+    if len(series) > _MOST_SAMPLES:
         raise CheckFailed(
-            f"{file}: {len(scaled)} samples are more than can be fitted to ({_MOST_SAMPLES}): "
+            f"{file}: {len(series)} samples are more than can be fitted to ({_MOST_SAMPLES}): "
             "take a part, --cut FROM:TO, or fewer, --resample HZ"
         )
-    return Recording(
-        file, names, units, scaled, clock.step_s, clock.index, spikes, notes, inputs, table.place(time_name)
+    return replace(series, notes=tuple(notes), told=_told(series, table.place(time_name)))
+
+
+def _told(series: TimeSeries, place: str) -> str:
+    """What was taken, in a line."""
+    named = zip(series.names, series.units, strict=True)
+    columns = ", ".join(name if unit is None else f"{name} in {unit}" for name, unit in named)
+    length = (int(series.index[-1]) + 1 - int(series.index[0])) * series.step_s
+    return (
+        f"{series.file.name} ({place}): {columns}; {len(series)} samples every {series.step_s:.6g} s "
+        f"({1 / series.step_s:.6g} Hz), {length:.4g} s"
     )
 
 
@@ -191,16 +158,6 @@ def _times(table: Table, timed: str | None, wanted: Wanted, notes: list[str]) ->
     elif scale is not None:
         raise CheckFailed(f"{table.file}: {name} is in {unit}, which is no time; name the right column with --time")
     return name, t, scale is not None
-
-
-def _clock(table: Table, name: str | None, rows: Rows, wanted: Wanted) -> Clock:
-    """The clock of the usable rows; rows that are left out are missing in it."""
-    if name is None:
-        return even(rows.number, wanted.step_s or 1.0)
-    any_rate = wanted.rate_hz is not None
-    return read_clock(
-        name, rows.times, lambda k: table.where(int(rows.number[k])), any_rate=any_rate, step_s=wanted.step_s
-    )
 
 
 def _require_seconds(table: Table, name: str, stated: str | None, t: Array) -> None:
@@ -243,16 +200,16 @@ def _require_one_clock(table: Table, name: str, t: Array) -> None:
             )
 
 
-def _part(file: Path, clock: Clock, cut: tuple[float, float] | None) -> tuple[int, int]:
+def _part(file: Path, clock: Clock, cut: tuple[float, float] | None) -> slice:
     if cut is None:
-        return 0, len(clock.index)
+        return slice(0, len(clock.index))
     first, last = (int(np.searchsorted(clock.seconds, edge - 1e-9 * clock.step_s)) for edge in cut)
     if last - first < 2:
         raise CheckFailed(
             f"{file}: --cut {cut[0]:g}:{cut[1]:g} leaves {max(last - first, 0)} samples: "
             f"the recording goes from 0 to {clock.seconds[-1]:.6g} s"
         )
-    return first, last
+    return slice(first, last)
 
 
 def _in_our_units(
@@ -316,16 +273,3 @@ def _tell_of_spikes(
             if len(at):
                 many = f"{len(at)} samples stand out as spikes, the first" if len(at) > 1 else "a spike"
                 notes.append(f"{name}: {many} at {table.where(int(rows[at[0]]))}: {done}")
-
-
-def _at_a_rate(
-    clock: Clock, values: Array, spikes: NDArray[np.bool_], rate_hz: float | None, notes: list[str]
-) -> tuple[Clock, Array, NDArray[np.bool_]]:
-    """The samples on an even grid, piece by piece."""
-    step = clock.step_s
-    index, grid, flags = onto_grid(clock, values, spikes)
-    if rate_hz is not None and abs(step * rate_hz - 1.0) > _SAME_RATE:
-        step = 1.0 / rate_hz
-        index, grid, flags = resampled(index, grid, flags, clock.step_s, step)
-        notes.append(f"resampled from {1 / clock.step_s:.6g} to {rate_hz:.6g} Hz")
-    return Clock(step, index, np.asarray(index * step, dtype=float), False, ()), grid, flags

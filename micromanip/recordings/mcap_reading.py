@@ -13,10 +13,10 @@ import os
 import struct
 import zipfile
 import zlib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, TypeVar
 
 import numpy as np
 from mcap import data_stream, records
@@ -29,8 +29,9 @@ from micromanip.errors import CheckFailed
 from . import file_header as header
 from .blocks import BlockCodec
 from .table import Table
-from .telemetry import Piece, Rows, Telemetry
+from .telemetry import Piece, Telemetry
 
+T = TypeVar("T")
 MAGIC = b"\x89MCAP0\r\n"
 RECORD = struct.Struct("<BQ")
 """Kind and length, before each."""
@@ -175,8 +176,8 @@ def open_mcap(file: Path) -> Telemetry:
             configuration=attachments.get(header.CONFIGURATION, b"").decode(),
             sha256=about["sha256"],
             end=end,
-            parts=partial(_parts, file, codec, channels.rows),
-            rows=partial(_rows, file, codec, channels.rows),
+            parts=lambda paths: _blocks(file, channels.rows, partial(codec.decode, paths=paths)),
+            rows=partial(_blocks, file, channels.rows, codec.rows),
             pieces=partial(_pieces, file, codec, channels.rows),
             state=next(iter(arrays(header.STATE)), None),
             parameters=arrays(header.PARAMETERS),
@@ -243,28 +244,19 @@ def _array(file: Path, name: str, data: bytes) -> NDArray[Any]:
     return found
 
 
-def _parts(file: Path, codec: BlockCodec, channel: int, paths: Sequence[str]) -> Rows:
-    for data in _blocks(file, channel):
-        try:
-            yield codec.decode(data, paths)
-        except ValueError as problem:
-            raise CheckFailed(f"{file}: {_WHY} ({problem})") from problem
-
-
-def _rows(file: Path, codec: BlockCodec, channel: int) -> Iterator[NDArray[Any]]:
-    for data in _blocks(file, channel):
-        try:
-            yield codec.rows(data)
-        except ValueError as problem:
-            raise CheckFailed(f"{file}: {_WHY} ({problem})") from problem
-
-
-def _blocks(file: Path, channel: int) -> Iterator[bytes]:
-    """The messages with blocks, in order."""
+def _blocks(file: Path, channel: int, decode: Callable[[bytes], T]) -> Iterator[T]:
+    """The messages with blocks, decoded, in order."""
     with file.open("rb") as stream:
         for opcode, length in places(stream):
             if opcode == CHUNK:
-                yield from _messages(_inside(file, stream.read(length)), channel)
+                yield from _decoded(file, stream.read(length), channel, decode)
+
+
+def _decoded(file: Path, chunk: bytes, channel: int, decode: Callable[[bytes], T]) -> list[T]:
+    try:
+        return [decode(data) for data in _messages(_inside(file, chunk), channel)]
+    except ValueError as problem:
+        raise CheckFailed(f"{file}: {_WHY} ({problem})") from problem
 
 
 def _pieces(file: Path, codec: BlockCodec, channel: int) -> list[Piece]:
@@ -288,11 +280,7 @@ def _piece(
 ) -> dict[str, NDArray[Any]]:
     with file.open("rb") as stream:
         stream.seek(at)
-        content = stream.read(length)
-    try:
-        blocks = [codec.decode(data, paths) for data in _messages(_inside(file, content), channel)]
-    except ValueError as problem:
-        raise CheckFailed(f"{file}: {_WHY} ({problem})") from problem
+        blocks = _decoded(file, stream.read(length), channel, partial(codec.decode, paths=paths))
     none = [np.empty(0, np.int64)] if not blocks else []  # another program puts chunks without rows between ours
     return {path: np.concatenate(none or [block[path] for block in blocks]) for path in paths}
 

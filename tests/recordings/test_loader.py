@@ -8,8 +8,8 @@ from host.test_mcap_recording import begun, slots
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from micromanip.design.data import load_record
-from micromanip.design.identify.linear.experiments import load_linear
+from micromanip.design.data import counting, load_record
+from micromanip.design.identify.linear.experiments import load_linear, split_at
 from micromanip.errors import CheckFailed
 from micromanip.recordings import Wanted, take
 from micromanip.recordings.spikes import bridged, find_spikes
@@ -34,7 +34,7 @@ def without(*samples):
 def test_missing_samples_are_left_out_and_told(tmp_path):
     taken = take(written(tmp_path / "x.csv", *without(100, 300, 301, 302)), COLUMNS)
     assert taken.step_s == pytest.approx(STEP_S)
-    assert [part.stop - part.start for part in taken.pieces] == [100, 199, SAMPLES - 303]
+    assert [part.stop - part.start for part in taken.parts()] == [100, 199, SAMPLES - 303]
     np.testing.assert_array_equal(np.diff(taken.index)[[99, 298]], [2, 4])
     (note,) = taken.notes
     assert "4 samples are missing, in 2 gaps, the first before" in note
@@ -43,8 +43,7 @@ def test_missing_samples_are_left_out_and_told(tmp_path):
 
 def test_behind_a_longer_gap_the_burn_in_begins_again(tmp_path):
     record = load_record(written(tmp_path / "x.csv", *without(*range(300, 330))), COLUMNS)
-    assert record.after_gap == (330,)
-    np.testing.assert_array_equal(np.flatnonzero(record.weights(20) == 0.0), [*range(20), *range(300, 350)])
+    np.testing.assert_array_equal(np.flatnonzero(~counting(record, 20 * STEP_S)), [*range(20), *range(300, 350)])
 
 
 def test_a_linear_record_takes_pieces_as_experiments(tmp_path):
@@ -52,12 +51,12 @@ def test_a_linear_record_takes_pieces_as_experiments(tmp_path):
     assert [len(u) for u, _ in record.experiments] == [250, SAMPLES - 301]
     np.testing.assert_allclose(record.experiments[1][1][:, 0], Y[301:], rtol=1e-9)
     assert any("1 of 3 parts between gaps are shorter than 100 samples" in note for note in record.notes)
-    first, second = record.split(0.5)
+    first, second = split_at(record, 0.5)
     assert [[len(u) for u, _ in part.experiments] for part in (first, second)] == [[250], [275]]
     often = written(tmp_path / "often.csv", *without(*range(0, SAMPLES, 20)))
     filled = load_linear(often, COLUMNS, 1)
-    assert len(filled.u) == SAMPLES - 1
-    np.testing.assert_allclose(filled.y[:, 0], Y[1:], atol=0.05)
+    assert len(filled) == SAMPLES - 1
+    np.testing.assert_allclose(filled.y, Y[1:], atol=0.05)
     assert any("of the missing samples 29, in gaps of at most 3, are filled in" in note for note in filled.notes)
     written(often, *without(*(k + n for k in range(0, SAMPLES, 20) for n in range(4))))
     with pytest.raises(CheckFailed, match="of 30 parts between gaps the longest has 16 samples, which is too short"):
@@ -83,7 +82,7 @@ def test_a_recording_of_ours_with_skipped_cycles(tmp_path):
     wanted = Wanted(("voltage_V_x", "strain_um_x"))
     record = load_record(tmp_path / "run.mcap", wanted)
     assert record.step_s == pytest.approx(1e-4)
-    np.testing.assert_array_equal(np.flatnonzero(record.weights(0) == 0.0), [77])
+    np.testing.assert_array_equal(np.flatnonzero(~counting(record, 0.0)), [77])
     assert "1 sample is missing before" in record.notes[0]
     assert len(load_linear(tmp_path / "run.mcap", wanted, 1).experiments) == 1  # the 77 before are too few
     assert take(tmp_path / "run.mcap", wanted).units == ("V", "um")

@@ -36,12 +36,12 @@ def test_a_table_of_other_columns_before_is_told(tmp_path):
 def test_settings_with_names_of_their_own_and_names_with_digits(tmp_path):
     head = ["R [Ohm]\tC [pF]\tTemp [C]", "0000000000\t0000100000\t+025.00", "Time [s]\tCh1 [V]\tCh2 [um]"]
     taken = same(written(tmp_path / "x.txt", "\n".join([*head, *lines("\t")])), ("Ch1 [V]", "Ch2 [um]"))
-    assert taken.notes == ["line 2: numbers before the table, left out as settings"]
+    assert taken.notes == ("line 2: numbers before the table, left out as settings",)
 
 
 def test_what_is_said_behind_a_table_is_left_out_with_its_lines(tmp_path):
     taken = same(written(tmp_path / "x.csv", "\n".join(["t,u,y", *lines(), "", "Mean,50,55", "End of file"])))
-    assert taken.notes == ["line 603 to 604: no rows, behind the table, left out"]
+    assert taken.notes == ("line 603 to 604: no rows, behind the table, left out",)
 
 
 @pytest.mark.parametrize("often", [3, None], ids=["evenly", "at random"])
@@ -52,7 +52,7 @@ def test_rows_that_repeat_the_one_before_are_left_out(often, tmp_path):
         tmp_path / "x.csv", "t,u,y\n" + "\n".join(r for r, n in zip(lines(), times, strict=True) for _ in range(n))
     )
     told = f"{sum(times) - SAMPLES} rows repeat the one before and are left out, the first at {file}:3"
-    assert same(file).notes == [told]
+    assert same(file).notes == (told,)
 
 
 def test_a_clock_that_stands_while_the_signals_move_is_refused_with_a_way_out(tmp_path):
@@ -71,13 +71,13 @@ def test_rows_that_lack_a_number_are_left_out(tmp_path):
     taken = same(
         written(tmp_path / "x.csv", "__time,/amp/u_V,/gauge/y_um\n" + "\n".join(rows)), ("/amp/u_V", "/gauge/y_um")
     )
-    assert taken.notes == [f"12 rows lack a number and are left out, the first at {tmp_path}/x.csv:3"]
+    assert taken.notes == (f"12 rows lack a number and are left out, the first at {tmp_path}/x.csv:3",)
 
 
 def test_a_column_that_ends_earlier_is_a_column(tmp_path):
     rows = [f"{t},{u},{y if k < 500 else ''}" for k, (t, u, y) in enumerate(map(split, lines()))]
     taken = take(written(tmp_path / "x.csv", "t,u,y\n" + "\n".join(rows)), Wanted(("u", "y")))
-    assert taken.notes == [f"100 rows lack a number and are left out, the first at {tmp_path}/x.csv:502"]
+    assert taken.notes == (f"100 rows lack a number and are left out, the first at {tmp_path}/x.csv:502",)
 
 
 def test_columns_that_were_logged_apart_are_brought_together_at_a_rate(tmp_path):
@@ -225,7 +225,7 @@ FOREIGN = {
 @pytest.mark.parametrize("name", FOREIGN)
 def test_each_program_s_text_gives_the_same_numbers(name, tmp_path):
     text, columns = FOREIGN[name]
-    assert same(written(tmp_path / "x.txt", text), columns).notes == []
+    assert same(written(tmp_path / "x.txt", text), columns).notes == ()
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "cp1252"])

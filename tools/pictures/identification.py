@@ -5,12 +5,12 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
-from micromanip.design.data import Record, load_record
+from micromanip.design.data import load_record
 from micromanip.design.experiment import open_loop
 from micromanip.design.identify.experiments import DEFAULT_SECONDS, Kind, design, recording, samples_for, write_csv
 from micromanip.design.identify.fitting import Request, fit_record
 from micromanip.design.plots.findings import draw_fit
-from micromanip.recordings import Wanted
+from micromanip.recordings import TimeSeries, Wanted
 from micromanip.settings.check import prepare
 from micromanip.virtual.experiment import VirtualExperiment
 
@@ -18,7 +18,7 @@ AXIS = "x"
 _SHOWN = ("figure5_model.svg", "residuals.svg")
 
 
-def record(config: Path, folder: Path, kind: Kind, seed: int = 1) -> Record:
+def record(config: Path, folder: Path, kind: Kind, seed: int = 1) -> TimeSeries:
     """What ``micromanip identify`` records of the axis, read as ``micromanip fit`` reads it."""
     prepared = prepare(config)
     configuration = prepared.configuration

@@ -7,12 +7,11 @@ seen and what to do, before a loop is closed that should not be.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from micromanip.errors import CheckFailed
+from micromanip.recordings import TimeSeries
 from micromanip.settings.schema.axis import Axis
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.wiring.timing import AT_ONCE
@@ -20,7 +19,7 @@ from micromanip.settings.wiring.timing import AT_ONCE
 from ..analyse.loop_analysis import analyse_inverse
 from ..analyse.loops import over_path
 from ..analyse.sensitivity import Sensitivity
-from ..data import Record, judge_record
+from ..data import judge_record
 from ..experiment import Experiment, open_loop, with_axis
 from ..identify.actuation import Actuator, identify_actuator
 from ..identify.experiments import design, recording, samples_for
@@ -39,8 +38,6 @@ from .stage_sensor_check import BEFORE_S, check_answer, check_travel, require_ce
 from .stop_report import Steps
 from .validation import coupling
 
-Array = NDArray[np.float64]
-
 TRIANGLE_S = 12.0
 FOLLOWED = 0.7
 """The set-point may move at this share of what the output can do."""
@@ -56,9 +53,9 @@ class Commissioned:
     axis: str
     configuration: Configuration
     polarity: Polarity
-    triangle: dict[str, Array]
-    record: dict[str, Array]
-    held_out: dict[str, Array]
+    triangle: TimeSeries
+    record: TimeSeries
+    held_out: TimeSeries
     quality: Quality
     tanh: HysteresisFit
     affine: HysteresisFit
@@ -122,7 +119,7 @@ def _commission(
     steps.learn(setpoints_slew_limit=f"{settings.setpoint.slew_um_per_ms:g} um/ms")
     say("major loop")
     triangle, others_um = _triangle(configuration, experiment, axis)
-    judge_coverage(axis, triangle["voltage_V"], triangle["strain_um"], settings.setpoint.range_um)
+    judge_coverage(axis, triangle.u, triangle.y, settings.setpoint.range_um)
     travel = None
     if f"stage_{axis}" in configuration.signals:
         travel = check_travel(configuration, axis, triangle, others_um)
@@ -136,15 +133,13 @@ def _commission(
         require_quiet(axis, "stage sensor", answer.stage_before_um, way_um, BEFORE_S)
     say("excitation")
     record, held_out = (record_hysteresis(configuration, experiment, axis, each) for each in (seed, seed + 1))
-    judge_record(_as_record(axis, record))
-    quality = judge_coverage(axis, record["voltage_V"], record["strain_um"], settings.setpoint.range_um)
-    steps.learn(
-        stroke=f"{np.ptp(record['strain_um']):.0f} um", coverage=f"{100 * quality.coverage:.0f} % of the set-points"
-    )
+    judge_record(record)
+    quality = judge_coverage(axis, record.u, record.y, settings.setpoint.range_um)
+    steps.learn(stroke=f"{np.ptp(record.y):.0f} um", coverage=f"{100 * quality.coverage:.0f} % of the set-points")
     say("hysteresis models")
     tanh, affine = hysteresis_models(record, settings.setpoint.range_um)
     percent = {
-        fitted.structure.name: fitted.held_out(held_out["voltage_V"], held_out["strain_um"], burn_in(held_out))[0]
+        fitted.structure.name: fitted.held_out(held_out.u, held_out.y, burn_in(held_out))[0]
         for fitted in (tanh, affine)
     }
     steps.learn(hysteresis_on_unseen_data=f"{min(percent.values()):.2f} % of the stroke")
@@ -159,7 +154,7 @@ def _commission(
     tuned = with_axis(configuration, axis, hysteresis=chosen.model, hysteresis_affine=affine.model)
     say("actuator")
     actuator = identify_actuator(configuration, experiment, axis, seed, _holding_voltage(record, settings.centre_um))
-    branch_um_per_V = steepest_branch(triangle["voltage_V"], triangle["strain_um"], settings.setpoint.range_um)
+    branch_um_per_V = steepest_branch(triangle.u, triangle.y, settings.setpoint.range_um)
     actuator = replace(actuator, branch_um_per_V=branch_um_per_V)
     steps.learn(
         actuator=f"order {actuator.found.order}, delay {actuator.delay} cycles, fit {actuator.fit_percent:.1f} % about "
@@ -240,15 +235,13 @@ def _regular(settings: Axis, tanh: HysteresisFit, affine: HysteresisFit, learned
     return affine
 
 
-def _holding_voltage(record: dict[str, Array], centre_um: float) -> float:
+def _holding_voltage(record: TimeSeries, centre_um: float) -> float:
     """Voltage (V) at which an open-loop record passes the working point, the mean of both ways."""
-    near = np.argsort(np.abs(record["strain_um"] - centre_um))[: max(len(record["strain_um"]) // 50, 10)]
-    return float(np.median(record["voltage_V"][near]))
+    near = np.argsort(np.abs(record.y - centre_um))[: max(len(record) // 50, 10)]
+    return float(np.median(record.u[near]))
 
 
-def _triangle(
-    configuration: Configuration, experiment: Experiment, axis: str
-) -> tuple[dict[str, Array], dict[str, float]]:
+def _triangle(configuration: Configuration, experiment: Experiment, axis: str) -> tuple[TimeSeries, dict[str, float]]:
     """The recording, and how far the stages of the other axes moved (um)."""
     excitation = design(configuration, axis, "triangle", TRIANGLE_S, 0)
     seconds = len(excitation.samples) / configuration.loop.rate_hz
@@ -256,8 +249,3 @@ def _triangle(
     travel = {name: float(np.ptp(rows["axis"]["stage_um"][:, i])) for i, name in enumerate(configuration.axes)}
     others = {name: um for name, um in travel.items() if name != axis and np.isfinite(um)}
     return recording(configuration, excitation, rows), others
-
-
-def _as_record(axis: str, columns: dict[str, Array]) -> Record:
-    voltage, strain = columns["voltage_V"], columns["strain_um"]
-    return Record(Path(f"axis {axis}"), "voltage_V", "strain_um", voltage, strain, float(columns["t_s"][1]))

@@ -41,12 +41,12 @@ def _first_move(found: Commissioned) -> Section:
         "First move",
         "A small move from the park voltage in open loop: the right gauge must see it, and the right way.",
         figures | {"slope": f"{found.polarity.slope_um_per_V:.3f} um/V"},
-        (figure_2(found.triangle["voltage_V"], found.triangle["strain_um"]),),
+        (figure_2(found.triangle.u, found.triangle.y),),
     )
 
 
 def _hysteresis(found: Commissioned) -> Section:
-    voltage = found.record["voltage_V"]
+    voltage = found.record.u
     figures = {
         "record": f"{voltage.min():.0f} to {voltage.max():.0f} V, {found.tanh.stroke_um:.0f} um of stroke",
         "coverage of the set-points": f"{100 * found.quality.coverage:.0f} %",

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.signal import detrend
 
 from micromanip.errors import CheckFailed
+from micromanip.recordings import TimeSeries
 from micromanip.settings.schema.model import Configuration
 
 from ..experiment import Experiment, open_loop, parked, play
@@ -35,17 +36,16 @@ _SWING_SHARE, _SWINGS_PER_PATH = 0.1, 2.0
 """A swing of the stage counts from this share of its step; it must be so many times faster than the path."""
 
 
-def check_travel(
-    configuration: Configuration, axis: str, record: dict[str, Array], others_um: dict[str, float]
-) -> Travel:
+def check_travel(configuration: Configuration, axis: str, record: TimeSeries, others_um: dict[str, float]) -> Travel:
     """The stage near the working point, from a `record` in open loop; `others_um`: travel of the other stages.
 
     Raises CheckFailed where the sensor, its scale or the flexure is no good for an outer loop.
     """
-    settings, none = configuration.axes[axis], np.full(len(record["strain_um"]), np.nan)
+    settings = configuration.axes[axis]
+    stage = record["stage_um"] if "stage_um" in record.names else np.full(len(record), np.nan)
     low, high = settings.setpoint.range_um
-    near = np.abs(record["strain_um"] - settings.centre_um) < _NEAR * (high - low)
-    strain, stage, volts = (record.get(name, none)[near] for name in ("strain_um", "stage_um", "voltage_V"))
+    near = np.abs(record.y - settings.centre_um) < _NEAR * (high - low)
+    strain, stage, volts = (column[near] for column in (record.y, stage, record.u))
     moved_um, good, where = float(np.ptp(strain)), np.isfinite(stage), f"signals.stage_{axis}"
     own_um = float(np.ptp(stage[good])) if good.any() else 0.0
     other = max(others_um, key=lambda name: others_um[name], default=axis)

@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from micromanip.recordings import TimeSeries
 from micromanip.settings.schema.model import Configuration
 
 from ..excitation import multisine, random_turns, shrinking_triangle, soft
@@ -67,21 +68,19 @@ def samples_for(configuration: Configuration, excitation: Excitation) -> Array:
     return samples
 
 
-def recording(configuration: Configuration, excitation: Excitation, rows: NDArray[Any]) -> dict[str, Array]:
-    """Columns of the recording at about 1 kHz, without lead-in and lead-out, from `rows` (one per cycle).
+def recording(configuration: Configuration, excitation: Excitation, rows: NDArray[Any]) -> TimeSeries:
+    """The recording at about 1 kHz, without lead-in and lead-out, from `rows` (one per cycle).
 
     The stage sensor's is NaN while it held an old value, see `held`, and left out where there is none.
     """
     every = max(1, round(configuration.loop.rate_hz / RECORD_RATE_HZ))
     i = list(configuration.axes).index(excitation.axis)
     part = slice(excitation.lead_cycles, len(excitation.samples) - excitation.lead_cycles, every)
-    columns = {"t_s": np.arange(len(rows[part])) * every / configuration.loop.rate_hz}
-    for name in ("voltage_V", "strain_um"):
-        columns[name] = np.asarray(rows["axis"][name][part, i], dtype=float)
+    columns = {name: rows["axis"][name][part, i].astype(float) for name in ("voltage_V", "strain_um")}
     old = held(configuration, excitation.axis, rows)[part]
     if not old.all():
         columns["stage_um"] = np.where(old, np.nan, rows["axis"]["stage_um"][part, i])
-    return columns
+    return TimeSeries.of_columns(Path(f"axis {excitation.axis}"), columns, every / configuration.loop.rate_hz)
 
 
 def held(configuration: Configuration, axis: str, rows: NDArray[Any]) -> NDArray[np.bool_]:
@@ -94,11 +93,12 @@ def held(configuration: Configuration, axis: str, rows: NDArray[Any]) -> NDArray
     return np.asarray((of_axis["stage_age_ns"] > limit_ns) | np.isnan(of_axis["stage_um"]))
 
 
-def write_csv(file: Path, columns: dict[str, Array]) -> None:
-    """Write the columns under a header, whole or not at all. Raises OSError."""
+def write_csv(file: Path, series: TimeSeries) -> None:
+    """Write times and columns under a header, whole or not at all. Raises OSError."""
     part = file.with_name(file.name + ".part")
     try:
-        np.savetxt(part, np.column_stack(list(columns.values())), "%.9g", ",", header=",".join(columns), comments="")
+        table, header = np.column_stack([series.time_s, series.values]), ",".join(("t_s", *series.names))
+        np.savetxt(part, table, "%.9g", ",", header=header, comments="")
         part.replace(file)
     except OSError:
         part.unlink(missing_ok=True)

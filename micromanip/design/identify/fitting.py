@@ -12,9 +12,10 @@ from pydantic import ValidationError
 
 from micromanip.design.identify.hysteresis import fit
 from micromanip.errors import CheckFailed
+from micromanip.recordings import TimeSeries
 from micromanip.settings.schema.hysteresis import Network, PrandtlIshlinskii
 
-from ..data import Record
+from ..data import counting
 from .hysteresis import Candidate, HysteresisFit, candidates, choose, structure_of
 from .hysteresis.choice import parted
 from .network.fit import NetworkFit, fit_network, reversals, smoothed
@@ -28,7 +29,9 @@ _COVERED = 0.7
 """The least share of the set-point's range: `identify` covers three quarters."""
 
 
-def little_seen(record: Record, used: NDArray[np.bool_], setpoint_um: tuple[float, float] | None = None) -> list[str]:
+def little_seen(
+    record: TimeSeries, used: NDArray[np.bool_], setpoint_um: tuple[float, float] | None = None
+) -> list[str]:
     """What is to be told of the samples that are `used` (n,): empty where they have shown all that a model needs.
 
     `setpoint_um` is the range of the set-point that the model is for, where that is known.
@@ -55,7 +58,7 @@ def little_seen(record: Record, used: NDArray[np.bool_], setpoint_um: tuple[floa
         covered = (min(high, float(y.max())) - max(low, float(y.min()))) / (high - low)
         if covered < _COVERED:
             told.append(
-                f"{record.output_name} covers {100.0 * max(covered, 0.0):.0f} % of the set-point's range, {low:g} to "
+                f"{record.names[1]} covers {100.0 * max(covered, 0.0):.0f} % of the set-point's range, {low:g} to "
                 f"{high:g} um: beyond, the model is continued; record the range that is used"
             )
     return told
@@ -130,30 +133,28 @@ class Fitted:
 
 
 def fit_record(
-    record: Record, held_out: Record | None, request: Request, progress: Callable[[str], None] = lambda _: None
+    record: TimeSeries, held_out: TimeSeries | None, request: Request, progress: Callable[[str], None] = lambda _: None
 ) -> Fitted:
     """Fit the hysteresis model that `request` asks for: displacement, um, by voltage, V, as in equations (1) to (16).
 
     `held_out` is only ever predicted. CheckFailed where nothing can be fitted.
     """
-    burn_in = record.burn_in(request.burn_in_s)
+    used = counting(record, request.burn_in_s)
     if held_out is not None:
         _same_rate(record.step_s, held_out)
-        held_out.burn_in(request.burn_in_s)
-    used = record.weights(burn_in) > 0.0
+        counting(held_out, request.burn_in_s)
     if used.sum() < 2 * _LEAST_COUNTING:
         raise CheckFailed(f"{record.file}: {used.sum()} samples that count are too few to fit to")
     little = little_seen(record, used, request.setpoint_um)
-    found = _fitted(record, held_out, request, used, burn_in, progress)
+    found = _fitted(record, held_out, request, used, progress)
     return replace(found, notes=[*little, *found.notes])
 
 
 def _fitted(
-    record: Record,
-    held_out: Record | None,
+    record: TimeSeries,
+    held_out: TimeSeries | None,
     request: Request,
     used: Flags,
-    burn_in: int,
     progress: Callable[[str], None],
 ) -> Fitted:
     range_um = (float(record.y[used].min()), float(record.y[used].max()))
@@ -175,20 +176,20 @@ def _fitted(
         raise CheckFailed(f"{record.file}: the fitted {request.kind} model has no inverse: {what}") from problem
     except ValueError as problem:
         raise CheckFailed(f"{record.file}: {problem}") from problem
-    return _judged(record, best, tried, held_out, request, burn_in)
+    return _judged(record, best, tried, held_out, request, used)
 
 
 def _judged(
-    record: Record,
+    record: TimeSeries,
     best: HysteresisFit,
     tried: list[Candidate],
-    held_out: Record | None,
+    held_out: TimeSeries | None,
     request: Request,
-    burn_in: int,
+    used: Flags,
 ) -> Fitted:
     validation = predicted = None
     if held_out is not None:
-        counts = held_out.weights(held_out.burn_in(request.burn_in_s)) > 0.0
+        counts = counting(held_out, request.burn_in_s)
         begun = best.begun(held_out.u, held_out.y, counts)
         predicted = begun.predict(held_out.u)
         rms, maximum = begun.held_out(held_out.u, held_out.y, counts)
@@ -197,7 +198,7 @@ def _judged(
     if best.spikes.any():
         first = float(np.flatnonzero(best.spikes)[0]) * record.step_s
         notes.append(
-            f"{record.output_name}: {int(best.spikes.sum())} samples stand out of model and measurement, the first "
+            f"{record.names[1]}: {int(best.spikes.sum())} samples stand out of model and measurement, the first "
             f"{first:.6g} s after the start: not fitted to"
         )
     dead_time_s = best.delay_samples * record.step_s
@@ -210,7 +211,7 @@ def _judged(
         best.structure.name + ("+delay" if dead_time_s else ""),
         best.model,
         best.predict,
-        burn_in,
+        int(np.argmax(used)),
         best.rms_percent,
         best.max_percent,
         validation,
@@ -222,10 +223,10 @@ def _judged(
     )
 
 
-def _rival(record: Record, request: Request, used: Flags, progress: Callable[[str], None]) -> Candidate:
+def _rival(record: TimeSeries, request: Request, used: Flags, progress: Callable[[str], None]) -> Candidate:
     """A network fitted to the first 70 % and judged on the rest, as the other kinds are."""
     count, rest = parted(used)
-    first = int(np.flatnonzero(used)[0])
+    first = int(np.argmax(used))
 
     def say(what: str) -> None:
         progress(f"network, {what}")
@@ -240,7 +241,7 @@ def _rival(record: Record, request: Request, used: Flags, progress: Callable[[st
     return Candidate("network", own, _percent(behind, float(np.ptp(record.y[rest])))["rms_percent"])
 
 
-def _same_rate(step_s: float, held_out: Record) -> None:
+def _same_rate(step_s: float, held_out: TimeSeries) -> None:
     if abs(held_out.step_s / step_s - 1.0) > 0.01:
         raise CheckFailed(
             f"{held_out.file}: sampled every {held_out.step_s:.6g} s, the fitted record every {step_s:.6g} s; "
@@ -249,15 +250,15 @@ def _same_rate(step_s: float, held_out: Record) -> None:
 
 
 def _fit_network(
-    record: Record,
-    held_out: Record | None,
+    record: TimeSeries,
+    held_out: TimeSeries | None,
     request: Request,
     used: Flags,
     range_um: tuple[float, float],
     progress: Callable[[str], None],
 ) -> Fitted:
     """Forward network, which is judged, and the inverse one (section 3.4), which the loop gets."""
-    burn_in = int(np.flatnonzero(used)[0])
+    burn_in = int(np.argmax(used))
 
     def train(name: str, u: Array, y: Array) -> NetworkFit:
         def say(what: str) -> None:
@@ -270,7 +271,7 @@ def _fit_network(
     error = (forward.predict(record.u) - record.y)[used]
     validation = predicted = None
     if held_out is not None:
-        counts = held_out.weights(held_out.burn_in(request.burn_in_s)) > 0.0
+        counts = counting(held_out, request.burn_in_s)
         predicted = forward.predict(held_out.u)
         other = (predicted - held_out.y)[counts]
         validation = _percent(other - other.mean(), float(np.ptp(held_out.y[counts])))

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.design.identify.hysteresis import fit
+from micromanip.recordings import TimeSeries
 from micromanip.settings.schema.axis import LinearModel
 from micromanip.settings.schema.hysteresis import Range
 from micromanip.settings.schema.model import Configuration
@@ -44,36 +45,24 @@ _LOW_HZ, _LEAD_S, _SLEW_SHARE, _JUDGED_HZ = 8.0, 1.5, 0.7, 1500.0
 _WANTED_ERROR, _WANTED_CONFIDENCE, _MATTERS = 0.12, 0.15, 0.05
 
 
-def record_hysteresis(
-    configuration: Configuration, experiment: Experiment, axis: str, seed: int = 1
-) -> dict[str, Array]:
-    """Columns ``t_s, voltage_V, strain_um`` .. of one axis under the multisine (13), the other axes at rest."""
+def record_hysteresis(configuration: Configuration, experiment: Experiment, axis: str, seed: int = 1) -> TimeSeries:
+    """Columns ``voltage_V, strain_um`` .. of one axis under the multisine (13), the other axes at rest."""
     excitation = design(configuration, axis, "multisine", HYSTERESIS_S, seed)
     seconds = len(excitation.samples) / configuration.loop.rate_hz
     rows = experiment(open_loop(configuration), seconds, samples_for(configuration, excitation))
     return recording(configuration, excitation, rows)
 
 
-def hysteresis_models(record: dict[str, Array], limits: Range) -> tuple[HysteresisFit, HysteresisFit]:
+def hysteresis_models(record: TimeSeries, limits: Range) -> tuple[HysteresisFit, HysteresisFit]:
     """Tanh and affine model of a record made by `record_hysteresis`, good for set-points within `limits` (um)."""
-    voltage, strain = record["voltage_V"], record["strain_um"]
-    tanh, affine = (
-        fit(
-            structure_of(kind, voltage, float(record["t_s"][1]), PLAYS),
-            voltage,
-            strain,
-            limits,
-            burn_in(record),
-            starts=STARTS,
-        )
-        for kind in ("pi-tanh", "pi-affine")
-    )
+    structures = (structure_of(kind, record.u, record.step_s, PLAYS) for kind in ("pi-tanh", "pi-affine"))
+    tanh, affine = (fit(each, record.u, record.y, limits, burn_in(record), starts=STARTS) for each in structures)
     return tanh, affine
 
 
-def burn_in(record: dict[str, Array]) -> int:
+def burn_in(record: TimeSeries) -> int:
     """Samples of a record that do not count: what happened before it is not known."""
-    return len(record["t_s"]) // 10
+    return len(record) // 10
 
 
 def fit_hysteresis(configuration: Configuration, experiment: Experiment, say: Progress) -> Configuration:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from micromanip.recordings import TimeSeries
 from micromanip.settings.schema.axis import Axis
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
 
@@ -14,7 +15,6 @@ from ..analyse.budget.budget import AxisBudget, summed_up
 from ..analyse.describing import inverse_operator
 from ..analyse.live_margins import Running
 from ..analyse.path.preview import ERROR, AxisPreview, Preview
-from ..data import Record
 from ..identify.fitting import Fitted
 from ..report.model import Array, Curve, Plot
 from .canvas import save
@@ -22,30 +22,26 @@ from .canvas import save
 _SHOWN_S = 5.0
 
 
-def _times_s(record: Record) -> Array:
-    return np.asarray(np.arange(len(record.u)) * record.step_s, dtype=float)
-
-
-def _beside(burn_in: int, record: Record, predicted: Array) -> tuple[Plot, Plot]:
+def _beside(burn_in: int, record: TimeSeries, predicted: Array) -> tuple[Plot, Plot]:
     """Model and measurement over time (the last seconds) and as a loop."""
-    t_s = _times_s(record)
+    t_s = record.time_s
     late = slice(max(burn_in, len(record.u) - round(max(_SHOWN_S, 0.1 * t_s[-1]) / record.step_s)), None)
     used, pairs = slice(burn_in, None), (("measured", record.y), ("model", predicted))
     over_time, loop = (
         tuple(Curve(name, x[part], y[part]) for name, y in pairs) for x, part in ((t_s, late), (record.u, used))
     )
     return (
-        Plot("", "time, s", record.output_name, over_time),
-        Plot("", record.input_name, record.output_name, loop),
+        Plot("", "time, s", record.names[1], over_time),
+        Plot("", record.names[0], record.names[1], loop),
     )
 
 
-def _residuals(burn_in: int, record: Record, predicted: Array) -> tuple[Plot, Plot]:
+def _residuals(burn_in: int, record: TimeSeries, predicted: Array) -> tuple[Plot, Plot]:
     """Residual over time, and over the input: what is left of the loop."""
-    left, error = f"model - measured {record.output_name}", predicted - record.y
+    left, error = f"model - measured {record.names[1]}", predicted - record.y
     over_time, over_input = (
         Plot("", label, left, (Curve("", x[burn_in:], error[burn_in:]),))
-        for label, x in (("time, s", _times_s(record)), (record.input_name, record.u))
+        for label, x in (("time, s", record.time_s), (record.names[0], record.u))
     )
     return over_time, over_input
 
@@ -61,7 +57,7 @@ def _density(model: PrandtlIshlinskii) -> tuple[Plot, Plot]:
     )
 
 
-def draw_fit(result: Fitted, record: Record, held_out: Record | None, folder: Path) -> Iterator[Path]:
+def draw_fit(result: Fitted, record: TimeSeries, held_out: TimeSeries | None, folder: Path) -> Iterator[Path]:
     """Draw all of them into `folder`; the files."""
     predicted, kind = result.predict(record.u), f"{result.kind}, rms {result.rms_percent:.2f} % of the stroke"
     yield save(_beside(result.burn_in, record, predicted), folder, "figure5_model", kind)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
+from micromanip.recordings import TimeSeries
 from micromanip.rt.records import MAX_AXES
 from micromanip.settings.schema.model import Configuration
 
@@ -26,9 +27,9 @@ def figure_2(voltage_V: Array, strain_um: Array) -> Plot:
     return Plot("Figure 2: hysteresis under a shrinking triangle", "voltage, V", "strain gauge, um", (loops,))
 
 
-def figure_5(fitted: HysteresisFit, record: Mapping[str, Array]) -> tuple[Plot, Plot]:
+def figure_5(fitted: HysteresisFit, record: TimeSeries) -> tuple[Plot, Plot]:
     """Model less data over time, and over the voltage, on a record that was not fitted to."""
-    t_s, voltage, strain = record["t_s"], record["voltage_V"], record["strain_um"]
+    t_s, voltage, strain = record.time_s, record.u, record.y
     error = fitted.predict(voltage) - strain
     late = slice(len(error) // 10, None)
     error = error - error[late].mean()

@@ -1,5 +1,6 @@
 """What the first travel and a small step show of stage sensor and flexure, on records whose truth is known."""
 
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,20 +8,22 @@ import pytest
 
 from micromanip.design.commission.stage_sensor_check import check_travel, judge_answer, require_centred
 from micromanip.errors import CheckFailed
+from micromanip.recordings import TimeSeries
 
 RATE_HZ = 10_000
 AXIS = SimpleNamespace(setpoint=SimpleNamespace(range_um=(2.0, 128.0)), centre_um=66.0)
 CELL = SimpleNamespace(axes={"x": AXIS})
 
 
-def record(lost_um=0.0):
-    """A shrinking triangle; the stage is five times the gauge, behind a play of `lost_um`."""
+def record(lost_um=0.0, zero_um=0.0):
+    """A shrinking triangle; the stage is five times the gauge, behind a play of `lost_um` and `zero_um` off."""
     strain = 66.0 + np.interp(np.arange(6000), np.arange(0, 6001, 500), 60.0 * (-0.95) ** np.arange(13))
     stage, held = np.zeros(len(strain)), 5.0 * (strain[0] - 66.0)
     for k, free in enumerate(5.0 * (strain - 66.0)):
         held = min(max(held, free - 0.5 * lost_um), free + 0.5 * lost_um)
         stage[k] = held
-    return {"voltage_V": strain, "strain_um": strain, "stage_um": stage}
+    columns = {"voltage_V": strain, "strain_um": strain, "stage_um": stage + zero_um}
+    return TimeSeries.of_columns(Path("axis x"), columns, 1e-3)
 
 
 def test_a_little_lost_motion_is_borne_and_more_is_named():
@@ -32,16 +35,13 @@ def test_a_little_lost_motion_is_borne_and_more_is_named():
 
 def test_a_stage_sensor_with_another_zero_is_named_before_a_loop_is_closed():
     """It reads the position from the end of its travel; the path would begin at an end of the set-point's range."""
-    shifted = record()
-    shifted["stage_um"] = shifted["stage_um"] + 100.0  # 20 um of the gauge, of 62 on either side
-    travel = check_travel(CELL, "x", shifted, {})
+    travel = check_travel(CELL, "x", record(zero_um=100.0), {})  # 20 um of the gauge, of 62 on either side
     assert travel.slope == pytest.approx(5.0)
     require_centred(CELL, "x", travel)
-    shifted["stage_um"] = shifted["stage_um"] + 200.0
     with pytest.raises(
         CheckFailed, match=r"reads 300.0 um where the gauge reads centre_um, 66 um, .* shift its zero by 300.0 um"
     ):
-        require_centred(CELL, "x", check_travel(CELL, "x", shifted, {}))
+        require_centred(CELL, "x", check_travel(CELL, "x", record(zero_um=300.0), {}))
 
 
 def answer(mode_Hz, tau_s, damping=0.02):

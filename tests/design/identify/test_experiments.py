@@ -70,17 +70,17 @@ def test_experiment_in_virtual_time(prepared, kind, tmp_path):
     assert np.abs(np.diff(voltage[:, 1])).max() <= output.slew_V_per_ms * 1e3 / configuration.loop.rate_hz
     np.testing.assert_allclose(voltage[:, 1], excitation.samples, atol=0.05 * np.ptp(excitation.samples))
 
-    columns = recording(configuration, excitation, rows)
-    assert list(columns) == ["t_s", "voltage_V", "strain_um", "stage_um"]
+    series = recording(configuration, excitation, rows)
+    assert (series.names, series.units) == (("voltage_V", "strain_um", "stage_um"), ("V", "um", "um"))
     kept = len(excitation.samples) - 2 * excitation.lead_cycles
-    assert len(columns["t_s"]) == -(-kept // 10)
-    np.testing.assert_allclose(np.diff(columns["t_s"]), 1e-3)
+    assert len(series) == -(-kept // 10)
+    np.testing.assert_allclose(np.diff(series.time_s), 1e-3)
     low = output.range_V[0] + (0.05 if kind == "turns" else 0.22) * (output.range_V[1] - output.range_V[0])
-    assert columns["voltage_V"].min() >= low - 1e-6, "the lead-in from the park voltage is cut away"
+    assert series.u.min() >= low - 1e-6, "the lead-in from the park voltage is cut away"
 
     file = tmp_path / "y.csv"
-    write_csv(file, columns)
+    write_csv(file, series)
     assert file.read_text().startswith("t_s,voltage_V,strain_um,stage_um\n")
     read = np.genfromtxt(file, delimiter=",", skip_header=1)
-    np.testing.assert_allclose(read, np.column_stack(list(columns.values())), rtol=1e-8, atol=1e-12)
+    np.testing.assert_allclose(read, np.column_stack([series.time_s, series.values]), rtol=1e-8, atol=1e-12)
     assert [path.name for path in tmp_path.iterdir()] == ["y.csv"]

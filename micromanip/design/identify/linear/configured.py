@@ -6,13 +6,13 @@ import numpy as np
 from pydantic import ValidationError
 
 from micromanip.errors import CheckFailed
+from micromanip.recordings import TimeSeries
 from micromanip.settings.check import prepared
 from micromanip.settings.schema.axis import LinearModel, Outer
 from micromanip.settings.text.source import Source
 from micromanip.settings.wiring.timing import cycles_between, sensor_timing
 from micromanip.settings.write import with_outer
 
-from .experiments import LinearRecord
 from .modal import Modes
 from .model import LinearFit
 
@@ -23,11 +23,11 @@ PLACE = (
 )
 
 
-def require_stage(record: LinearRecord) -> None:
+def require_stage(record: TimeSeries) -> None:
     """CheckFailed unless a record is of one set-point and one stage, both in stated units of length."""
-    if len(record.inputs) != 1 or len(record.outputs) != 1:
+    if record.inputs != 1 or len(record.names) != 2:
         raise CheckFailed(f"{record.file}: --into takes one input and one output: {PLACE}")
-    for name, unit in zip((*record.inputs, *record.outputs), record.units, strict=True):
+    for name, unit in zip(record.names, record.units, strict=True):
         if unit is None:
             raise CheckFailed(f"{record.file}: {name} states no unit, and --into takes none for granted: {name}:um")
         if unit != "um":

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,11 +11,11 @@ from scipy.signal import decimate
 
 from micromanip.design.data import require_movement, stands_still
 from micromanip.errors import CheckFailed
-from micromanip.recordings import Recording, Wanted, take
+from micromanip.recordings import TimeSeries, Wanted, take
 from micromanip.recordings.loader import LISTS
-from micromanip.recordings.spikes import bridged
+from micromanip.recordings.time_series import joined
 
-from .modal import Array, Experiment
+from .modal import Array
 
 # Unlike a hysteresis, a plant with dynamics may turn anywhere, whatever its input does. So it is looked at how an
 # output comes to its extreme: within bands of it that grow fourfold the samples of a smooth peak double, those of a
@@ -69,133 +68,100 @@ _SAME_RATE, _WHOLE = 0.01, 0.01
 _COPY = 1e-9
 
 
-@dataclass(frozen=True)
-class LinearRecord:
-    """Inputs (n, m) and outputs (n, l) sampled every `dt` seconds, and where they came from.
+def split_at(record: TimeSeries, share: float) -> list[TimeSeries]:
+    """The first `share` of a record, and the rest, if any. CheckFailed where one of them is too short or stands still.
 
-    Samples are missing before each of `breaks`: what is on either side are experiments of their own.
+    Pieces that the cut leaves too short are left out.
     """
-
-    file: Path
-    inputs: tuple[str, ...]
-    outputs: tuple[str, ...]
-    u: Array
-    y: Array
-    dt: float
-    breaks: tuple[int, ...] = ()
-    notes: tuple[str, ...] = ()
-    told: str = ""
-    units: tuple[str | None, ...] = ()
-
-    @property
-    def experiments(self) -> list[Experiment]:
-        """Inputs and outputs of each part without a gap."""
-        ends = [0, *self.breaks, len(self.u)]
-        return [(self.u[first:last], self.y[first:last]) for first, last in pairwise(ends)]
-
-    def _part(self, first: int, last: int) -> LinearRecord:
-        """Samples `first` up to `last`; pieces that the cut leaves too short are left out."""
-        inner = [k for k in self.breaks if first < k < last]
-        ends = [first, *inner, last]
-        kept = [piece for piece in pairwise(ends) if piece[1] - piece[0] >= min(_LEAST_PIECE, last - first)]
-        used = np.concatenate([np.arange(*piece) for piece in kept]) if kept else np.arange(first, last)
-        breaks = np.cumsum([end - begin for begin, end in kept])[:-1] if kept else np.array([], dtype=int)
-        return replace(self, u=self.u[used], y=self.y[used], breaks=tuple(int(k) for k in breaks))
-
-    def split(self, share: float) -> tuple[LinearRecord, LinearRecord | None]:
-        """The first `share` of the record, and the rest, if any. CheckFailed where one of them is too short."""
-        count = round(share * len(self.u))
-        parts = [(0, count)] if count == len(self.u) else [(0, count), (count, len(self.u))]
-        records = [self._part(*part) for part in parts]
-        for record in records:
-            if len(record.u) < _LEAST_SAMPLES // 2:
-                raise CheckFailed(
-                    f"{self.file}: split at {share:g}, a part of {len(record.u)} samples is left, which is too short; "
-                    f"at least {_LEAST_SAMPLES // 2} are needed"
-                )
-            still = [
-                name
-                for names, values in ((self.inputs, record.u), (self.outputs, record.y))
-                for name, moved in zip(names, values.T, strict=True)
-                if stands_still(moved)
-            ]
-            if still:
-                part = "first" if record is records[0] else "last"
-                raise CheckFailed(
-                    f"{self.file}: split at {share:g}, {still[0]} stands still in the {part} {len(record.u)} samples: "
-                    "split elsewhere, or give --split 1 and with --validate a record that moves, if need be this one"
-                )
-        return records[0], records[1] if len(records) > 1 else None
+    count = round(share * len(record))
+    parts = [_long(record.rows(part)) for part in (slice(0, count), slice(count, None)) if part.start < len(record)]
+    for part, which in zip(parts, ("first", "last"), strict=False):
+        if len(part) < _LEAST_SAMPLES // 2:
+            raise CheckFailed(
+                f"{record.file}: split at {share:g}, a part of {len(part)} samples is left, which is too short; "
+                f"at least {_LEAST_SAMPLES // 2} are needed"
+            )
+        still = [name for name in part.names if stands_still(part[name])]
+        if still:
+            raise CheckFailed(
+                f"{record.file}: split at {share:g}, {still[0]} stands still in the {which} {len(part)} samples: "
+                "split elsewhere, or give --split 1 and with --validate a record that moves, if need be this one"
+            )
+    return parts
 
 
-def load_linear(file: Path, wanted: Wanted, inputs: int = LISTS) -> LinearRecord:
+def _long(series: TimeSeries) -> TimeSeries:
+    """Its parts without a gap that are long enough to be used; all of it where none is."""
+    kept = [np.arange(len(series))[part] for part in series.parts() if part.stop - part.start >= _LEAST_PIECE]
+    return series.rows(np.concatenate(kept)) if kept else series
+
+
+def load_linear(file: Path, wanted: Wanted, inputs: int = LISTS) -> TimeSeries:
     """Read the columns of `wanted`: the first `inputs` of them are, the others outputs; or a list of each.
 
     Its `step_s` is the sampling interval, s, of the model: that of the record's time column, or a whole multiple of it,
-    for which the record is low-passed and thinned. Raises CheckFailed, with what to record instead, for data that can't
-    be used.
+    for which the record is low-passed and thinned. Parts without a gap are experiments of their own. Raises
+    CheckFailed, with what to record instead, for data that can't be used.
     """
-    taken = take(file, replace(wanted, inputs=inputs))
-    inputs = taken.inputs or inputs
-    if len(taken.values) < _LEAST_SAMPLES:
-        raise CheckFailed(f"{file}: {len(taken.values)} samples are too few; record at least {_LEAST_SAMPLES}")
-    columns = dict(zip(taken.names, taken.values.T, strict=True))
+    series = take(file, replace(wanted, inputs=inputs))
+    if len(series) < _LEAST_SAMPLES:
+        raise CheckFailed(f"{file}: {len(series)} samples are too few; record at least {_LEAST_SAMPLES}")
+    columns = {name: series[name] for name in series.names}
     require_movement(file, columns)
-    _require_different(file, {name: columns[name] for name in taken.names[:inputs]})
-    dt = taken.step_s if wanted.step_s is None or wanted.rate_hz is not None else wanted.step_s
-    thin = _thinning(file, taken.step_s, dt)
-    pieces, notes = _pieces(taken)
-    notes += _clipping(np.concatenate(pieces), taken.names, inputs)
+    _require_different(file, dict(list(columns.items())[: series.inputs]))
+    step_s = series.step_s if wanted.step_s is None or wanted.rate_hz is not None else wanted.step_s
+    thin = _thinning(file, series.step_s, step_s)
+    used, notes = _whole_parts(series.bridged())
+    notes += _clipping(used)
     notes += [
         f"{name} {how} while the input moves little: if it is a counter that wraps, make it go on, numpy.unwrap"
-        for name, y in zip(taken.names[inputs:], taken.values.T[inputs:], strict=True)
-        if (how := wrapped(taken.values[:, :inputs], y)) is not None
+        for name in series.names[series.inputs :]
+        if (how := wrapped(series.values[:, : series.inputs], series[name])) is not None
     ]
-    if thin > 1:
-        # all go through the same filter, which so cancels in the model
-        pieces = [np.asarray(decimate(piece, thin, ftype="fir", axis=0)) for piece in pieces]
-    values = np.concatenate(pieces)
-    breaks = tuple(int(k) for k in np.cumsum([len(piece) for piece in pieces])[:-1])
-    u, y = values[:, :inputs], values[:, inputs:]
-    return LinearRecord(
-        file, taken.names[:inputs], taken.names[inputs:], u, y, dt, breaks, tuple(notes), taken.summary(), taken.units
-    )
+    return replace(_thinned(used, thin), step_s=step_s, notes=(*series.notes, *notes))
 
 
-def _pieces(taken: Recording) -> tuple[list[Array], list[str]]:
-    """The parts (n, columns) without a gap that are long enough to be used, spikes bridged, and what is to be told."""
-    smooth = np.column_stack(
-        [bridged(column, flags) for column, flags in zip(taken.values.T, taken.spikes.T, strict=True)]
-    )
-    pieces, index, notes = [smooth[part] for part in taken.pieces], taken.index, list(taken.notes)
-    if sum(len(piece) for piece in pieces if len(piece) >= _LEAST_PIECE) < 0.5 * len(smooth):
-        short_gaps = np.diff(index) <= _FILLED + 1
-        ends = [0, *(np.flatnonzero(~short_gaps) + 1).tolist(), len(index)]
-        grids = [np.arange(index[first], index[last - 1] + 1) for first, last in pairwise(ends)]
-        pieces = [np.column_stack([np.interp(grid, index, column) for column in smooth.T]) for grid in grids]
+def _thinned(series: TimeSeries, thin: int) -> TimeSeries:
+    """Each part low-passed, and one sample of `thin`: all columns by the same filter, which so cancels in a model."""
+    if thin == 1:
+        return series
+    parts = []
+    for k, part in enumerate(map(series.rows, series.parts())):
+        values = np.asarray(decimate(part.values, thin, ftype="fir", axis=0))
+        index = part.index[0] // thin + 2 * k + np.arange(len(values))  # a gap stays one, however short
+        parts.append(replace(part, values=values, index=index, doubtful=part.doubtful[::thin]))
+    return joined(parts)
+
+
+def _whole_parts(series: TimeSeries) -> tuple[TimeSeries, list[str]]:
+    """The parts without a gap that are long enough to be used, and what is to be told."""
+    parts, notes = [series.rows(part) for part in series.parts()], []
+    if sum(len(part) for part in parts if len(part) >= _LEAST_PIECE) < 0.5 * len(series):
+        parts = [series.rows(part).filled() for part in series.parts(_FILLED)]
         notes.append(
-            f"of the missing samples {sum(map(len, grids)) - len(index)}, in gaps of at most {_FILLED}, are filled in "
+            f"of the missing samples {sum(map(len, parts)) - len(series)}, in gaps of at most {_FILLED}, are filled in "
             "along straight lines, as the parts between are too short to be fitted to: fast dynamics are blurred"
         )
-    long = [piece for piece in pieces if len(piece) >= _LEAST_PIECE]
-    if sum(len(piece) for piece in long) < _LEAST_SAMPLES:
+    long = [part for part in parts if len(part) >= _LEAST_PIECE]
+    if sum(map(len, long)) < _LEAST_SAMPLES:
         raise CheckFailed(
-            f"{taken.file}: of {len(pieces)} parts between gaps the longest has "
-            f"{max(len(piece) for piece in pieces)} samples, which is too short; record without gaps, "
-            f"at least {_LEAST_SAMPLES} samples"
+            f"{series.file}: of {len(parts)} parts between gaps the longest has {max(map(len, parts))} samples, which "
+            f"is too short; record without gaps, at least {_LEAST_SAMPLES} samples"
         )
-    short = len(pieces) - len(long)
-    told = [f"{short} of {len(pieces)} parts between gaps are shorter than {_LEAST_PIECE} samples and are left out"]
-    return long, [*notes, *(told if short else [])]
+    if short := len(parts) - len(long):
+        notes.append(
+            f"{short} of {len(parts)} parts between gaps are shorter than {_LEAST_PIECE} samples and are left out"
+        )
+    return joined(long), notes
 
 
-def _clipping(values: Array, names: Sequence[str], inputs: int) -> list[str]:
-    """What is to be told of outputs, the columns of `values` (n, columns) behind the `inputs`, that look clipped."""
+def _clipping(series: TimeSeries) -> list[str]:
+    """What is to be told of outputs that look clipped."""
     return [
         f"{name} {how} while the input moves: where the sensor is clipped, poles and gains are not the plant's; "
         "shift its range, or record a smaller movement"
-        for name, y in zip(names[inputs:], values[:, inputs:].T, strict=True)
-        if (how := clipped(values[:, :inputs], y)) is not None
+        for name in series.names[series.inputs :]
+        if (how := clipped(series.values[:, : series.inputs], series[name])) is not None
     ]
 
 
@@ -222,12 +188,12 @@ def _require_different(file: Path, columns: dict[str, Array]) -> None:
         )
 
 
-def same_rate(records: Sequence[LinearRecord]) -> None:
+def same_rate(records: Sequence[TimeSeries]) -> None:
     """CheckFailed unless all records are sampled alike."""
     first = records[0]
     for other in records[1:]:
-        if abs(other.dt / first.dt - 1.0) > _SAME_RATE:
+        if abs(other.step_s / first.step_s - 1.0) > _SAME_RATE:
             raise CheckFailed(
-                f"{other.file}: sampled every {other.dt:.6g} s, {first.file} every {first.dt:.6g} s; "
+                f"{other.file}: sampled every {other.step_s:.6g} s, {first.file} every {first.step_s:.6g} s; "
                 "record all at one rate"
             )

@@ -10,8 +10,9 @@ import numpy as np
 from scipy.signal import get_window
 
 from micromanip.errors import CheckFailed
+from micromanip.recordings import TimeSeries
 
-from .experiments import LinearRecord, same_rate
+from .experiments import same_rate, split_at
 from .fit import fit_linear
 from .modal import Array, Complex, Experiment
 from .model import LinearFit, strict_errors
@@ -35,7 +36,7 @@ class ValidatedFit:
     """
 
     model: LinearFit
-    held_out: list[LinearRecord]
+    held_out: list[TimeSeries]
     fit_percent: Array
     rms_error_percent: Array
     strict_percent: Array
@@ -78,8 +79,8 @@ class ValidatedFit:
 
 
 def fit_records(
-    records: Sequence[LinearRecord],
-    validation: LinearRecord | None,
+    records: Sequence[TimeSeries],
+    validation: TimeSeries | None,
     order: int | None,
     split: float,
     progress: Callable[[str], None] = lambda _: None,
@@ -93,15 +94,15 @@ def fit_records(
     e-fold. CheckFailed for data that can't be used.
     """
     same_rate([*records, *([validation] if validation else [])])
-    parts = [record.split(split) for record in records]
-    judged = [rest for _, rest in parts if rest is not None]
+    parts = [split_at(record, split) for record in records]
+    judged = [rest for _, *left in parts for rest in left]
     if not judged and validation is not None:
         judged = [validation]
-    fitted_to, left_out = _experiments(part for part, _ in parts), _experiments(judged)
+    fitted_to, left_out = _experiments(part for part, *_ in parts), _experiments(judged)
     if unstable:
         return _judged_ahead(records, validation, order, (fitted_to, left_out), judged, progress)
     try:
-        selected = select(fitted_to, left_out, records[0].dt, order, progress)
+        selected = select(fitted_to, left_out, records[0].step_s, order, progress)
         model = selected.model
         progress("coherence")
         coherence = coherence_of(_experiments(records))
@@ -126,15 +127,15 @@ def fit_records(
 
 
 def _judged_ahead(
-    records: Sequence[LinearRecord],
-    validation: LinearRecord | None,
+    records: Sequence[TimeSeries],
+    validation: TimeSeries | None,
     order: int | None,
     parts: tuple[list[Experiment], list[Experiment]],
-    judged: list[LinearRecord],
+    judged: list[TimeSeries],
     progress: Callable[[str], None],
 ) -> ValidatedFit:
     try:
-        model = fit_unstable(parts[0], records[0].dt, order, progress)
+        model = fit_unstable(parts[0], records[0].step_s, order, progress)
         coherence = coherence_of(_experiments(records))
         samples = min(len(u) for u, _ in parts[1])
         ahead = horizon(model, samples)
@@ -153,7 +154,7 @@ def _judged_ahead(
 
 
 def _require_driven(
-    record: LinearRecord, rms: Array, fitted_to: Sequence[Experiment], left_out: Sequence[Experiment], dt: float
+    record: TimeSeries, rms: Array, fitted_to: Sequence[Experiment], left_out: Sequence[Experiment], dt: float
 ) -> None:
     """Raise CheckFailed where a model from the outputs to the inputs predicts: the inputs are what answers."""
     try:
@@ -162,7 +163,7 @@ def _require_driven(
         return
     found = _rms(inverse, [(y, u) for u, y in left_out])
     if found.max() < _GOOD_PERCENT:
-        driven, seen = ", ".join(record.inputs), ", ".join(record.outputs)
+        driven, seen = ", ".join(record.names[: record.inputs]), ", ".join(record.names[record.inputs :])
         raise CheckFailed(
             f"{record.file}: {seen} runs ahead of {driven}: from {driven} to {seen} a model fits with "
             f"{max(0.0, 100.0 - rms.max()):.0f} %, the other way round with {100.0 - found.max():.0f} %: the columns "
@@ -170,7 +171,7 @@ def _require_driven(
         )
 
 
-def _experiments(records: Iterable[LinearRecord]) -> list[Experiment]:
+def _experiments(records: Iterable[TimeSeries]) -> list[Experiment]:
     return [pair for record in records for pair in record.experiments]
 
 

@@ -83,23 +83,17 @@ def patient_can_cell():
 
 def ethercat_cell():
     """An axis held on a line of three terminals."""
-    return _ethercat("l", _LOCK, "amplifier")
+    return _ethercat("l", _LOCK)
 
 
 def ring_cell():
     """The same terminals, led back to a second interface."""
-    return _ethercat("r", f"return_interface: ecr{os.getpid()}b\n    {_LOCK}", "amplifier")
+    return _ethercat("r", f"return_interface: ecr{os.getpid()}b\n    {_LOCK}")
 
 
-def drive_cell():
-    """A drive (CiA 402) in place of the amplifier."""
-    text = _ethercat("d", "clocks: true", "drive").replace("start: {", "start: {enable_s: 0.3, ")
-    return text.replace("switches: {", "switches: {amplifier_reset: {driver: cell}, ")
-
-
-def _ethercat(kind, way, first):
+def _ethercat(kind, way):
     names = {"inputs": "", "outputs": "", "age_us": 100000, "interface": f"ec{kind}{os.getpid()}"}
-    return assembled("held", "ethercat", first=_read(first), way=way, **names)
+    return assembled("held", "ethercat", way=way, **names)
 
 
 def assembled(cell, driver, **names):

@@ -33,7 +33,6 @@ BUSES = {
     "udp": cells.udp_cell,
     "ethercat": cells.ethercat_cell,
     "ring": cells.ring_cell,
-    "drive": cells.drive_cell,
 }
 _STEP_V = 0.01
 """What a frame resolves of a voltage."""

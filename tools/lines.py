@@ -12,20 +12,20 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 ROOMS = {  # the first that fits a file has it: pattern of paths, budget, ceiling
     "rt": (r"micromanip/rt/", 5400, 6692),
-    "bus, driver": (r"micromanip/(bus|driver)/", 3000, 4041),
-    "settings, control": (r"micromanip/(settings|control)/", 5000, 5912),
+    "bus, driver": (r"micromanip/(bus|driver)/", 3000, 4026),
+    "settings, control": (r"micromanip/(settings|control)/", 5000, 5890),
     "host": (r"micromanip/host/", 7500, 8367),
     "design, virtual, replay": (r"micromanip/(design|virtual|replay)/", 13500, 15664),
     "recordings": (r"micromanip/recordings/", 1900, 2454),
     "gateway": (r"micromanip/gateway/", 4200, 4470),
     "cli": (r"micromanip/cli/", 4300, 5455),
-    "drivers and their devices": (r"drivers/|micromanip/emulation/\w+/", 15500, 19019),
+    "drivers and their devices": (r"drivers/|micromanip/emulation/\w+/", 15500, 18004),
     "emulation, testbus, conformance": (r"micromanip/(emulation|testbus|conformance)/", 3200, 3395),
-    "campaigns, benchmarks, tools": (r"(campaigns|benchmarks|tools)/", 4200, 6542),
-    "tests": (r"tests/", 40000, 43015),
+    "campaigns, benchmarks, tools": (r"(campaigns|benchmarks|tools)/", 4200, 6541),
+    "tests": (r"tests/", 40000, 42501),
     "the rest": (r"", 2000, 1863),
 }
-WORDS, DECISIONS = (45000, 45000), (30, 30)
+WORDS, DECISIONS = (45000, 45000), (30, 29)
 """Of the manual, without the decisions; how many decisions."""
 
 

@@ -77,18 +77,6 @@ class Wire:
     links: int
 
 
-@dataclass(frozen=True)
-class Enabling:
-    """A device that comes on by itself once the switch on the channel `switch` permits it, and that then gives up.
-
-    It does so after `longest_s`, as its key says: `key` is the way to it from the driver's own keys on.
-    """
-
-    switch: str
-    longest_s: float
-    key: tuple[str, ...]
-
-
 class CyclicDriver(ABC):
     """A driver whose ``exchange`` runs inside the loop, found by an entry point in ``micromanip.drivers``."""
 
@@ -160,11 +148,6 @@ class CyclicDriver(ABC):
 
         One whose `safe` the driver itself leads to must be among them: `check` sees that it is the output's `park_V`.
         """
-        return ()
-
-    @property
-    def enabling(self) -> tuple[Enabling, ...]:
-        """Devices that take their time to come on. `check` sees that the cell permits them, and waits for longer."""
         return ()
 
     @property

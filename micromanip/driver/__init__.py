@@ -1,8 +1,7 @@
 """The door for drivers: all that a driver's package needs of Micromanip, and the only place it imports from.
 
     CyclicDriver, Functions, SIGNAL                    a driver that the loop calls (docs/write-a-driver.md)
-    SafeOutput, Wire, Enabling                         limits of one of its outputs; where its wire stands; a device
-                                                       that takes its time to come on
+    SafeOutput, Wire                                   limits of one of its outputs; where its wire stands
     SimulatedAxis, LinearPlant                         what a simulation knows of its plant (`micromanip analyse error`)
     Compiler, entries, *_SIGNATURE, now_ns,            what it needs if numba compiles it
     sleep_until, minimum_jerk
@@ -32,7 +31,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from micromanip.bus.can_bits import CLASSIC_LENGTHS, FD_LENGTHS, worst_case_s
-from micromanip.bus.cyclic import CyclicDriver, Enabling, Functions, Wire
+from micromanip.bus.cyclic import CyclicDriver, Functions, Wire
 from micromanip.bus.device_identity import real_because
 from micromanip.bus.driver import Answer, BusDriver, BusOptions, Channel, Load, Outcome, Steady, Task
 from micromanip.bus.errors import (

@@ -19,7 +19,7 @@ from micromanip.rt.io.frames import (
     status_of,
     value_of,
 )
-from micromanip.rt.io.link_gate import acknowledge, has_sent, on_link_lost, put_back, reset_to_safe, turn
-from micromanip.rt.io.link_loop import NOT_OPEN, begin, end, give, rest, send_due, send_outputs, take, wait_for_answer
+from micromanip.rt.io.link_gate import acknowledge, has_sent, on_link_lost, reset_to_safe, turn
+from micromanip.rt.io.link_loop import NOT_OPEN, begin, end, give, rest, send_due, take, wait_for_answer
 from micromanip.rt.io.numbers import find_code, value_of_code
 from micromanip.rt.io.sockets import close, is_from_peer, length_of, receive, received_ns, send

@@ -22,7 +22,7 @@ from micromanip.settings.schema.model import Configuration
 from micromanip.settings.schema.reference import Tracker
 from micromanip.settings.text.place import Finding
 from micromanip.settings.text.source import Source
-from micromanip.settings.wiring.buses import bus_findings, enabling_findings, rest_findings, simulated_findings
+from micromanip.settings.wiring.buses import bus_findings, rest_findings, simulated_findings
 from micromanip.settings.wiring.places import Wiring, driver_options, wire
 from micromanip.settings.wiring.simulation import build_plant
 from micromanip.settings.wiring.timing import with_ages
@@ -152,11 +152,9 @@ def _wired_findings(configuration: Configuration, wiring: Wiring) -> list[Findin
     feedback = [] if buses else feedback_findings(configuration, wiring)
     workers = [*_workers(configuration, wiring), *_silence(configuration, wiring)]
     simulated = [*simulated_findings(wiring), *rest_findings(configuration, wiring)]
-    enabling = enabling_findings(configuration, wiring)
     return [
         *_safety(configuration, wiring),
         *simulated,
-        *enabling,
         *_stability(configuration),
         *workers,
         *buses,

@@ -1,9 +1,7 @@
 """From whatever state the line is in to one that operates: the steps in their order; longer ones have their own files.
 
-A state is asked for and waited for, and a refusal told in words. What a drive is told once, before it operates, stands
-here too: that its mode is one of its own, and its option codes.
-
-Sync managers, FMMUs and watchdog of a terminal say what lies where in its memory, and in the process image.
+A state is asked for and waited for, and a refusal told in words. Sync managers, FMMUs and watchdog of a terminal say
+what lies where in its memory, and in the process image.
 """
 
 from __future__ import annotations
@@ -25,7 +23,6 @@ from micromanip.driver.ethercat import (
 )
 
 from .clocks import SYNC0_BEGINS_IN_S, Clocks, begin_sync0, require_clocks, set_clocks
-from .drive_options import MODES, Drive
 from .image import Image, Placed
 from .link import Link
 from .mailbox import Mailbox
@@ -102,8 +99,6 @@ def bring_to_safeop(link: Link, options: EthercatOptions, image: Image, period_n
                 mailbox.write(setting.index, setting.subindex, setting.data)
             apply_mapping(mailbox, name, "outputs", terminal.outputs)
             apply_mapping(mailbox, name, "inputs", terminal.inputs)
-            if terminal.drive is not None:
-                prepare_drive(mailbox, f"{link.name}: terminal {name}", terminal.drive)
         else:
             if terminal.settings:
                 raise IdentityMismatch(f"{link.name}: terminal {name} has no mailbox to write its settings by")
@@ -151,22 +146,3 @@ def _status(link: Link, station: int) -> tuple[int, int]:
     """AL status and its code."""
     found = struct.unpack("<H2xH", link.station_read(station, registers.AL_STATUS, 6))
     return found[0] & (STATE_MASK | ERROR), found[1]
-
-
-def prepare_drive(mailbox: Mailbox, name: str, drive: Drive) -> None:
-    """Write the option codes and read them back.
-
-    Raises DeviceFault for a drive that lacks the mode, or keeps to other codes.
-    """
-    mode = MODES[drive.mode]
-    try:
-        supported = mailbox.read_number(_SUPPORTED_MODES, 0, 4)
-    except DeviceFault:  # a drive need not say; the mode that it shows is looked at in every cycle
-        supported = mode.supported
-    if not supported & mode.supported:
-        raise DeviceFault(f"{name} has no mode {drive.mode} (0x6502 is 0x{supported:08x})")
-    for index, code in drive.codes.objects.items():
-        mailbox.write(index, 0, code.to_bytes(_CODE_BYTES, "little", signed=True))
-        kept = int.from_bytes(mailbox.read(index, 0), "little", signed=True)
-        if kept != code:
-            raise DeviceFault(f"{name} keeps option code 0x{index:04x} at {kept}, {code} was written")

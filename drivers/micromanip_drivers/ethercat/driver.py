@@ -13,13 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel
 
-from micromanip.driver import Answer, BusError, Channel, ConfigError, Enabling, Functions, Load, real_because
+from micromanip.driver import Answer, BusError, Channel, ConfigError, Functions, Load, real_because
 from micromanip.driver.ethercat import INIT, OP, STATE_MASK, registers
 from micromanip.driver.wire import MOST_BITS, LoopWire, lend, set_lock
 
 from .bring_up import bring_to_safeop
-from .drive_options import words_of
-from .drive_table import fill_drives
 from .esi_check import compare_with_file
 from .image import Image
 from .line_supervisor import LineSupervisor
@@ -97,7 +95,6 @@ class Ethercat(LoopWire):
             for pdo in terminal.inputs.values():
                 rate_hz = 1 / period_s if pdo.rate_hz is None else pdo.rate_hz
                 rates |= dict.fromkeys(pdo.fields, (rate_hz, age_s + pdo.latency_us * 1e-6))
-        rates |= {drive.ok: (1 / period_s, age_s) for drive in self.options.drives.values()}
         return tuple(Channel(name, *rates[name]) for name in self.inputs)
 
     def loads(self) -> Sequence[Load]:
@@ -123,17 +120,8 @@ class Ethercat(LoopWire):
         ring["socket"]["descriptor"] = -1
         ring["position_at"], ring["inputs_at"][: len(image.inputs_at)] = image.position_at, image.inputs_at
         ring["clock_position_at"] = image.clock_position_at if self.options.clocks else 0
-        fill_drives(c, self.options, image, self.period_ns)
         if lock is not None:
             set_lock(c["lock"], self.period_ns, 1e-3 * lock.time_constant_ms, lock.drift_ppm, lock.within_us)
-
-    @property
-    def enabling(self) -> tuple[Enabling, ...]:
-        """The drives: a drive that is not enabled in time is not tried again until it is permitted anew."""
-        return tuple(
-            Enabling(drive.enable, drive.enable_ms * 1e-3, ("terminals", name, "drive", "enable_ms"))
-            for name, drive in self.options.drives.items()
-        )
 
     @property
     def steers(self) -> bool:
@@ -146,7 +134,7 @@ class Ethercat(LoopWire):
     def statistics(self, context: NDArray[np.uint8]) -> Mapping[str, int]:
         """With `lock` also where it stands: error of the deadlines, rms over a second, and the clock's drift.
 
-        Of a ring how often it was cut, and where it is; of drives how often one left Operation enabled by itself.
+        Of a ring how often it was cut, and where it is.
         """
         c = self.record(context)
         counts, lock, ring = super().statistics(context), c["lock"], c["ring"]
@@ -154,8 +142,6 @@ class Ethercat(LoopWire):
             counts = {**counts, "cuts": int(ring["cuts"])}
             if ring["cut_behind"] != WHOLE:
                 counts["cut_behind"] = int(ring["cut_behind"])
-        if c["drives"]:
-            counts = {**counts, "drive_losses": int(c["drive"]["losses"].sum())}
         if not lock["present"]:
             return counts
         drift_ppb, rms_ns = 1e9 * lock["gained_ns"] / self.period_ns, math.sqrt(lock["square_ns2"])
@@ -209,7 +195,7 @@ class Ethercat(LoopWire):
 
 
 def _require_own_names(options: EthercatOptions) -> None:
-    """Raises ConfigError for two fields of one name and direction, and for a drive's channels that are others'."""
+    """Raises ConfigError for two fields of one name and direction."""
     for direction in ("outputs", "inputs"):
         seen: dict[str, str] = {}
         for terminal, keys in options.terminals.items():
@@ -220,14 +206,3 @@ def _require_own_names(options: EthercatOptions) -> None:
                             f"terminals.{terminal}.{direction}: {name} is a field of {seen[name]} too; rename one"
                         )
                     seen[name] = terminal
-    for terminal, drive in options.drives.items():  # of the inputs
-        if drive.ok in seen:
-            raise ConfigError(f"terminals.{terminal}.drive.ok: {drive.ok} is there already, of {seen[drive.ok]}")
-        seen[drive.ok] = terminal
-    words = {name for keys in options.terminals.values() for name in words_of(keys.drive, keys.outputs)}
-    for terminal, drive in options.drives.items():
-        for channel in drive.channels:
-            if channel in words:
-                raise ConfigError(f"terminals.{terminal}.drive: {channel} is a word that the driver itself fills")
-            if not options.outputs[channel].switch:
-                raise ConfigError(f"terminals.{terminal}.drive: the output {channel} must have switch: true")

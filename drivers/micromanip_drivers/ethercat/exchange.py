@@ -27,11 +27,9 @@ from micromanip.driver.datagrams import (
     length_of,
     missing_before,
     on_link_lost,
-    put_back,
     received_ns,
     rest,
     send_due,
-    send_outputs,
     steer,
     take,
     taken_ns,
@@ -39,10 +37,9 @@ from micromanip.driver.datagrams import (
     wait_for_answer,
 )
 from micromanip.driver.ethercat import OP, STATUS_BYTES, STATUS_MASK, WKC_BYTES
-from micromanip.driver.wire import FOLLOWING, QUIET, RECENT
+from micromanip.driver.wire import FOLLOWING, RECENT
 
 from .compiled import compiled
-from .drives import command_drives, hear_drives
 from .records import CONTEXT
 from .ring import send_at_far_end, take_half, take_ring
 
@@ -111,7 +108,6 @@ def take_good(c: Any, data: Any, came_ns: int, inputs: Any, deadline_ns: int) ->
     if f["clock"]["present"] != 0:
         at_ns = taken_ns(c["clock"], code_of(f["clock"], data), came_ns)
     leave_samples(c["samples"], f, data, inputs, c["samples"]["lost"], missing, min(at_ns, deadline_ns))
-    hear_drives(c, data, inputs, min(at_ns, deadline_ns))
     return acknowledge(g, behind)
 
 
@@ -165,16 +161,9 @@ def take_all(c: Any, inputs: Any, deadline_ns: int) -> int:
 
 @compiled
 def send_all(c: Any, code: int, outputs: Any, deadline_ns: int) -> None:
-    """``send_due``, with drives what they are to be sent, in a ring at both ends."""
+    """``send_due``, in a ring at both ends."""
     sent, not_sent = c["gate"]["sent_count"], c["not_sent"]
-    if c["drives"] == 0:
-        send_due(c, code, outputs, deadline_ns)
-    else:
-        command_drives(c, code, outputs, deadline_ns)
-        if c["gate"]["state"] != QUIET:
-            send_outputs(c, c["asked"], deadline_ns)
-        if code == 0:
-            put_back(c["gate"], outputs)
+    send_due(c, code, outputs, deadline_ns)
     if c["ring"]["present"] != 0 and (c["gate"]["sent_count"] != sent or c["not_sent"] != not_sent):
         send_at_far_end(c, c["gate"]["sent_count"] == sent)
 

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.driver import ConfigError
 from micromanip.driver.ethercat import (
     DATAGRAM_BYTES,
     HEADER_BYTES,
@@ -30,9 +29,8 @@ from micromanip.driver.ethercat import (
 )
 from micromanip.driver.wire import FramePlan, GroupPlan, put_value
 
-from .drive_options import DriveObject, fields_of
 from .link import LOOP_SENDERS, SENDER
-from .options import OK, EthercatOptions, Input, OutputPdo
+from .options import EthercatOptions, Input, OutputPdo
 
 COUNT_BYTES, TIME_BYTES = 4, 8
 
@@ -70,10 +68,6 @@ class Image:
         self.position_at = self.status_at - DATAGRAM_BYTES + 2
         """Of the broadcast: each slave counts it up, as it does the position of the clock that is read."""
         self.clock_position_at = self.time_at - DATAGRAM_BYTES + 2
-        for name, drive in options.drives.items():
-            for direction, objects in (("outputs", drive.outputs), ("inputs", drive.inputs)):
-                for each in objects:
-                    self.word_at(name, direction, each)
 
     @property
     def frame(self) -> bytes:
@@ -94,27 +88,10 @@ class Image:
 
     @property
     def inputs(self) -> Mapping[str, Input]:
-        """By name, in the order in which the loop gets them: what is fresh in each cycle, slower PDOs, drives."""
+        """By name, in the order in which the loop gets them: what is fresh in each cycle, slower PDOs."""
         pdos = [pdo for terminal in self._options.terminals.values() for pdo in terminal.inputs.values()]
         pdos.sort(key=lambda pdo: pdo.counter is not None)
-        read = {name: field for pdo in pdos for name, field in pdo.fields.items() if field.is_channel}
-        return read | {drive.ok: OK for drive in self._options.drives.values()}
-
-    def word_at(self, terminal: str, direction: str, wanted: DriveObject) -> int:
-        """Where in the frame an object of a drive begins, that of `outputs` or `inputs`.
-
-        Raises ConfigError where that is within a byte.
-        """
-        placed, pdos = self.placed[terminal], getattr(self._options.terminals[terminal], direction)
-        start = self.image_at + (placed.outputs_at if direction == "outputs" else placed.inputs_at)
-        ((name, _),) = fields_of(pdos, wanted)
-        number = next(numbers[name] for _, numbers in packed_numbers(pdos, start) if name in numbers)
-        if number.size == 0:
-            raise ConfigError(
-                f"terminals.{terminal}.{direction}: {name} begins at bit {number.bit} of a byte: a drive's objects are "
-                "whole ones"
-            )
-        return number.at
+        return {name: field for pdo in pdos for name, field in pdo.fields.items() if field.is_channel}
 
     def sent(self) -> NDArray[np.void]:
         """The table of the frame that is sent."""
@@ -124,7 +101,6 @@ class Image:
             for pdo, numbers in packed_numbers(terminal.outputs, self.image_at + placed.outputs_at):
                 fields |= {name: each for name, each in numbers.items() if pdo.fields[name].is_channel}
                 self._put_spare(frame, pdo, numbers)
-        fields = {name: fields.get(name, NOWHERE) for name in self._options.outputs}
         return FramePlan(len(frame), [GroupPlan(fields)], frame.tobytes(), counter=self._count).record()
 
     def _put_spare(self, frame: NDArray[np.uint8], pdo: OutputPdo, numbers: Mapping[str, PackedNumber]) -> None:
@@ -167,10 +143,6 @@ class Image:
 def _whole(at: int, size: int) -> PackedNumber:
     """An unsigned number of whole bytes."""
     return PackedNumber(at, size, 0, 8 * size, f"uint{8 * size}")
-
-
-NOWHERE = _whole(0, 1)
-"""Of a switch that a drive goes by: it takes no bytes of the frame."""
 
 
 def _bytes(pdos: Mapping[str, Any]) -> int:

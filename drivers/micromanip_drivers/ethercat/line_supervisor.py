@@ -17,7 +17,6 @@ from micromanip.driver.wire import ANSWERS, RESTING
 
 from .bring_up import bring_to_op, bring_to_safeop
 from .clocks import Clocks
-from .drive_words import DriveWords
 from .image import Image
 from .link import Link
 from .options import EthercatOptions
@@ -34,7 +33,6 @@ class LineSupervisor:
         self._options, self._image, self._context, self._period_ns = options, image, context, period_ns
         self._said, self._cut_behind = "", WHOLE
         self._take(clocks)
-        self._drives = DriveWords(options, context)
 
     def start(self) -> None:
         """Look after the line until the context is closed; the process need not wait for it."""
@@ -46,8 +44,6 @@ class LineSupervisor:
         while not self._context["closed"]:
             wait.wait(_LOOK_S)
             self._look_at_ring()
-            for news in self._drives.news():
-                self._tell(news)
             if not self._is_needed():
                 pause_s = _FIRST_PAUSE_S
                 continue

@@ -46,7 +46,6 @@ from micromanip.driver.quantities import Latency, SampleRate
 from micromanip.driver.wire import LoopOutput, LoopWireOptions
 from micromanip_drivers.line.section import Name, Whole
 
-from .drive_options import Drive, require_objects, words_of
 from .records import MOST_TERMINALS
 
 Number32 = Annotated[int, Field(strict=True, ge=0, le=0xFFFF_FFFF)]
@@ -133,11 +132,6 @@ class Output(LoopOutput, Entry):
         return round((self.safe - self.offset) / self.scale) == 0
 
 
-OK = Input(index=0, type="uint8")
-SWITCH = Output(index=0, type="uint8", switch=True)
-"""Channels of a drive: what the driver says of it, and what it goes by; no terminal has them."""
-
-
 class OutputPdo(Section):
     """A PDO to the terminal."""
 
@@ -188,16 +182,9 @@ class Terminal(Section):
         default=None,
         description="Time of SYNC0 after each deadline of the loop, less than a cycle; requires `lock`. null: none.",
     )
-    drive: Drive | None = Field(default=None, description="A drive with the profile CiA 402; null: none.")
     settings: dict[Name, Setting] = Field(default={}, description="Objects written by SDO in PREOP, in this order.")
     outputs: dict[Name, OutputPdo] = Field(default={}, description="PDOs to the terminal, in the order of 0x1c12.")
     inputs: dict[Name, InputPdo] = Field(default={}, description="PDOs from the terminal, in the order of 0x1c13.")
-
-    @model_validator(mode="after")
-    def _maps_what_a_drive_needs(self) -> Terminal:
-        if self.drive is not None:
-            require_objects(self.drive, self.outputs, self.inputs)
-        return self
 
     @model_validator(mode="after")
     def _lines_are_off_when_safe(self) -> Terminal:
@@ -277,17 +264,10 @@ class EthercatOptions(LoopWireOptions):
         return (self.interface,) if self.return_interface is None else (self.interface, self.return_interface)
 
     @property
-    def drives(self) -> dict[str, Drive]:
-        """Those of the terminals that are one, by name."""
-        return {name: terminal.drive for name, terminal in self.terminals.items() if terminal.drive is not None}
-
-    @property
     def outputs(self) -> dict[str, Output]:
-        """All of them, by name, in the order of the process image; then the drives' switches that lie nowhere in it."""
+        """All of them, by name, in the order of the process image."""
         found: dict[str, Output] = {}
         for terminal in self.terminals.values():
-            words = words_of(terminal.drive, terminal.outputs)
             for pdo in terminal.outputs.values():
-                found |= {name: each for name, each in pdo.fields.items() if each.is_channel and name not in words}
-        switches = [channel for drive in self.drives.values() for channel in drive.channels]
-        return found | {channel: SWITCH for channel in switches if channel not in found}
+                found |= {name: each for name, each in pdo.fields.items() if each.is_channel}
+        return found

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from micromanip.driver.wire import CLOCK_LOCK, MAX_BYTES, MAX_OUTPUTS, SOCKET, WIRE, record
-
-from .drive_records import DRIVE
+from micromanip.driver.wire import CLOCK_LOCK, MAX_BYTES, SOCKET, WIRE, record
 
 BAD = ("wrong_length", "not_this_frame", "wrong_working_counter", "not_operating", "not_sent")
 """Two kinds of bad frames; those that a slave did not take part in, or that told of a slave which has left OP; frames
@@ -49,11 +47,8 @@ CONTEXT = record(
     ("time_at", "i8"),
     ("turn_ns", "i8"),
     ("ring", RING),
-    ("drives", "i8"),
-    ("drive", DRIVE, (MOST_TERMINALS,)),
-    ("asked", "f8", (MAX_OUTPUTS,)),
 )
 """``al_status`` is that of all slaves, merged by `or`, as the last frame told it; ``bring_ups`` counts how often the
 line was brought to OP. ``delayed`` frames came back, but not before the next cycle; so many are ``unusable`` in a row,
 lost or with a wrong working counter. The first terminal's time is at `time_at` of the frame, which from there to the
-end of the line and back takes `turn_ns`. With drives, ``asked`` is what the outputs are to be sent."""
+end of the line and back takes `turn_ns`."""

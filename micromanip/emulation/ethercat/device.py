@@ -197,7 +197,7 @@ class EthercatDevice:
         self._lend()
         more = True
         while more:
-            more = serve(self._served, end, self.slaves.controllers, self.slaves.drives, *plant.arrays)
+            more = serve(self._served, end, self.slaves.controllers, *plant.arrays)
             plant.time_ns = int(d["time_ns"])
             if more:
                 self._serve_applications()
@@ -225,7 +225,6 @@ class EthercatDevice:
         code = serve_on(
             self._served,
             self.slaves.controllers,
-            self.slaves.drives,
             *plant.arrays,
             self._cell.errors.record,
             self._polled.of(descriptors),
@@ -292,7 +291,7 @@ class EthercatDevice:
                 self._cell.plant.begin(now_ns - _PHASE_NS)
             self._heard_ns = now_ns
         d["follows"] = 0  # the amplifier sees to it
-        if outputs_taken(self._served, self.slaves.controllers, self.slaves.drives, self._cell.plant.arrays[0]):
+        if outputs_taken(self._served, self.slaves.controllers, self._cell.plant.arrays[0]):
             self._command(now_ns)
         if now_ns < self._silent_until_ns:
             self.figures.silent += 1

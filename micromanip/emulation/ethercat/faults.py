@@ -6,11 +6,6 @@
     mailbox     its mailbox takes mails and gives none
     order       it has changed places with the one behind it
     clock       its clock gains `ppm` from now on
-    fault       a drive reports a fault ``code``, and again when it is reset while this lasts
-    torque_off  a drive has no torque: Switch on disabled
-    refuses     a drive stays in Switched on
-    stuck       a drive says that it follows, and does not move
-    mode        a drive shows another mode of operation
     cut         the cable is cut behind the first `behind` terminals, 0: in front of them all; has no `terminal`
 
 Whatever befalls frames is of any line (``emulation/line/faults.py``), but for wrong bits: a network card drops such a
@@ -72,23 +67,6 @@ class Clock(TerminalFault):
     ppm: Annotated[float, Field(strict=True, ge=-1000, le=1000)]
 
 
-class OfDrive(TerminalFault):
-    """A fault of a drive."""
-
-
-class DriveFault(OfDrive):
-    """Its error code, 0x603F."""
-
-    kind: Literal["fault"]
-    code: Annotated[int, Field(strict=True, ge=1, le=0xFFFF)] = 0x3210
-
-
-class DriveState(OfDrive):
-    """Safe torque off; it can't be enabled, does not follow its target, is in another mode."""
-
-    kind: Literal["torque_off", "refuses", "stuck", "mode"]
-
-
 class Cut(LineFault):
     """The cable is cut; plugged in again when it ends."""
 
@@ -96,13 +74,10 @@ class Cut(LineFault):
     behind: Annotated[int, Field(strict=True, ge=0, description="So many terminals.")]
 
 
-KINDS = (
-    *("power", "left_op", "absent", "mailbox", "order", "clock", "cut"),
-    *("fault", "torque_off", "refuses", "stuck", "mode"),
-)
+KINDS = ("power", "left_op", "absent", "mailbox", "order", "clock", "cut")
 _ANY: TypeAdapter[TerminalFault | Cut] = TypeAdapter(
     Annotated[
-        Power | LeftOp | Absent | MailboxSilent | Order | Clock | Cut | DriveFault | DriveState,
+        Power | LeftOp | Absent | MailboxSilent | Order | Clock | Cut,
         Field(discriminator="kind"),
     ]
 )

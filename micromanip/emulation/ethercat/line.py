@@ -11,7 +11,6 @@ from micromanip.rt.jit import prepare
 
 from .application import Application
 from .controller import ESC
-from .drive import DRIVE, fill_drive, step_drives, take_codes
 from .frame import NOT_ETHERCAT, passed
 from .sm_watchdog import pass_time
 from .terminal import Terminal
@@ -52,10 +51,6 @@ class Line:
         ]
         self._hop_ns = hop_ns
         self.controllers["to_ns"] = hop_ns * np.arange(len(terminals))
-        self.drives = np.zeros(len(terminals), DRIVE)
-        """Of each slave; most are none."""
-        for k, terminal in enumerate(terminals):
-            fill_drive(self.drives, k, terminal)
         self._data = np.zeros(_MOST_BYTES, np.uint8)
         self._is_ring = is_ring
         self.cuts: set[int] = set()
@@ -66,15 +61,14 @@ class Line:
         self.relink()
         self.awake_ns = 0
         """When this process went on last, 0 before the first tick."""
-        prepare(passed, step_drives, pass_time)
+        prepare(passed, pass_time)
 
     def swap(self, k: int, now_ns: int) -> None:
         """Slave `k` and the one behind it change places, which takes both from the power."""
         first, second = self.applications[k : k + 2]
         one, other = first.terminal, second.terminal
-        for at, application, terminal in ((k, first, other), (k + 1, second, one)):
-            application.become(terminal, now_ns)
-            fill_drive(self.drives, at, terminal)
+        first.become(other, now_ns)
+        second.become(one, now_ns)
         self.relink()
 
     def relink(self) -> None:
@@ -111,18 +105,16 @@ class Line:
         if passed(self.controllers[way.first : way.end], self._data, len(frame), now_ns) == NOT_ETHERCAT:
             return None
         self.serve(now_ns)
-        step_drives(self.drives, self.controllers, now_ns)
         return self._data[: len(frame)].tobytes()
 
     def serve(self, now_ns: int) -> None:
         """Let each application do what its controller has kept for it."""
-        for controller, application, drive in zip(self.controllers, self.applications, self.drives, strict=True):
+        for controller, application in zip(self.controllers, self.applications, strict=True):
             if controller["events"] and controller["powered"]:
                 application.serve(now_ns)
-                take_codes(drive, application.objects.settings)
 
     def tick(self, now_ns: int) -> None:
-        """Let time pass for watchdogs and drives."""
-        if pass_time(self.controllers, self.drives, self.awake_ns or now_ns, now_ns):
+        """Let time pass for watchdogs."""
+        if pass_time(self.controllers, self.awake_ns or now_ns, now_ns):
             self.serve(now_ns)
         self.awake_ns = now_ns

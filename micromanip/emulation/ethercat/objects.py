@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 
 from micromanip.bus.ethercat.coe import BAD_STATE, NO_OBJECT, NO_SUBINDEX, NOT_MAPPABLE, READ_ONLY, WRONG_LENGTH
 
-from .drive import OBJECTS
 from .terminal import Entry, Terminal
 
 _PDO_OF_OUTPUTS, _PDO_OF_INPUTS, _PDOS = 0x1600, 0x1A00, 0x200
@@ -40,12 +39,7 @@ class Objects:
             self._data[assigned] = _array([struct.pack("<H", index) for index in pdos])
             for index, entries in pdos.items():
                 self._data[index] = _array([struct.pack("<I", entry.mapping) for entry in entries])
-        self._own: dict[tuple[int, int], bytes] = {**(OBJECTS if terminal.is_drive else {}), **terminal.settings}
-
-    @property
-    def settings(self) -> Mapping[tuple[int, int], bytes]:
-        """What a master has written, or what it found."""
-        return self._own
+        self._own: dict[tuple[int, int], bytes] = dict(terminal.settings)
 
     def read(self, index: int, subindex: int) -> bytes:
         """One entry."""

@@ -27,14 +27,12 @@ from ..compiled import compiled
 from ..compiled_plant import PLANT, advance
 from ..path_error import PATH_ERRORS, note_errors
 from .controller import ESC, has_events
-from .drive import DRIVE, step_drives
 from .frame import NOT_ETHERCAT, pass_frame
 from .sm_watchdog import watch
 
 MOST_TERMINALS = 8
-NOBODYS, OF_DRIVE, COUNTS = -1, -2, 1000
-"""Of a number in the inputs: no signal of the plant, it reads 1; its drive fills it; COUNTS + the signal whose samples
-it counts."""
+NOBODYS, COUNTS = -1, 1000
+"""Of a number in the inputs: no signal of the plant, it reads 1; COUNTS + the signal whose samples it counts."""
 
 IDLE, SERVED_SOME, HAS_EVENTS, NOBODY = 0, 1, 2, 3
 """What ``serve_on`` returns: whether it has served frames, whether an application has something to do, or that no frame
@@ -81,17 +79,17 @@ terminal that were seen. A frame leaves `turn_ns` after it came, by the kernel's
 ``serve_on`` had nothing to do last at `rested_ns`, and went on last at `awake_ns`."""
 
 
-_LINE = (array_of(ESC), array_of(DRIVE), types.float64[::1], array_of(SIGNAL))
+_LINE = (array_of(ESC), types.float64[::1], array_of(SIGNAL))
 
 
 @compiled.entry(types.boolean(array_of(SERVED), types.int64, *_LINE))
-def serve(served: Any, end: int, slaves: Any, drives: Any, outputs: Any, signals: Any) -> bool:
+def serve(served: Any, end: int, slaves: Any, outputs: Any, signals: Any) -> bool:
     """Serve what has come in at an end, up to the first frame that gives an application something to do: whether there
     is more.
 
     `outputs` and `signals` are the plant's.
     """
-    return serve_end(served[0], end, slaves, drives, outputs, signals)
+    return serve_end(served[0], end, slaves, outputs, signals)
 
 
 @compiled.entry(
@@ -100,7 +98,6 @@ def serve(served: Any, end: int, slaves: Any, drives: Any, outputs: Any, signals
 def serve_on(
     served: Any,
     slaves: Any,
-    drives: Any,
     outputs: Any,
     signals: Any,
     errors: Any,
@@ -131,7 +128,7 @@ def serve_on(
                 others = 1
                 continue
             code = SERVED_SOME
-            if serve_end(d, end, slaves, drives, outputs, signals):
+            if serve_end(d, end, slaves, outputs, signals):
                 return HAS_EVENTS
         watch(slaves, d["awake_ns"], after_ns)
         d["awake_ns"] = after_ns
@@ -147,7 +144,7 @@ def serve_on(
 
 
 @compiled.rare
-def serve_end(d: Any, end: int, slaves: Any, drives: Any, outputs: Any, signals: Any) -> bool:
+def serve_end(d: Any, end: int, slaves: Any, outputs: Any, signals: Any) -> bool:
     """``serve`` by itself."""
     port = d["port"][end]
     s, out = port["socket"], d["port"][max(0, port["out"])]["socket"]
@@ -169,8 +166,7 @@ def serve_end(d: Any, end: int, slaves: Any, drives: Any, outputs: Any, signals:
         if pass_frame(slaves[port["first"] : port["end"]], data, length, came_ns) == NOT_ETHERCAT:
             d["strange"] += 1
             continue
-        step_drives(drives, slaves, came_ns)
-        if take_outputs(d, slaves, drives, outputs):
+        if take_outputs(d, slaves, outputs):
             d["heard_ns"] = came_ns
             advance(d, came_ns, outputs, signals)
         for i in range(length):
@@ -207,8 +203,6 @@ def lay_out(d: Any, slaves: Any) -> None:
         f, memory = d["inputs"][k], slaves[k]["memory"]
         for i in range(f["numbers"]):
             n, value = f["number"][i], d["reading"][k][i]
-            if d["signal"][k][i] == OF_DRIVE:
-                continue
             if d["signal"][k][i] >= COUNTS:
                 put_code(n, memory, np.uint64(np.int64(value)))
             else:
@@ -216,11 +210,8 @@ def lay_out(d: Any, slaves: Any) -> None:
 
 
 @compiled
-def take_outputs(d: Any, slaves: Any, drives: Any, outputs: Any) -> bool:
-    """Put what terminals in OP were given since the last time into the plant's `outputs`; whether there was any.
-
-    Of a drive that is what it puts into force, whatever its target is.
-    """
+def take_outputs(d: Any, slaves: Any, outputs: Any) -> bool:
+    """Put what terminals in OP were given since the last time into the plant's `outputs`; whether there was any."""
     came = 0
     for k in range(len(slaves)):
         if not is_given(d, slaves, k):
@@ -229,9 +220,6 @@ def take_outputs(d: Any, slaves: Any, drives: Any, outputs: Any) -> bool:
         for i in range(f["numbers"]):
             d["value"][k][i] = value_of(f, f["number"][i], memory)
             finite &= 1 if math.isfinite(d["value"][k][i]) else 0
-        if drives[k]["present"] != 0:
-            i = drives[k]["target_number"]
-            d["value"][k][i] = drives[k]["out"] * f["number"][i]["scale"] + f["number"][i]["offset"]
         if finite == 0:
             d["refused"] += 1
             continue
@@ -259,7 +247,7 @@ def lay_out_readings(served: Any, slaves: Any) -> None:
     lay_out(served[0], slaves)
 
 
-@compiled.entry(types.boolean(array_of(SERVED), array_of(ESC), array_of(DRIVE), types.float64[::1]))
-def outputs_taken(served: Any, slaves: Any, drives: Any, outputs: Any) -> bool:
+@compiled.entry(types.boolean(array_of(SERVED), array_of(ESC), types.float64[::1]))
+def outputs_taken(served: Any, slaves: Any, outputs: Any) -> bool:
     """``take_outputs`` by itself; the values are in `value`."""
-    return take_outputs(served[0], slaves, drives, outputs)
+    return take_outputs(served[0], slaves, outputs)

@@ -20,7 +20,6 @@ from micromanip.rt.signatures import array_of
 
 from ..compiled import compiled
 from .controller import ESC, WATCHDOG_TURNED, has_events, number
-from .drive import DRIVE, step_drives
 
 _STOOD_NS = 10_000_000
 
@@ -46,9 +45,8 @@ def watch(slaves: Any, awake_ns: int, now_ns: int) -> None:
             s["events"] |= WATCHDOG_TURNED
 
 
-@compiled.entry(types.boolean(array_of(ESC), array_of(DRIVE), types.int64, types.int64))
-def pass_time(slaves: Any, drives: Any, awake_ns: int, now_ns: int) -> bool:
-    """Drives and watchdogs while no frame comes: whether any application has something to do."""
-    step_drives(drives, slaves, now_ns)
+@compiled.entry(types.boolean(array_of(ESC), types.int64, types.int64))
+def pass_time(slaves: Any, awake_ns: int, now_ns: int) -> bool:
+    """Watchdogs while no frame comes: whether any application has something to do."""
     watch(slaves, awake_ns, now_ns)
     return has_events(slaves)

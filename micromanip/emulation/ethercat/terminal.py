@@ -43,8 +43,8 @@ class Entry:
 class Terminal:
     """A slave: `outputs` and `inputs` are its PDOs (0x1600.., 0x1A00..) with what they map.
 
-    `settings` are objects of its own, (index, subindex) to bytes, that a master may write; those of a drive come
-    on top. One that `is_digital` has no processor: no mailbox, its pins are bits of the controller itself.
+    `settings` are objects of its own, (index, subindex) to bytes, that a master may write.
+    One that `is_digital` has no processor: no mailbox, its pins are bits of the controller itself.
     """
 
     name: str
@@ -55,7 +55,6 @@ class Terminal:
     outputs: Mapping[int, Sequence[Entry]] = field(default_factory=dict)
     inputs: Mapping[int, Sequence[Entry]] = field(default_factory=dict)
     settings: Mapping[tuple[int, int], bytes] = field(default_factory=dict)
-    is_drive: bool = False
     is_digital: bool = False
 
     @property
@@ -91,8 +90,8 @@ def terminal_of(name: str, keys: Any) -> Terminal:
     settings = {(each.index, each.subindex): bytes(each.size) for each in keys.settings.values()}
     revision = 1 if keys.revision is None else keys.revision
     serial = 1 if keys.serial is None else keys.serial
-    is_drive, is_digital = keys.drive is not None, not settings and _are_bits(outputs | inputs)
-    return Terminal(name, keys.vendor, keys.product, revision, serial, outputs, inputs, settings, is_drive, is_digital)
+    is_digital = not settings and _are_bits(outputs | inputs)
+    return Terminal(name, keys.vendor, keys.product, revision, serial, outputs, inputs, settings, is_digital)
 
 
 def _entries(pdo: Any) -> list[Entry]:

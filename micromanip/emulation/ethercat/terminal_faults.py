@@ -1,34 +1,15 @@
-"""Faults that are injected into the terminals and drives of a line, and how they end."""
+"""Faults that are injected into the terminals of a line, and how they end."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
 
 from micromanip.errors import UsageError
 from micromanip.testbus.event_loop import EventLoop
 
-from .faults import Absent, Clock, Cut, DriveFault, LeftOp, MailboxSilent, OfDrive, Order, Power, TerminalFault
+from .faults import Absent, Clock, Cut, LeftOp, MailboxSilent, Order, Power, TerminalFault
 from .line import Line
-
-_FIELDS = {"torque_off": "torque_off", "refuses": "refuses", "stuck": "stuck", "mode": "wrong_mode", "fault": "fault"}
-
-
-def befall_drive(d: Any, fault: OfDrive) -> None:
-    """Let it happen from now on. Raises UsageError for a terminal that is no drive."""
-    kind: str = fault.kind
-    if not d["present"]:
-        raise UsageError(f"fault {kind}: terminal {fault.terminal} is no drive")
-    d[_FIELDS[kind]] = fault.code if isinstance(fault, DriveFault) else 1
-    d["fault_lasts"] = int(fault.for_s is not None)
-
-
-def relieve(d: Any, kind: str | None = None) -> None:
-    """End one kind of fault, or all."""
-    for each, name in _FIELDS.items():
-        if kind in (None, each):
-            d[name] = 0
 
 
 class TerminalFaults:
@@ -60,9 +41,6 @@ class TerminalFaults:
             case Clock():
                 application.drift(fault.ppm, self._loop.now_ns())
                 over = partial(self._put_right, k)
-            case OfDrive():
-                befall_drive(self._line.drives[k], fault)
-                over = partial(relieve, self._line.drives[k], fault.kind)
             case MailboxSilent():
                 application.mailbox_silent = True
             case Order():
@@ -84,7 +62,6 @@ class TerminalFaults:
         self._line.relink()
         for k, application in enumerate(self._line.applications):
             application.take_part()
-            relieve(self._line.drives[k])
             application.mailbox_silent = False
             self._put_right(k)
             if not self._line.controllers[k]["powered"]:

@@ -15,10 +15,7 @@ from micromanip.emulation.compiled_plant import fill_plant
 from micromanip.emulation.emulated import Wires
 
 from .line import Line
-from .serving import COUNTS, NOBODYS, OF_DRIVE
-
-_LAG_V = 1.0
-"""A drive that is further from its target tells of a following error."""
+from .serving import COUNTS, NOBODYS
 
 
 @dataclass(frozen=True)
@@ -47,24 +44,8 @@ def wire(d: Any, line: Line, terminals: Mapping[str, Any], cell: EmulatedCell, w
         d["signal"][k][: len(inputs)] = [
             _index(cell.plant.inputs.get(name), counts) for name, counts in terminal.inputs
         ]
-        if line.drives[k]["present"]:
-            _wire_drive(d, k, line.drives[k], keys, terminal, cell, wires)
         wired.append(terminal)
     return wired
-
-
-def _wire_drive(
-    d: Any, k: int, drive: Any, keys: Any, terminal: WiredTerminal, cell: EmulatedCell, wires: Wires
-) -> None:
-    """A drive says by itself what its objects are; its target is what the plant's amplifier puts out."""
-    d["signal"][k][: len(terminal.inputs)] = OF_DRIVE
-    target = terminal.outputs[drive["target_number"]]
-    number = d["outputs"][k]["number"][drive["target_number"]]
-    rest_V = wires.rest_V.get(target or "", 0.0)
-    drive["rest"] = drive["out"] = drive["fell_from"] = (rest_V - number["offset"]) / number["scale"]
-    drive["window"] = abs(_LAG_V / number["scale"])
-    if wires.outputs.get(keys.drive.enable) in cell.plant.outputs:
-        cell.wired_on = (keys.drive.enable,)
 
 
 def _index(at: int | None, counts: bool) -> int:

@@ -248,7 +248,7 @@ class Switches(Settings):
     amplifier_enable: Switch | None = Field(default=None, description="1 while the amplifier should be on.")
     amplifier_reset: Switch | None = Field(
         default=None,
-        description="1 for 0.2 s after `reset`, never otherwise: the amplifier or drive clears its fault. `reset` is "
+        description="1 for 0.2 s after `reset`, never otherwise: the amplifier clears its fault. `reset` is "
         "then accepted in READY too.",
     )
     feed_hold: Switch | None = Field(

@@ -63,28 +63,6 @@ def rest_findings(configuration: Configuration, wiring: Wiring) -> Iterator[Find
             )
 
 
-def enabling_findings(configuration: Configuration, wiring: Wiring) -> Iterator[Finding]:
-    """Devices that nobody permits to come on, or that are given up by the start of the cell while they still do."""
-    enable_s = configuration.start.enable_s
-    for name, driver in wiring.drivers.items():
-        written = {place: switch for switch, place in wiring.places(name).items()}
-        for each in driver.enabling:
-            place, key = ("drivers", name, *each.key), each.key[-1]
-            switch = written.get(driver.outputs.index(each.switch))
-            if switch is None:
-                yield (
-                    place[:-1],
-                    f"no switch writes channel {each.switch}: it would never come on; bind amplifier_enable to it",
-                )
-            elif each.longest_s >= enable_s:
-                yield (
-                    place,
-                    f"{key} is {1e3 * each.longest_s:g} ms, start.enable_s {enable_s:g} s: the start would give up "
-                    "(X-111) while the device may still come on; make start.enable_s longer than "
-                    f"{each.longest_s:g} s, or {key} less than {1e3 * enable_s:g} ms",
-                )
-
-
 def simulated_findings(wiring: Wiring) -> Iterator[Finding]:
     """Drivers with wide limits, no watchdog and perhaps nobody asked, whose device may move something real.
 

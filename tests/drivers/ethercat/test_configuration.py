@@ -7,14 +7,11 @@ from micromanip_drivers.ethercat.driver import Ethercat
 from micromanip_drivers.ethercat.image import Image
 from pydantic import ValidationError
 
-from campaigns.fault_cells import drive_cell
 from micromanip.bus.ethercat.frames import unframed
 from micromanip.bus.ethercat.registers import AL_STATUS, ARMW, BRD, DC_SYSTEM, LRW, NOP
 from micromanip.errors import ConfigError
-from micromanip.settings.check import prepare
 
 from .bench import AMPLIFIER, GAUGE, PERIOD_NS, PINS_OUT, options
-from .drive_bench import DRIVE, drive
 
 
 def test_a_frame_holds_count_image_states_and_time():
@@ -74,49 +71,3 @@ def test_keys_that_make_no_sense_are_refused(changes, said):
 def test_what_only_the_driver_knows_is_refused(changes, said):
     with pytest.raises(ConfigError, match=said):
         Ethercat(options(**changes), PERIOD_NS)
-
-
-def with_fields(direction, change):
-    """The drive whose fields of one direction are changed by a function."""
-    name, pdo = next(iter(DRIVE[direction].items()))
-    return DRIVE | {direction: {name: pdo | {"fields": change(dict(pdo["fields"]))}}}
-
-
-def lacking(name):
-    return lambda fields: {each: keys for each, keys in fields.items() if each != name}
-
-
-@pytest.mark.parametrize(
-    ("terminal", "said"),
-    [
-        (with_fields("outputs", lacking("controlword")), "outputs must map 0x6040:00, controlword, once and as uint16"),
-        (with_fields("inputs", lacking("position")), "inputs must map 0x6064:00, position actual value, once and as"),
-        (with_fields("inputs", lacking("error_code")), "inputs must map 0x603f:00, error code"),
-        (drive(take_up_V_per_s=None), "take_up_V_per_s: must be given with mode csp, and only there"),
-        (drive(reset="amplifier_enable"), "reset: must be another channel than enable"),
-    ],
-)
-def test_a_drive_that_lacks_what_it_needs_is_refused(terminal, said):
-    with pytest.raises(ValidationError, match=said):
-        options(terminals={"stage": terminal})
-
-
-def test_a_cell_waits_for_longer_than_its_drives_take_to_come_on(tmp_path):
-    """Or the drive would still be on its way when the start gives up; also where neither key is written down."""
-    file, key = tmp_path / "cell.yaml", "drivers.cell.terminals.amplifier.drive"
-
-    def refused(old, new):
-        file.write_text(drive_cell().replace(old, new))
-        with pytest.raises(ConfigError) as found:
-            prepare(file)
-        return str(found.value)
-
-    both = "enable_ms is 300 ms, start.enable_s 0.3 s: "
-    line = drive_cell().splitlines().index("          enable_ms: 250") + 1
-    assert refused("enable_ms: 250", "enable_ms: 300").startswith(f"{file}:{line}: {key}.enable_ms: {both}")
-    assert f"{key}.enable_ms: enable_ms is 500 ms" in refused("          enable_ms: 250\n", "")
-    assert "start.enable_s longer than 0.25 s, or enable_ms less than 100 ms" in refused("enable_s: 0.3, ", "")
-    unbound = refused(", amplifier_enable: {driver: cell, channel: amplifier_enable}", "")
-    assert f"{key}: no switch writes channel amplifier_enable" in unbound
-    file.write_text(drive_cell())
-    prepare(file)

@@ -37,7 +37,7 @@ def test_the_line_is_brought_to_OP_and_the_outputs_follow(bench):
     assert bench.exchange(0.0, 1.0) == DOWN
     bench.follow()
     assert {application.state for application in bench.line.applications} == {OP}
-    assert bench.line.applications[0].objects.settings[0x8000, 1] == (513).to_bytes(2, "little")
+    assert bench.line.applications[0].objects.read(0x8000, 1) == (513).to_bytes(2, "little")
     bench.exchange(12.5, 0.0)
     assert bench.voltage == pytest.approx(12.5)
 
@@ -186,7 +186,7 @@ def test_a_terminal_that_was_without_power_is_set_up_anew_and_at_rest(bench):
         bench.line.relink()
     bench.until_code(TAKEN, 20.0, 0.0)
     assert bench.voltage == 0.0
-    assert bench.line.applications[0].objects.settings[0x8000, 1] == (513).to_bytes(2, "little")
+    assert bench.line.applications[0].objects.read(0x8000, 1) == (513).to_bytes(2, "little")
 
 
 def test_terminals_that_changed_places_stay_at_rest(bench, capfd):

@@ -1,4 +1,4 @@
-"""Two terminals: one that is written and read, one that is only read; a drive; and digital ones."""
+"""Two terminals: one that is written and read, one that is only read; and digital ones."""
 
 from micromanip.emulation.ethercat.terminal import Entry, Terminal
 
@@ -23,25 +23,6 @@ GAUGE = Terminal(
     serial=1002,
     inputs={0x1A00: [Entry(0x6000, k, 32, f"strain_{k}") for k in (1, 2, 3)]},
 )
-DRIVE = Terminal(
-    "Servo drive",
-    vendor=0x1234,
-    product=0x30,
-    revision=1,
-    serial=1003,
-    outputs={
-        0x1600: [Entry(0x6040, 0, 16, "controlword"), Entry(0x6060, 0, 8, "mode"), Entry(0x607A, 0, 32, "target")]
-    },
-    inputs={
-        0x1A00: [
-            Entry(0x6041, 0, 16, "statusword"),
-            Entry(0x6061, 0, 8, "mode shown"),
-            Entry(0x6064, 0, 32, "position"),
-            Entry(0x603F, 0, 16, "error code"),
-        ]
-    },
-    is_drive=True,
-)
 PINS_OUT = [
     Terminal(
         f"Digital outputs {k}",
@@ -63,5 +44,5 @@ PINS_IN = Terminal(
     inputs={0x1A00 + i: [Entry(0x6000 + 16 * i, 1, 1, f"input_{i}")] for i in range(8)},
     is_digital=True,
 )
-LINES = {"cell": [AMPLIFIER, GAUGE], "drive": [DRIVE], "digital": [*PINS_OUT, PINS_IN]}
+LINES = {"cell": [AMPLIFIER, GAUGE], "digital": [*PINS_OUT, PINS_IN]}
 """By name, for ``play.py``."""

@@ -6,7 +6,6 @@ import struct
 import subprocess
 
 import pytest
-from canopen.profiles.p402 import State402
 
 from .wire import slaves, until, veth
 
@@ -133,59 +132,6 @@ def test_ebpfcat_which_writes_a_mail_in_two_strokes_reaches_safe_operational(wir
     voltages = {(0x7000, 1): ("OUT", 0), (0x7000, 2): ("OUT", 4), (0x7000, 3): ("OUT", 8)}
     assert voltages.items() <= amplifier[2].items(), amplifier[2]
     assert [byte for to, byte in gauge[2].values() if to == "IN"] == [0, 4, 8]
-
-
-def test_pysoem_walks_the_drive_by_canopens_table_of_the_profile():
-    with veth("ecw") as (here, there), slaves(there, "drive"):
-        pysoem.settings.timeouts.ret, pysoem.settings.timeouts.safe = 100_000, 1_000_000
-        master = pysoem.Master()
-        master.open(here)
-        try:
-            assert master.config_init() == 1
-            (drive,) = master.slaves
-            assert struct.unpack("<I", drive.sdo_read(0x6502, 0)) == (0x380,)
-            drive.sdo_write(0x605A, 0, struct.pack("<h", 1))
-            assert struct.unpack("<h", drive.sdo_read(0x605A, 0)) == (1,)
-            master.config_map()
-            assert (len(drive.output), len(drive.input)) == (7, 9)
-            assert master.state_check(pysoem.SAFEOP_STATE, 5_000_000) == pysoem.SAFEOP_STATE
-            word, walked = 0, []
-
-            def said():
-                drive.output = struct.pack("<Hbi", word, 8, 1234)
-                master.send_processdata()
-                master.receive_processdata(1_000_000)
-                status, shown, position, error = struct.unpack("<HbiH", drive.input)
-                (name,) = [n for n, (mask, value) in State402.SW_MASK.items() if status & mask == value]
-                if walked[-1:] != [name]:
-                    walked.append(name)
-                return name, shown, position, error
-
-            def operates():
-                said()
-                master.state = pysoem.OP_STATE | (pysoem.STATE_ACK if drive.state & pysoem.STATE_ACK else 0)
-                master.write_state()
-                return master.state_check(pysoem.OP_STATE, 5_000) == pysoem.OP_STATE
-
-            assert until(operates)
-
-            def is_enabled():
-                nonlocal word
-                name = said()[0]
-                if name == "OPERATION ENABLED":
-                    return True
-                word = State402.TRANSITIONTABLE[name, State402.next_state_indirect(name)]
-                return False
-
-            assert until(is_enabled)
-            assert walked[-4:] == ["SWITCH ON DISABLED", "READY TO SWITCH ON", "SWITCHED ON", "OPERATION ENABLED"]
-            assert until(lambda: said() == ("OPERATION ENABLED", 8, 1234, 0))
-            word = State402.CW_QUICK_STOP
-            assert until(lambda: said()[0] == "SWITCH ON DISABLED")
-        finally:
-            master.state = pysoem.INIT_STATE
-            master.write_state()
-            master.close()
 
 
 def test_pysoem_packs_two_digital_terminals_into_one_byte_and_reads_the_same_bits():

@@ -29,7 +29,7 @@ from .arrivals import Arrivals
 from .interleaving import Interleaving, few
 from .oracle import Bounds, Oracle, Violation
 from .plan import Step
-from .played.amplifier import OUTPUTS, READS, Amplifier, Habits
+from .played.amplifier import OUTPUTS, READS, Amplifier, Habits, HeldBack
 
 RATE_HZ, SLEW_V_PER_S, RAMP_S = 100.0, 500.0, 0.3
 _STEP_V, _LOOP_NS, _CALL_NS, _REPLY_NS = SLEW_V_PER_S / RATE_HZ, 4_000_000, 500_000, 50_000_000
@@ -101,7 +101,7 @@ class Wire(BusDriver):
             silence,
             connected,
         )
-        self.cut, self._held, self._asked = None, [], set()
+        self.cut, self._held, self._asked = None, HeldBack(amplifier), set()
 
     @property
     def silence(self):
@@ -112,11 +112,9 @@ class Wire(BusDriver):
 
     def mend(self):
         """What was held back arrives, unless for too long."""
-        self.cut, held = None, self._held
-        self._held, least_ns = [], self._clock.monotonic_ns() - 1e9 * self._amplifier.habits.longest_under_way_s
-        for boots, sent_ns, volts in held:
-            if boots == self._amplifier.boots and sent_ns >= least_ns:
-                self._amplifier.command(volts)
+        self.cut = None
+        for volts in self._held.arriving():
+            self._amplifier.command(volts)
 
     def open(self):
         self._pass(_CALL_NS)
@@ -147,7 +145,7 @@ class Wire(BusDriver):
         volts = {OUTPUTS[i]: values[i] for i in self.tasks[task].outputs}
         self._pass(_CALL_NS)
         if self.cut == "late":
-            self._held.append((self._amplifier.boots, self._clock.monotonic_ns(), volts))
+            self._held.add(volts, self._clock.monotonic_ns())
         reaches = self.cut in (None, "deaf") and not (self._connected and self._boots != self._amplifier.boots)
         taken = reaches and self._amplifier.command(volts)
         if self._way != BLIND:

@@ -149,3 +149,26 @@ class Amplifier:
             return
         self._arrivals.add(name, value, itself=itself)
         self._volts[name] = value if math.isfinite(value) else 0.0
+
+
+class HeldBack:
+    """What the line to an amplifier holds back, each with the time at which it came.
+
+    What is `acknowledged` counts as taken, and came in time if the watchdog has not begun: this process saw it late.
+    """
+
+    def __init__(self, amplifier, *, acknowledged=False):
+        self._amplifier, self._acknowledged, self._held = amplifier, acknowledged, []
+
+    def add(self, what, came_ns):
+        """One more."""
+        self._held.append((self._amplifier.boots, came_ns, what))
+
+    def arriving(self):
+        """What arrives now; not what came before the device was switched on, nor what is under way for too long."""
+        held, self._held = self._held, []
+        least_ns = time.monotonic_ns() - 1e9 * self._amplifier.habits.longest_under_way_s
+        for boots, came_ns, what in held:
+            in_time = came_ns >= least_ns or (self._acknowledged and not self._amplifier.goes_to_rest)
+            if in_time and boots == self._amplifier.boots:
+                yield what

@@ -8,7 +8,7 @@ from micromanip.testbus.event_loop import EventLoop
 from micromanip.testbus.frame import Frame
 from micromanip.testbus.hub import CanHub
 
-from .amplifier import LATE_S, OUTPUTS
+from .amplifier import LATE_S, OUTPUTS, HeldBack
 
 _VOLTAGES, _SENSORS, _STRANGER = 256, 257, 300
 _PERIOD_NS, _LOOK_NS = 5_000_000, 2_000_000
@@ -25,7 +25,7 @@ class CanBus:
         self._loop = EventLoop()
         self._hub = CanHub(self._loop, channel, 1_000_000, 5_000_000)
         self._hub.attach(self)
-        self._cut, self._held, self._boots = None, [], 0
+        self._cut, self._held, self._boots = None, HeldBack(amplifier, acknowledged=True), 0
         self.boot()
         self._loop.call_at(time.monotonic_ns(), self._say)
         self._loop.call_at(time.monotonic_ns(), self._look)
@@ -51,11 +51,9 @@ class CanBus:
     def on_frame(self, frame, time_ns):
         """One of the bus, which this process may see late."""
         if not frame.error and self.amplifier.hears:
-            if self._cut == "late" or self.frozen.locked():
-                self._held.append((frame, time_ns))
-            else:
+            self._held.add(frame, time_ns)
+            if self._cut != "late" and not self.frozen.locked():
                 self._hear_held()
-                self._hear_in_time(frame, time_ns)
 
     def send(self, frame):
         """Onto the bus, if it can."""
@@ -73,25 +71,15 @@ class CanBus:
             return
         with self.amplifier.lock:
             self.amplifier.look()
-            self._wake()
             if self._cut != "late":
                 self._hear_held()
 
     def _hear_held(self):
-        held, self._held = self._held, []
-        for frame, came_ns in held:
-            self._hear_in_time(frame, came_ns)
-
-    def _hear_in_time(self, frame, came_ns):
-        under_way_s = 1e-9 * (time.monotonic_ns() - came_ns)
-        if under_way_s <= self.amplifier.habits.longest_under_way_s or not self.amplifier.goes_to_rest:
-            self._wake()
-            self.hear(frame)
-
-    def _wake(self):
         if self.amplifier.boots != self._boots and self.amplifier.hears:
-            self._boots, self._held = self.amplifier.boots, []
+            self._boots = self.amplifier.boots
             self.boot()
+        for frame in self._held.arriving():
+            self.hear(frame)
 
     def _say(self):
         self._loop.call_at(time.monotonic_ns() + _PERIOD_NS, self._say)

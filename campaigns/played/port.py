@@ -11,6 +11,8 @@ import time
 import tty
 from contextlib import suppress
 
+from .amplifier import HeldBack
+
 CUTS = ("reset", "refused", "hole", "late", "deaf")
 """reset: connections break, new ones are accepted. refused: as long as the cut lasts, there is no port either.
 hole: connections stand, nothing goes either way, and what was sent is lost. late: the same, but what was sent to the
@@ -30,7 +32,7 @@ class Port:
 
     def __init__(self, amplifier, converse):
         self.amplifier, self._converse = amplifier, converse
-        self._cut, self._held = None, []
+        self._cut, self._held = None, HeldBack(amplifier)
         self._outbox = []
         self._boots, self._number = amplifier.boots, 0
         self.frozen = threading.Lock()
@@ -56,11 +58,8 @@ class Port:
             was, self._cut = self._cut, None
             if was == "refused":
                 self._open()
-            held, self._held = self._held, []
-            least_s = time.monotonic() - self.amplifier.habits.longest_under_way_s
-            for link, came_s, data in held:
-                if came_s >= least_s:
-                    self._hear(link, data)
+            for link, data in self._held.arriving():
+                self._hear(link, data)
 
     def close(self):
         """End it."""
@@ -89,12 +88,12 @@ class Port:
             for _ in self._read():
                 pass
         if self.amplifier.boots != self._boots:
-            self._boots, self._held, self._outbox = self.amplifier.boots, [], []
+            self._boots, self._outbox = self.amplifier.boots, []
             self._rebooted()
         if self._cut != "refused":
             for link, data in self._read():
                 if self._cut == "late":
-                    self._held.append((link, time.monotonic(), data))
+                    self._held.add((link, data), time.monotonic_ns())
                 elif self._cut != "hole":
                     self._hear(link, data)
             for link in self._links():

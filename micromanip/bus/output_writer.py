@@ -13,9 +13,7 @@ from .errors import LinkError, OutputRefused
 from .inbox import Inbox
 from .safe_state import SafeState
 
-_may_have_moved, _note_sent, _note_taken, _was_silent = map(
-    plain, (law.may_have_moved, law.note_sent, law.note_taken, law.was_silent)
-)
+_may_have_moved, _note_sent, _note_taken = map(plain, (law.may_have_moved, law.note_sent, law.note_taken))
 
 
 class OutputWriter:
@@ -61,11 +59,6 @@ class OutputWriter:
         """The device's watchdog has had its time, and what it has is known."""
         for number in range(len(self._driver.tasks)):
             self._gate["still"][number] = 1
-
-    def is_in_doubt(self) -> bool:
-        """Whether the device's watchdog may have begun to move an output."""
-        now_ns = time.monotonic_ns()
-        return any(task.outputs and _was_silent(self._gate, k, now_ns) for k, task in enumerate(self._driver.tasks))
 
     @property
     def touched_ns(self) -> int:

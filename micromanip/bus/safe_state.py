@@ -10,33 +10,23 @@ import numpy as np
 
 from micromanip.rt.bus_image import SAFE_RAMP
 from micromanip.rt.io import gate as law
-from micromanip.rt.io.gate import EQUAL_V, LAST_SWITCH, SWITCH, UNUSED, VOLTAGE
+from micromanip.rt.io.gate import LAST_SWITCH, SWITCH, UNUSED, VOLTAGE
 from micromanip.rt.jit import plain
 from micromanip.rt.record import fields
 
 from .driver import Task
-from .watchdog import UNKNOWN, Watchdog, after_silence
 
 Values = Sequence[float]
 """One for each output of the bus' driver."""
+Bounds = tuple[float, float]
+"""The least and the greatest that something may be."""
 Known = Sequence[float | None]
 """The same; None for an output of which nothing is known."""
 
-__all__ = ["LAST_SWITCH", "SWITCH", "UNUSED", "VOLTAGE", "Known", "SafeOutput", "SafeState", "Values"]
+__all__ = ["LAST_SWITCH", "SWITCH", "UNUSED", "VOLTAGE", "SafeOutput", "SafeState", "Values"]
 
-_decide, _leave, _rests, _rests_at, _rest_if_given, _settle, _furthest, _is_near_rest, _known_last = map(
-    plain,
-    (
-        law.decide,
-        law.leave,
-        law.rests,
-        law.rests_at,
-        law.rest_if_given,
-        law.settle,
-        law.furthest,
-        law.is_near_rest,
-        law.known_last,
-    ),
+_decide, _leave, _rests, _rests_at, _rest_if_given, _known_last = map(
+    plain, (law.decide, law.leave, law.rests, law.rests_at, law.rest_if_given, law.known_last)
 )
 
 
@@ -49,6 +39,31 @@ class SafeOutput:
     low: float = -math.inf
     high: float = math.inf
     slew_V_per_s: float = math.inf
+
+
+@dataclass(frozen=True)
+class Left:
+    """An output as it was left."""
+
+    kind: int
+    rest: float
+    """Where its device leads it by itself; the cell's safe state leads it to `safe`."""
+    safe: float
+    step: float
+    """What is no further apart may follow one on the other."""
+    last: float
+    given: Bounds | None
+    """What it was given; None where nobody knows."""
+    register: Bounds
+    """What its register may have from here; the first is above the second where nothing was written."""
+
+
+@dataclass(frozen=True)
+class Beginning:
+    """The value from which an output goes on, and between which bounds lies what its device has."""
+
+    value: float
+    bounds: Bounds
 
 
 class SafeState:
@@ -110,83 +125,42 @@ class SafeState:
         g = self.fields
         for i, value in enumerate(values):
             if value is not None:
-                self._begin_at(i, value)
-                if g["kind"][i] == VOLTAGE:
-                    g["lowest"][i] -= g["step"][i]
-                    g["highest"][i] += g["step"][i]
+                more = g["step"][i] if g["kind"][i] == VOLTAGE else 0.0
+                self.begin(i, Beginning(value, (value - more, value + more)))
                 g["register_low"][i], g["register_high"][i] = g["lowest"][i], g["highest"][i]
 
-    def read_back(self, values: Known) -> None:
-        """What the device says that it has; one that lies outside of its range begins at the nearest bound.
+    def left(self, i: int) -> Left:
+        """Output `i` as it was left."""
+        g = self.fields
+        return Left(
+            self._outputs[i].kind,
+            rest=float(g["rest"][i]),
+            safe=float(g["safe"][i]),
+            step=float(g["step"][i]),
+            last=float(g["last"][i]),
+            given=(float(g["lowest"][i]), float(g["highest"][i])) if g["known"][i] else None,
+            register=(float(g["register_low"][i]), float(g["register_high"][i])),
+        )
+
+    def silent_ns(self, i: int, now_ns: int) -> tuple[int, int]:
+        """How long the device of output `i` had no command, at least and at most."""
+        g = self.fields
+        return now_ns - int(g["touched_ns"][0]), now_ns - int(g["fed_ns"][g["task"][i]])
+
+    def begin(self, i: int, beginning: Beginning) -> None:
+        """Output `i` is there; one outside of its range is at the nearest bound.
 
         Where it is what was expected, a ramp under way goes on.
         """
-        for i, value in enumerate(values):
-            if value is None:
-                continue
-            if self._is_on_the_way(i, value):
-                _settle(self.fields, i, value)
-                self.fields["last"][i], self.fields["known"][i] = value, 1
-            else:
-                self._begin_at(i, value)
-
-    def after_silence(self, watchdog: Watchdog | None, silent_ns: int, values: Known) -> list[int]:
-        """What the device has once its link was opened, `silent_ns` after the last command: which voltages are unknown.
-
-        `values` is what it reads back, which goes before all else but for a register that may tell a set-point and not
-        the output: one that still reads what was written last, long after the watchdog has led the output to rest; any
-        away from rest, where nobody knows what the device has after power-on, or said what it does in silence. If that
-        is not what was written either, somebody else has, or the last values were lost: it is unknown. One that was
-        given its safe value last rests where the watchdog does not say it: so a person's word is asked for once.
-        """
-        g, unknown, values = self.fields, [], list(values)
-        still = watchdog is not None and watchdog.ms is not None and silent_ns >= watchdog.still_ns
-        for i, output in enumerate(self._outputs):
-            if output.kind != VOLTAGE:
-                continue
-            if still:
-                g["led"][i] = 1
-            if (value := values[i]) is not None:
-                if not self._may_be_a_set_point(i, value, watchdog):
-                    continue
-                if self._reads_away(i, value) and not self._may_have_been_written(i, value):
-                    unknown.append(i)
-                    continue
-                values[i] = None
-            given = (g["lowest"][i], g["highest"][i]) if g["known"][i] else UNKNOWN
-            low, high = after_silence(watchdog, silent_ns, given, g["rest"][i])
-            if low == high and (low, high) != given:
-                self._begin_at(i, low)
-            elif math.isfinite(low) and math.isfinite(high):
-                g["lowest"][i], g["highest"][i] = low, high
-            elif not g["known"][i] or _furthest(g, i, output.safe) > g["step"][i] + EQUAL_V:
-                unknown.append(i)
-                continue
-            if (low, high) != given and _furthest(g, i, output.safe) <= g["step"][i] + EQUAL_V:
-                g["last"][i] = g["start"][i] = output.safe  # from what it was given, one at rest would leave it
-        self.read_back(values)
-        return unknown
-
-    def _may_be_a_set_point(self, i: int, value: float, watchdog: Watchdog | None) -> bool:
-        """Whether what output `i` reads may be left from before it went to rest by itself."""
-        leads = watchdog is not None and watchdog.leads_to_rest
-        if watchdog is not None and (not self.fields["led"][i] or (leads and self._is_unwritten(i))):
-            return False
-        return self._reads_away(i, value) or (leads and self._may_have_been_written(i, value))
-
-    def _is_unwritten(self, i: int) -> bool:
-        """Whether nothing is known to have been written to its register, which so moved with its output."""
-        return bool(self.fields["register_low"][i] > self.fields["register_high"][i])
-
-    def _reads_away(self, i: int, value: float) -> bool:
-        return bool(
-            self._outputs[i].kind == VOLTAGE and abs(value - self.fields["rest"][i]) > self.fields["step"][i] + EQUAL_V
-        )
-
-    def _may_have_been_written(self, i: int, value: float) -> bool:
-        """Whether the register of output `i` may have `value` from here, or a person vouched for whatever it reads."""
-        g, step = self.fields, self.fields["step"][i]
-        return bool(g["register_low"][i] - step <= value <= g["register_high"][i] + step)
+        g = self.fields
+        value = min(max(beginning.value, g["low"][i]), g["high"][i])
+        under_way = g["share"][i] > 0.0 and abs(value - g["last"][i]) <= g["step"][i]
+        if not under_way:
+            g["share"][i] = 0.0
+        if not under_way or abs(value - g["safe"][i]) <= g["step"][i]:  # at rest already: it would be led away
+            g["start"][i] = value
+        g["lowest"][i], g["highest"][i] = beginning.bounds
+        g["last"][i], g["known"][i] = value, 1
 
     def assume_safe(self, *, where_unknown: bool = False) -> None:
         """Take the voltages, `where_unknown` those of which nothing is known, for being at their safe values.
@@ -196,33 +170,9 @@ class SafeState:
         g = self.fields
         for i, output in enumerate(self._outputs):
             if output.kind == VOLTAGE and not (where_unknown and g["known"][i]):
-                self._begin_at(i, output.safe)
+                self.begin(i, Beginning(output.safe, (output.safe, output.safe)))
                 if not where_unknown:
                     g["register_low"][i], g["register_high"][i] = -math.inf, math.inf
-
-    def is_near_rest(self, values: Known) -> bool:
-        """Whether it makes no step where the device's watchdog leads the voltages, and none reads otherwise."""
-        return all(
-            _is_near_rest(self.fields, i) and (value is None or not self._reads_away(i, value))
-            for i, value in enumerate(values)
-        )
-
-    def all_told(self, values: Known) -> bool:
-        """Whether `values` has every voltage."""
-        pairs = zip(values, self._outputs, strict=True)
-        return all(value is not None or output.kind != VOLTAGE for value, output in pairs)
-
-    def _is_on_the_way(self, i: int, value: float) -> bool:
-        """Whether it lies where the ramp is, or a step beside that; one at rest would be led away from it."""
-        g, step = self.fields, self.fields["step"][i]
-        return bool(abs(value - g["last"][i]) <= step < abs(value - g["safe"][i]))
-
-    def _begin_at(self, i: int, value: float) -> None:
-        g = self.fields
-        value = min(max(value, g["low"][i]), g["high"][i])
-        _settle(g, i, value)
-        g["last"][i] = g["start"][i] = value
-        g["known"][i], g["share"][i] = 1, 0.0
 
     def leave(self) -> None:
         """The device is not in the loop's hand any more, and what it has is not known to be at rest."""

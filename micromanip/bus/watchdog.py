@@ -1,8 +1,7 @@
-"""What a device does by itself once no more commands come: the one place that says what it may have then.
+"""What a device does by itself once no more commands come, as its configuration says it.
 
 The link tells whether commands arrive, not what the device did meanwhile: its watchdog may have led it to rest, and it
-may have been switched off and on. So outputs that can't be read back begin anew where the device must be, or nowhere
-(``docs/decisions/0017-bus-workers.md``).
+may have been switched off and on. ``beginning.py`` says where its outputs are then.
 """
 
 from __future__ import annotations
@@ -20,8 +19,6 @@ Milliseconds = Annotated[float, Field(strict=True, gt=0, le=6_500)]
 _SHARE = 0.9
 """A device that had no command for this part of its watchdog's time can't be known to have its last value still. So
 late may a command arrive, by the rest of that time, and its watchdog begin anew."""
-
-UNKNOWN = (-math.inf, math.inf)
 
 
 class Watchdog(Section):
@@ -57,22 +54,13 @@ class Watchdog(Section):
         return self.ms is not None and self.after_power_on == "rest"
 
     @property
+    def keeps(self) -> bool:
+        """Whether it always has what it was given last."""
+        return self.ms is None and self.after_power_on == "last"
+
+    @property
     def words(self) -> str | None:
         """What it does when this machine has died; None where it does nothing."""
         if self.ms is None:
             return None
         return f"at rest {self.rest_ms:g} ms after {self.ms:g} ms of silence" + (", latching" if self.latches else "")
-
-
-def after_silence(
-    watchdog: Watchdog | None, silent_ns: int, given: tuple[float, float], rest: float
-) -> tuple[float, float]:
-    """Between which values an output lies whose link was lost, `silent_ns` after the last command that it may have had.
-
-    `given` are the bounds of what it was given, ``UNKNOWN`` where nobody knows; `rest` is where it rests.
-    """
-    if watchdog is None:
-        return UNKNOWN
-    if watchdog.leads_to_rest:
-        return (rest, rest) if silent_ns >= watchdog.still_ns else (min(given[0], rest), max(given[1], rest))
-    return given if watchdog.ms is None and watchdog.after_power_on == "last" else UNKNOWN

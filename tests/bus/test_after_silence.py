@@ -4,6 +4,7 @@ A watchdog that does not latch, a power cycle: the first value after it must not
 """
 
 import contextlib
+import math
 import threading
 import time
 
@@ -16,12 +17,14 @@ from campaigns.played.amplifier import Amplifier as PlayedAmplifier
 from campaigns.played.amplifier import Habits
 from campaigns.virtual_worker import ANSWERED, Clock, Wire
 from micromanip.bus import device_lock
+from micromanip.bus.beginning import after_silence, begin, place
 from micromanip.bus.driver import BusDriver, BusOptions, Channel, Task
-from micromanip.bus.errors import LinkError
+from micromanip.bus.errors import LinkError, OutputsUnknown
 from micromanip.bus.image import ProcessImage
 from micromanip.bus.last_given import LastGiven
-from micromanip.bus.safe_state import VOLTAGE, SafeOutput, SafeState
-from micromanip.bus.watchdog import UNKNOWN, Watchdog, after_silence
+from micromanip.bus.output_writer import OutputWriter
+from micromanip.bus.safe_state import SWITCH, VOLTAGE, Left, SafeOutput, SafeState
+from micromanip.bus.watchdog import Watchdog
 from micromanip.bus.worker import Rules, Worker
 from micromanip.host.safe.bus_rest import BusRest
 from micromanip.rt.bus_exchange import exchange_image
@@ -181,22 +184,6 @@ def _given(volts, folder):
 
 
 @pytest.mark.live
-@pytest.mark.parametrize("volts", [0.0, 60.0])
-def test_a_new_worker_and_park_wait_until_the_device_rests(tmp_path, volts):
-    """The amplifier has 60 V still, its watchdog's time begins now; or it lost them long ago (0 V)."""
-    for park in (False, True):
-        line, memory = Line(Amplifier(volts)), _given(60.0, tmp_path)
-        if park:
-            memory.close()
-            assert BusRest(line, OUTPUTS, 0.1).run() == []
-        else:
-            with Served(line, memory) as served:
-                served.until(lambda: served.worker.safe.state in (RESTING, FOLLOWING))
-        assert line.amplifier.writes > 0
-        assert line.amplifier.largest <= STEP_V + 1e-9
-
-
-@pytest.mark.live
 @pytest.mark.parametrize("reads", [False, True])
 @pytest.mark.parametrize("keys", [None, Watchdog(ms=300, rest_ms=50, after_power_on="unknown")])
 def test_where_nothing_is_known_a_person_is_asked_before_the_first_write(tmp_path, keys, reads, said):
@@ -216,81 +203,72 @@ def test_where_nothing_is_known_a_person_is_asked_before_the_first_write(tmp_pat
     assert line.amplifier.largest <= STEP_V
 
 
-@pytest.mark.live
-def test_what_was_left_at_rest_is_at_rest(tmp_path):
-    line = Line(Amplifier(), None)
-    with Served(line, _given(0.0, tmp_path)) as served:
-        served.until(lambda: served.worker.safe.state == FOLLOWING)
+LATER = Watchdog(ms=300, rest_ms=50, after_power_on="last")
+EVER = math.inf
+BEGUN, STILL = (0, 270_000_001), (380_000_000, EVER)
+ON_ITS_WAY = (379_999_999, EVER)
+AT_60 = {"last": 60.0, "given": (59.0, 61.0), "register": (59.0, 61.0)}
+NOTHING = {"given": None, "register": (EVER, -EVER)}
 
 
 @pytest.mark.parametrize(
-    ("keys", "silent_ms", "expected"),
+    ("keys", "silent_ns", "left", "reads", "expected"),
     [
-        (WATCHDOG, 379, (0.0, 61.0)),
-        (WATCHDOG, 380, (0.0, 0.0)),
-        (KEEPS, 10**6, (59.0, 61.0)),
-        (Watchdog(ms=None, after_power_on="rest"), 0, UNKNOWN),
-        (Watchdog(ms=100, after_power_on="last"), 10**6, UNKNOWN),
-        (None, 0, UNKNOWN),
+        # what it reads it has, as long as no watchdog can have begun
+        (WATCHDOG, (0, 270_000_000), AT_60, 33.0, (33.0, 33.0, 33.0)),
+        (KEEPS, STILL, AT_60, 33.0, (33.0, 33.0, 33.0)),
+        (WATCHDOG, BEGUN, AT_60, 33.0, None),
+        (None, (0, 0), AT_60, 60.0, None),
+        (None, (0, 0), {"given": (9.0, 10.0)}, None, (10.0, 9.0, 10.0)),
+        # one that may be on its way to rest is waited for, unless that is within a step
+        (WATCHDOG, ON_ITS_WAY, AT_60, None, None),
+        (WATCHDOG, ON_ITS_WAY, AT_60, 0.0, None),
+        (WATCHDOG, ON_ITS_WAY, NOTHING, 0.0, None),
+        (WATCHDOG, ON_ITS_WAY, {"given": (-4.1, 4.0)}, None, None),
+        (WATCHDOG, ON_ITS_WAY, {"given": (-4.0, 4.1)}, None, None),
+        (WATCHDOG, ON_ITS_WAY, {"given": (-4.0, 4.0)}, -4.1, None),
+        (WATCHDOG, ON_ITS_WAY, {"given": (-4.0, -3.0)}, None, (0.0, -4.0, 0.0)),
+        (WATCHDOG, ON_ITS_WAY, {"given": (3.0, 4.0)}, None, (0.0, 0.0, 4.0)),
+        (WATCHDOG, ON_ITS_WAY, {"given": (3.0, 4.0)}, -4.0, (0.0, -4.0, 0.0)),
+        (LATER, ON_ITS_WAY, {"given": (10.0, 10.0)}, None, None),
+        # then it is there, and a register may read what was written before
+        (WATCHDOG, STILL, AT_60, None, (0.0, 0.0, 0.0)),
+        (WATCHDOG, STILL, AT_60 | {"given": None}, None, (0.0, 0.0, 0.0)),
+        (WATCHDOG, (EVER, EVER), AT_60, 65.0, (0.0, 0.0, 0.0)),
+        (WATCHDOG, STILL, AT_60, 55.0, (0.0, 0.0, 0.0)),
+        (WATCHDOG, STILL, AT_60, 65.1, None),
+        (WATCHDOG, STILL, {"given": None, "register": (-61.0, -59.0)}, -60.0, (0.0, 0.0, 0.0)),
+        (WATCHDOG, STILL, AT_60, 54.9, None),
+        (WATCHDOG, STILL, AT_60, STEP_V + 1e-9, (0.0, 0.0, STEP_V + 1e-9)),
+        (WATCHDOG, STILL, AT_60, -4.0, (0.0, -4.0, 0.0)),
+        (WATCHDOG, STILL, NOTHING, 60.0, (60.0, 60.0, 60.0)),
+        (WATCHDOG, STILL, {"given": (0.0, 0.0), "register": (0.0, 0.0)}, 60.0, None),
+        # where nobody knows what it does in silence, or once it is switched on
+        *[
+            (keys, STILL, left, reads, expected)
+            for keys in (LATER, None)
+            for left, reads, expected in (
+                (AT_60, None, None),
+                (AT_60, 60.0, None),
+                (NOTHING, None, None),
+                (NOTHING, 60.0, None),
+                (AT_60, 3.0, (0.0, 0.0, 3.0)),
+                ({"given": (6.0, 13.0)}, None, (10.0, 6.0, 13.0)),
+                ({"given": (5.9, 13.0)}, None, None),
+                ({"given": (11.0, 14.0)}, None, (10.0, 10.0, 14.0)),
+                ({"given": (10.0, 10.0), "register": (-EVER, EVER)}, 60.0, (10.0, 10.0, 10.0)),
+            )
+        ],
+        (KEEPS, STILL, AT_60, None, (60.0, 59.0, 61.0)),
+        (KEEPS, STILL, NOTHING, None, None),
+        (Watchdog(ms=None, after_power_on="rest"), STILL, AT_60, None, None),
     ],
 )
-def test_what_a_device_may_have_after_silence(keys, silent_ms, expected):
-    assert after_silence(keys, silent_ms * 1_000_000, (59.0, 61.0), 0.0) == expected
-
-
-@pytest.mark.live
-def test_a_device_that_reads_back_other_than_rest_after_its_silence_is_led_on_from_there(tmp_path):
-    line = Line(Amplifier(60.0, watchdog_s=1e9))
-    line.read_outputs = lambda: [line.amplifier.volts]
-    assert BusRest(line, OUTPUTS, 0.1).run() == []
-    assert line.amplifier.volts == 0.0
-    assert line.amplifier.largest <= STEP_V + 1e-9
-
-
-@pytest.mark.parametrize("after_power_on", ["last", "unknown"])
-def test_a_register_tells_nothing_where_the_watchdog_may_have_led_the_output_away_from_it(after_power_on):
-    safe = _left_at(60.0)
-    keys = Watchdog(ms=300, rest_ms=50, after_power_on=after_power_on)
-    assert safe.after_silence(keys, keys.still_ns, [60.0]) == [0]
-    assert _left_at(60.0).after_silence(keys, keys.still_ns, [1.0]) == []
-
-
-@pytest.mark.parametrize("keys", [None, WATCHDOG, Watchdog(ms=300, rest_ms=50, after_power_on="unknown")])
-def test_a_register_that_somebody_else_has_written_makes_what_was_left_at_rest_unknown(keys):
-    """Or what was written last never came: then a device that its watchdog has led to rest is at rest."""
-    assert _left_at(0.0).after_silence(keys, 10**9, [60.0]) == [0]
-    vouched_for = _left_at(0.0)
-    vouched_for.assume_safe()
-    assert vouched_for.after_silence(keys, 10**9, [60.0]) == []
-    assert vouched_for.last == [0.0]
-
-
-def test_a_register_still_tells_the_set_point_where_the_link_is_lost_before_anything_was_given():
-    safe = _left_at(60.0)
-    assert safe.after_silence(WATCHDOG, WATCHDOG.still_ns, [60.0]) == []
-    safe.fields["value"][0] = 0.0
-    note_sent(safe.fields, 0, 0, 0)
-    assert safe.after_silence(WATCHDOG, 10_000_000, [60.0]) == []
-    assert safe.last == [0.0]
-
-
-def test_a_register_a_step_from_rest_is_a_set_point_too():
-    safe = _left_at(2.0 * STEP_V)
-    assert safe.after_silence(WATCHDOG, WATCHDOG.still_ns, [STEP_V]) == []
-    assert safe.last == [0.0]
-
-
-@pytest.mark.parametrize("found", [0.0, -STEP_V])
-def test_what_reads_nearer_to_rest_than_it_was_given_is_not_led_back(found):
-    """Power was off and on while values were sent that nobody confirmed: they are bounds, and no way to go on."""
-    safe = _left_at(-60.0)
-    for value in (-40.0, 0.0):
-        safe.fields["value"][0] = value
-        note_sent(safe.fields, 0, 0, 0)
-    safe.leave()
-    assert safe.after_silence(KEEPS, 10**9, [found]) == []
-    safe.decide([], 0, 10**9)
-    assert found <= safe.values[0] <= 0.0
+def test_where_a_voltage_is_after_silence(keys, silent_ns, left, reads, expected):
+    """Its device leads it to 0 V, the cell to 10 V."""
+    of = {"kind": VOLTAGE, "rest": 0.0, "safe": 10.0, "step": STEP_V, "last": 10.0, "register": (0.0, 0.0)} | left
+    found = after_silence(keys, silent_ns, Left(**of), reads)
+    assert (found and (found.value, *found.bounds)) == expected
 
 
 def _left_at(volts):
@@ -299,16 +277,84 @@ def _left_at(volts):
     return safe
 
 
-@pytest.mark.parametrize("keys", [WATCHDOG, None])
-def test_what_may_be_at_rest_by_itself_is_not_given_again_what_was_a_step_away(keys):
-    safe = SafeState(OUTPUTS, TASKS, 0.1, 500_000_000)
-    safe.read_back([6.0])
-    safe.fields["value"][0] = STEP_V
-    note_sent(safe.fields, 0, 0, 0)
-    assert note_taken(safe.fields, 0, 0)
-    assert safe.after_silence(keys, 0, [None]) == []
-    safe.decide([0.0], 0, 10**9)
-    assert safe.values == [0.0]
+def test_a_register_is_not_believed_where_the_link_is_lost_before_anything_was_given():
+    """It was waited for and rests; what was sent then may have been lost, and the register have 60 V yet."""
+    safe = _left_at(60.0)
+    assert place(safe, WATCHDOG, WATCHDOG.still_ns, [60.0]) == []
+    safe.fields["value"][0] = 0.0
+    note_sent(safe.fields, 0, 0, 10**9)
+    assert place(safe, WATCHDOG, 10**9 + 10_000_000, [60.0]) == [0]
+    assert place(safe, WATCHDOG, 10**9 + WATCHDOG.still_ns, [60.0]) == []
+    assert safe.last == [0.0]
+
+
+class Opened(Line):
+    """A voltage that begins at what `reads` has next, and a switch; who listens to it waits, and longer than asked."""
+
+    outputs = Channel("voltage", RATE_HZ), Channel("switch", RATE_HZ)
+    tasks = (Task("write", RATE_HZ, (0, 1)),)
+
+    def __init__(self, keys, *reads):
+        super().__init__(None, keys)
+        self.reads, self.slices_ns, self.lives, self.clock = [*reads], [], 0, Clock()
+        self.safe = SafeState([*OUTPUTS, SafeOutput(SWITCH, 1.0, 0.0, 1.0)], self.tasks, 0.1, 500_000_000)
+        self.safe.remember([60.0, 1.0])
+        self.safe.leave()
+
+    def receive(self, inbox, until_ns):
+        inbox.confirm(0)
+        assert len(inbox.take_confirmed()) == 1, "what came before is not kept"
+        self.slices_ns.append(until_ns - self.clock.monotonic_ns())
+        self.clock.go_to(until_ns + 7)
+
+    def alive(self):
+        self.lives += 1
+
+    def begin(self, fed_ms_ago=None):
+        """Its worker has begun, or the link was lost, 10 ms ago."""
+        with self.clock.in_force():
+            writer = OutputWriter(self, self.safe, lambda last: None)
+            if fed_ms_ago is not None:
+                self.safe.fields["fed_ns"][0] = self.clock.monotonic_ns() + round((10 - fed_ms_ago) * 1e6)
+            self.clock.go_to(self.clock.monotonic_ns() + 10_000_000)
+            return begin(self, self.safe, writer, self.alive, lambda: self.reads.pop(0))
+
+    def has(self, i):
+        """Where output `i` begins, and between which bounds it is."""
+        g = self.safe.fields
+        return g["start"][i], g["last"][i], g["lowest"][i], g["highest"][i]
+
+
+def test_a_device_that_goes_to_rest_is_listened_to_meanwhile_and_asked_again():
+    """For 380 ms from its last command on, at the latest."""
+    device = Opened(WATCHDOG, [33.0, 1.0], [None, 0.0])
+    assert device.begin() == [None, 0.0]
+    assert sum(device.slices_ns) + 7 * (device.lives - 1) == 370_000_000
+    assert (max(device.slices_ns), device.lives) == (20_000_000, 19)
+    assert (device.has(0), device.has(1)) == ((0.0,) * 4, (0.0,) * 4)
+    assert device.safe.fields["still"][0] == 1, "it may be given something, however long that was"
+
+
+@pytest.mark.parametrize(
+    ("keys", "reads", "last"),
+    [(KEEPS, [33.0, 0.0], [33.0, 0.0]), (KEEPS, [None, None], [60.0, 1.0]), (WATCHDOG, [33.0, None], [33.0, 1.0])],
+)
+def test_a_device_of_which_it_is_known_what_it_has_is_not_waited_for(keys, reads, last):
+    device = Opened(keys, reads)
+    assert device.begin(fed_ms_ago=200) == reads
+    assert (device.slices_ns, device.safe.last, device.safe.fields["still"][0]) == ([], last, 0)
+
+
+@pytest.mark.parametrize(("keys", "waits"), [(None, False), (KEEPS, False), (LATER, True)])
+def test_of_voltages_that_nobody_knows_the_names_are_told_and_none_begins(keys, waits):
+    device = Opened(keys, *[[None, 33.0, None]] * 2)
+    device.outputs = Channel("x", RATE_HZ), Channel("y", RATE_HZ), Channel("z", RATE_HZ)
+    device.tasks = (Task("write", RATE_HZ, (0, 1, 2)),)
+    device.safe = SafeState(OUTPUTS * 3, device.tasks, 0.1, 500_000_000)
+    with pytest.raises(OutputsUnknown, match=r"what x, (y, )?z of amplifier has: nothing is written"):
+        device.begin()
+    assert (device.slices_ns != []) == waits
+    assert device.has(1) == (0.0,) * 4
 
 
 def test_park_on_a_host_that_is_slow_gives_up_no_output_that_comes_nearer_to_rest(tmp_path):

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from micromanip.bus.beginning import place
 from micromanip.bus.cyclic import EXCHANGE_C
 from micromanip.bus.driver import Outcome, Task
 from micromanip.bus.errors import LinkError, TransientError
@@ -45,6 +46,7 @@ TASKS = (Task("first", RATE_HZ, (0, 1)), Task("second", RATE_HZ, (2, 3, 4)))
 SAFE = [output.safe for output in OUTPUTS]
 STEP_V = {0: 10.0, 2: 2.0}
 WATCHDOG = Watchdog(ms=1000.0, rest_ms=1.0, after_power_on="rest")
+KEEPS = Watchdog(ms=None, after_power_on="last")
 CODES = {"taken": 0, "sent": UNCONFIRMED, "held": NOTHING_SENT, "arrived": SENT_IN_DOUBT, "lost": SENT_IN_DOUBT}
 
 
@@ -160,15 +162,15 @@ def test_no_output_steps_and_none_moves_that_may_not(steps):
     for what, wanted, compiled in steps:
         cell.outcome = what if what in CODES else "taken"
         if what in ("cut", "silent"):
-            silent_ns = 0
+            now_ns = time.monotonic_ns()
             if what == "silent":  # so long that the device has gone to rest by itself
                 cell.has = [SAFE[i] if i in STEP_V else has for i, has in enumerate(cell.has)]
-                silent_ns = WATCHDOG.still_ns
+                now_ns = cell.writer.touched_ns + WATCHDOG.still_ns
             cell.writer.forget()
             cell.on_the_way.clear()
             cell.safe.leave()
             cell.may_move = False
-            assert cell.safe.after_silence(WATCHDOG, silent_ns, [None] * 5) == []
+            assert place(cell.safe, KEEPS if what == "cut" else WATCHDOG, now_ns, [None] * 5) == []
         cell.want(wanted, 2 * DEAD_NS if what == "dead" else 0)
         cell.turn(compiled)
         if cell.safe.state == RESTING:

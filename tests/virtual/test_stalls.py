@@ -18,7 +18,7 @@ from micromanip.bus.bridge import BusBridge
 from micromanip.bus.cyclic import EXCHANGE_C
 from micromanip.bus.driver import BusOptions, Channel, Task
 from micromanip.bus.image import ProcessImage
-from micromanip.bus.safe_state import VOLTAGE, SafeOutput, SafeState
+from micromanip.bus.safe_state import VOLTAGE, Beginning, SafeOutput, SafeState
 from micromanip.replay.kernel import NO_SWAP, NOTHING_DIFFERS, replay_rows
 from micromanip.rt.bus_exchange import exchange_image
 from micromanip.rt.bus_image import ALIVE_NS, EPOCH, EPOCH_SEEN, IMAGE, LINK, LINK_UP, OUTPUT_STATE
@@ -289,7 +289,8 @@ class Turns:
         self.image, self.stands, self.cycles = ProcessImage(self.record), False, 0
         tasks = [Task("turn", 2000.0, (0, 1, 2))]
         self.safe = SafeState([SafeOutput(VOLTAGE, 0.0, -20.0, 150.0, 40e3)] * 3, tasks, 0.2, 10**12)
-        self.safe.read_back(tracking.outputs[:3].tolist())
+        for i, volts in enumerate(tracking.outputs[:3].tolist()):
+            self.safe.begin(i, Beginning(volts, (volts, volts)))
         self.safe.fields["state"][0] = FOLLOWING_BUS
         self.given = tracking.outputs.copy()
         for word, value in ((EPOCH_SEEN, 1), (EPOCH, 1), (LINK, LINK_UP), (OUTPUT_STATE, FOLLOWING_BUS)):

@@ -84,7 +84,7 @@ GATE = record(
     *arrays("f8", 1, "ramp_s"),
     *arrays("f8", MAX_OUTPUTS, "low", "high", "rest", "period_s", "start", "share", "wanted", "value"),
     *arrays("f8", MAX_OUTPUTS, "register_low", "register_high"),
-    *arrays("i8", MAX_OUTPUTS, "task", "known", "given", "led"),
+    *arrays("i8", MAX_OUTPUTS, "task", "known", "given"),
     *arrays("i8", MAX_TASKS, "sent_ns", "unconfirmed", "fed_ns", "still"),
     ("sent", "f8", (MAX_TASKS, MAX_OUTPUTS)),
 )
@@ -94,7 +94,7 @@ task number ``task``; it is ``known`` where anybody ever said what it has, ``giv
 left the loop's hand, and on the ramp a ``share`` of the way from ``start``. The loop ``wanted`` that, and wrote it at
 ``written_ns``; ``value`` was decided of it at ``decided_ns``, and ``refused`` values were not finite or out of range.
 Its register holds what lies from ``register_low`` to ``register_high``, wherever the output went by itself; the
-former is above the latter where nothing was sent. Its watchdog has ``led`` it to rest, and it was given nothing since.
+former is above the latter where nothing was sent.
 
 Of each task the values ``sent`` last, at ``sent_ns``, and whether the device has still to confirm them; what it took
 last was sent at ``fed_ns``, 0 for nothing: its watchdog's time runs from there, or later. ``still`` tasks have sent
@@ -244,6 +244,6 @@ def give(g: Any, i: int, value: float) -> None:
     """The device has taken `value` of an output."""
     settle(g, i, value)
     g["register_low"][i] = g["register_high"][i] = g["last"][i] = value
-    g["known"][i], g["given"][i], g["led"][i] = 1, 1, 0
+    g["known"][i], g["given"][i] = 1, 1
     if g["state"][0] == SAFE_RAMP:
         g["share"][i] += g["period_s"][i] / g["ramp_s"][0]

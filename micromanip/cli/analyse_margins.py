@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from micromanip.errors import CheckFailed, UsageError
+from micromanip.errors import CheckFailed
 
 from .axes import axis_option, chosen_axes
 from .echo import echo
@@ -28,18 +28,14 @@ if TYPE_CHECKING:
 @click.option("--samples", type=click.IntRange(0, 1_000_000), default=100, help="Plants that are drawn, an axis.")
 @click.option("--seed", type=Quantity("Seed"), default=1, help="Seed of the first plant; the next follow.")
 @click.option(
-    "--simulate", is_flag=True, help="Also run the whole cell, in virtual time, with every plant (driver simulated)."
-)
-@click.option(
     "--jobs",
-    type=click.IntRange(-1, 1024),
-    default=-1,
+    type=click.IntRange(1, 1024),
     show_default="one a CPU",
     help="Processes that share the plants; 1: this one alone.",
 )
 @click.option("--figures/--no-figures", default=True, help="Draw the figures.")
 def command(
-    config: Path, folder: Path, only: str, samples: int, seed: int, simulate: bool, jobs: int,
+    config: Path, folder: Path, only: str, samples: int, seed: int, jobs: int | None,
     figures: bool, as_json: bool,
 ) -> None:  # fmt: skip
     """Judge the control of each axis before it runs: is the inverse regular, are the loops stable, with what margin?
@@ -50,16 +46,10 @@ def command(
     from micromanip.design.analyse.axis import analyse_axis
     from micromanip.design.validate.criteria import criteria, notes, report
     from micromanip.settings.check import prepare
-    from micromanip.virtual.altered import VariedCell, simulated_driver
     from micromanip.virtual.experiment import VirtualExperiment
 
     prepared = prepare(config)
     shown = chosen_axes(prepared.configuration.axes, only, config)
-    if jobs == 0:
-        raise UsageError("--jobs 0 leaves nobody to work: 1 or more, or -1 for one a CPU")
-    cells = {name: VariedCell(prepared, name) for name in shown} if simulate else {}
-    for name in cells:
-        simulated_driver(prepared, [name])
     seeds = range(seed, seed + samples)
     analyses = []
     with (
@@ -76,8 +66,7 @@ def command(
                 name,
                 VirtualExperiment(prepared) if prepared.wiring.virtual else None,
                 seeds,
-                play=cells.get(name),
-                jobs=jobs,
+                jobs=jobs or -1,
                 progress=progress,
             )
             analyses.append(analysis)

@@ -3,42 +3,30 @@
 from __future__ import annotations
 
 import contextlib
-import datetime
-import getpass
-import os
 import shutil
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
-from importlib.metadata import version
 from pathlib import Path
 from shutil import copyfile
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 from micromanip.errors import CheckFailed, sentence
 
 from .axes import chosen_axes, moved_axis_option
-from .commissioned import PREVIOUS, REJECTED, REPORT, TUNED, document, print_found, tuned_text, write_results
+from .commissioned import PREVIOUS, REJECTED, REPORT, TUNED, document, print_found, write_results
 from .echo import echo
 from .options import Quantity, config_argument, emit_json, socket_option, subcommand
 from .progress import steps
 from .results import out_option, results_folder, run_folder
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from micromanip.design.analyse.budget.budget import AxisBudget
     from micromanip.design.experiment import Experiment
     from micromanip.settings.check import Prepared
-    from micromanip.settings.schema.model import Configuration
-
-    from .live_experiment import Recordings
 
 _EXPERIMENTS = ".experiments"
-_BUDGET_S, _COHERENCE_S = 4.0, 1.0
-"""Virtual time that is played for the error budget; for how long its bound takes phases to be known."""
 
 
 @subcommand("commission", "micromanip commission config/factory.yaml --axis all --out out/cell")
@@ -76,6 +64,7 @@ def command(
     """
     from micromanip.design.commission.cell import commission_cell, planned
     from micromanip.design.commission.options import Options
+    from micromanip.design.commission.written import as_written, budgeted, provenance
     from micromanip.settings.check import prepare
 
     prepared = prepare(config)
@@ -85,17 +74,14 @@ def command(
         if real and not yes:
             _ask(prepared, chosen, real[0])
         began = time.monotonic()
+        virtual = not live and prepared.wiring.virtual
+        simulated = contextlib.nullcontext(partial(_virtual, prepared))
         with (
-            _resumed(folder / _EXPERIMENTS) as resumed,
+            simulated if virtual else _live(prepared, socket_path, folder / _EXPERIMENTS) as played,
             run_folder(folder, only, wanted=REPORT) as run,
             steps(planned(chosen)) as bar,
         ):
             copyfile(config, run / PREVIOUS)
-            played = (
-                partial(_live, prepared, socket_path, resumed)
-                if live or not prepared.wiring.virtual
-                else partial(_virtual, prepared)
-            )
             found = commission_cell(
                 prepared.configuration,
                 played(process=False),
@@ -104,11 +90,11 @@ def command(
                 Options(bandwidth_Hz, noise_um, tooth_Hz),
                 seed,
                 played(process=True),
-                partial(_as_written, prepared),
-                partial(_budgeted, prepared, seed, virtual=not live and prepared.wiring.virtual),
+                partial(as_written, prepared),
+                partial(budgeted, prepared, seed, virtual=virtual),
             )
             bar.say("report")
-            facts = _provenance(prepared, config, chosen, seed)
+            facts = provenance(prepared, config, chosen, seed)
             axes, missing = write_results(prepared, found, facts, folder, run)
     seconds = time.monotonic() - began
     if as_json:
@@ -146,94 +132,24 @@ def _virtual(prepared: Prepared, *, process: bool) -> Experiment:
     return VirtualExperiment(prepared, process=process)
 
 
-def _live(prepared: Prepared, socket_path: Path, kept: Recordings, *, process: bool) -> Experiment:
-    from .live_experiment import LiveExperiment
-
-    return LiveExperiment(prepared, socket_path, kept, process=process)
-
-
 @contextlib.contextmanager
-def _resumed(folder: Path) -> Iterator[Recordings]:
-    """The experiments of this run, which stay only where it is broken off."""
-    from .live_experiment import Recordings
+def _live(prepared: Prepared, socket_path: Path, folder: Path) -> Iterator[Callable[..., Experiment]]:
+    """Experiments in real time, whose recordings stay in `folder` only where the run is broken off."""
+    from .live_experiment import LiveCell, LiveExperiment
 
-    kept = Recordings(folder)
-    if kept.left:
-        echo(f"goes on where a run was broken off: {kept.left} experiments of it are in {folder}", err=True)
+    cell = LiveCell(prepared, socket_path, folder)
+    if cell.left:
+        echo(f"goes on where a run was broken off: {cell.left} experiments of it are in {folder}", err=True)
     try:
-        yield kept
+        try:
+            yield partial(LiveExperiment, cell)
+        finally:
+            cell.end()
     except KeyboardInterrupt:
-        if kept.asked:
+        if cell.asked:
             echo("broken off, outputs at rest; within the hour the same command goes on from here", err=True)
         raise
     except BaseException:
         shutil.rmtree(folder)
         raise
     shutil.rmtree(folder)
-
-
-def _as_written(prepared: Prepared, configuration: Configuration) -> Configuration:
-    """What a file of `configuration` holds once it is read again; raises ConfigError where `check` would."""
-    from micromanip.settings.check import wired
-    from micromanip.settings.text.source import Source
-
-    read, _ = wired(Source.parse(prepared.source.path, tuned_text(prepared, configuration, configuration.axes)))
-    return read
-
-
-def _budgeted(
-    prepared: Prepared, seed: int, configuration: Configuration, rows: NDArray[Any], *, virtual: bool
-) -> list[AxisBudget]:
-    """Of a cell in virtual time computed, and played once more without noise; else what the trial's rows show."""
-    import numpy as np
-
-    from micromanip.design.analyse.budget.configured import budget_of
-    from micromanip.design.analyse.budget.recorded import recorded_budget
-    from micromanip.recordings import Telemetry
-    from micromanip.settings.check import prepared as prepared_of
-    from micromanip.settings.text.source import Source
-
-    text, axes = tuned_text(prepared, configuration, configuration.axes), list(configuration.axes)
-    if virtual:
-        tuned = prepared_of(Source.parse(prepared.source.path, text))
-        return budget_of(tuned, axes, _BUDGET_S, seed, _COHERENCE_S, _silent)
-    _, own = np.unique(rows["cycle"], return_index=True)  # a skipped cycle's row is a copy of the one before
-    telemetry = Telemetry.of_rows(prepared.source.path, axes, configuration.loop.period_ns, rows[own], text)
-    return recorded_budget(telemetry, axes, _COHERENCE_S, _silent)
-
-
-def _silent(_: str) -> None:
-    pass
-
-
-def _provenance(prepared: Prepared, config: Path, chosen: list[str], seed: int) -> dict[str, str]:
-    """Where a report comes from: simulated or hardware, which version, when, by whom, with which sensors."""
-    drivers = {name: prepared.wiring.drivers[name] for name in prepared.configuration.drivers}
-    devices = {name: driver.device or prepared.configuration.drivers[name].driver for name, driver in drivers.items()}
-    sensors = {
-        f"sensors of {axis}": ", ".join(
-            f"{name} at {devices[entry.driver]}" + (f" ({entry.channel})" if entry.channel else "")
-            for name in (f"strain_{axis}", f"stage_{axis}", f"deviation_{axis}")
-            if (entry := prepared.configuration.signals.get(name)) is not None
-        )
-        for axis in chosen
-    }
-    return {
-        "cell": f"hardware: {', '.join(devices[name] for name in prepared.wiring.real)}"
-        if prepared.wiring.real
-        else "simulated, nothing real moved",
-        "configuration": f"{config} ({prepared.source.hash[:8]})",
-        "time": f"{datetime.datetime.now(datetime.UTC):%Y-%m-%dT%H:%M:%SZ}",
-        "operator": _logged_in(),
-        "version": f"micromanip {version('micromanip')}",
-        "rate": f"{prepared.configuration.loop.rate_hz:g} Hz",
-        "seed": str(seed),
-        **sensors,
-    }
-
-
-def _logged_in() -> str:
-    try:
-        return os.environ.get("SUDO_USER") or getpass.getuser()
-    except (KeyError, OSError):  # a user without an entry, as in a container
-        return f"user {os.getuid()}"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,16 +15,8 @@ if TYPE_CHECKING:
     from micromanip.design.commission.cell import CommissionedCell
     from micromanip.settings.check import Prepared
     from micromanip.settings.schema.axis import Axis
-    from micromanip.settings.schema.model import Configuration
 
 REPORT, TUNED, PREVIOUS, REJECTED = "report.html", "tuned.yaml", "previous.yaml", "rejected.yaml"
-
-
-def tuned_text(prepared: Prepared, configuration: Configuration, axes: Mapping[str, Axis]) -> str:
-    """The configuration file with the tuning of `axes`, in production as `configuration` has it."""
-    from micromanip.settings.write import with_production, with_tuning
-
-    return with_production(with_tuning(prepared.source.text, axes), configuration)
 
 
 def write_results(
@@ -36,6 +28,7 @@ def write_results(
     is not proven is not called tuned.
     """
     from micromanip.design.commission.report import write_report
+    from micromanip.design.commission.written import tuned_text
     from micromanip.design.report.model import missed
     from micromanip.settings.schema.axis import Commissioned
     from micromanip.settings.tuning_hash import tuning_hash
@@ -88,45 +81,18 @@ def document(found: CommissionedCell, axes: dict[str, Axis], folder: Path, run: 
         "stopped": None if found.stopped is None else str(found.stopped),
         "report": str(folder / REPORT),
         "run": str(run),
-        "production": _production(found),
+        "production": found.production_document(),
         "coupling": None if found.coupled is None else found.coupled.document(),
         "axes": {
             story.axis: {
                 "passed": story.passed,
                 "verdict": of_axis(story).value,
-                "hash": _hash_of(axes, story.axis),
+                "hash": getattr(axes[story.axis].commissioned, "hash", None) if story.axis in axes else None,
                 "criteria": [asdict(criterion) for criterion in story.criteria],
             }
             for story in found.evidence
         },
     }
-
-
-def _production(found: CommissionedCell) -> dict[str, Any] | None:
-    production, rest = found.production, found.rest
-    if production is None or rest is None:
-        return None
-    reference = production.configuration.reference
-    return {
-        "tracks": production.tracks,
-        "obstacle": production.obstacle,
-        "decided": list(production.decided),
-        "reference": reference.model_dump(mode="json", exclude_defaults=True) if production.tracks else None,
-        "tooth_hz": {n: axis.outer and axis.outer.oscillation_Hz for n, axis in found.configuration.axes.items()},
-        "tooth_seen_hz": rest.tooth_Hz,
-        "path_error_um": {
-            name: {"uncompensated_rms": seen.uncompensated_rms, "rms": seen.rms, "max": seen.max}
-            | {"limited_percent": seen.limited_percent}
-            for name, seen in production.seen.items()
-        },
-        "budget": {name: budget.document() for name, budget in production.budgets.items()},
-        "budget_obstacle": production.unbudgeted,
-    }
-
-
-def _hash_of(axes: dict[str, Axis], name: str) -> str | None:
-    noted = axes[name].commissioned if name in axes else None
-    return None if noted is None else noted.hash
 
 
 def print_found(found: CommissionedCell, folder: Path, run: Path, seconds: float) -> None:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import copy
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from micromanip.design.identify.tracker.recorded import MOVES_PERCENT
-from micromanip.errors import CheckFailed, ConfigError
+from micromanip.errors import CheckFailed
 
 from .axes import axis_option, chosen_axes
 from .echo import echo
@@ -19,8 +18,6 @@ from .recording_options import open_recording
 
 if TYPE_CHECKING:
     from micromanip.design.identify.tracker.fit import Deviation
-    from micromanip.recordings import Telemetry
-    from micromanip.settings.text.source import Source
 
 
 @subcommand("tracker", "micromanip fit tracker run.mcap --into config/cell.yaml")
@@ -38,6 +35,8 @@ def command(file: Path, only: str, moves_percent: float, into: Path | None, as_j
     By maximum likelihood; the number of oscillations by samples held out. Record the robot on its path, as it will run:
     one that stands still shows no jerk. Exit code 1 where the samples don't do.
     """
+    from micromanip.design.analyse.budget.path_record import predicted_shares
+    from micromanip.design.identify.tracker.configured import put, require_tracker
     from micromanip.design.identify.tracker.fit import fit_deviation
     from micromanip.design.identify.tracker.recorded import recorded_samples
     from micromanip.settings.text.source import Source
@@ -46,7 +45,7 @@ def command(file: Path, only: str, moves_percent: float, into: Path | None, as_j
     axes = chosen_axes(telemetry.axes, only, file)
     source = None if into is None else Source.read(into)
     if source is not None:
-        _require_tracker(source)
+        require_tracker(source)
     found, shares = {}, {}
     with steps() as bar:
         for axis in axes:
@@ -56,9 +55,9 @@ def command(file: Path, only: str, moves_percent: float, into: Path | None, as_j
                 found[axis] = fit_deviation(samples, rate_Hz, moves_percent)
             except CheckFailed as problem:
                 raise CheckFailed(f"{file}: axis {axis}: {problem}") from problem
-            shares[axis] = _shares(telemetry, axis, found[axis])
+            shares[axis] = predicted_shares(telemetry, axis, found[axis].model)
     if source is not None:
-        _put(source, found)
+        put(source, found)
     told = {axis: _document(each, shares[axis]) for axis, each in found.items()}
     if as_json:
         emit_json({"file": str(file), "axes": told, "into": None if into is None else str(into)})
@@ -66,41 +65,6 @@ def command(file: Path, only: str, moves_percent: float, into: Path | None, as_j
         _print(told)
         if into is not None:
             echo(f"wrote reference.axes of {into}")
-
-
-def _shares(telemetry: Telemetry, axis: str, found: Deviation) -> dict[str, Any]:
-    """What noise and prediction leave of the path, as it ran and with the new figures, or why that isn't told."""
-    from micromanip.design.analyse.budget.path_record import predicted_share
-    from micromanip.settings.load import validate_document
-    from micromanip.settings.schema.reference import Tracker
-    from micromanip.settings.text.source import Source
-
-    reference = validate_document(Source.parse(telemetry.file, telemetry.sure_configuration())).reference
-    if not isinstance(reference, Tracker):
-        return {"before_um": None, "after_um": None, "reason": "what ran followed no tracker"}
-    try:
-        before, after = (predicted_share(telemetry, axis, each) for each in (reference.of(axis), found.model))
-    except CheckFailed as problem:
-        return {"before_um": None, "after_um": None, "reason": str(problem)}
-    return {"before_um": before, "after_um": after, "reason": None}
-
-
-def _require_tracker(source: Source) -> None:
-    reference = source.data.get("reference")
-    if not isinstance(reference, dict) or reference.get("source") != "signal":
-        raise ConfigError(f"{source.path}: reference.source must be signal: there is no tracker to describe")
-
-
-def _put(source: Source, found: dict[str, Deviation]) -> None:
-    from micromanip.settings.check import prepared
-    from micromanip.settings.text.source import Source
-    from micromanip.settings.write_values import write_into
-
-    document = copy.deepcopy(source.data)
-    reference = document["reference"]
-    reference["axes"] = {**reference.get("axes", {}), **{axis: each.settings() for axis, each in found.items()}}
-    prepared(Source.of(document, source.path))
-    write_into(source, document)
 
 
 def _document(found: Deviation, share: dict[str, Any]) -> dict[str, Any]:

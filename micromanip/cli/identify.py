@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -104,11 +105,16 @@ def _played(
 
     configuration = open_loop(prepared.configuration)
     if live:
-        from .live import LiveLine
-        from .live_experiment import play
+        from .live_experiment import LiveCell
 
-        with LiveLine() as line:
-            return play(prepared, configuration, samples, duration_s, socket_path, line)
+        with tempfile.TemporaryDirectory(prefix="micromanip-") as folder:
+            cell = LiveCell(prepared, socket_path, Path(folder))
+            try:
+                return cell.play(configuration, duration_s, samples)
+            except KeyboardInterrupt:
+                raise CheckFailed("the experiment was cut short") from None
+            finally:
+                cell.end()
     from micromanip.virtual.experiment import VirtualExperiment
 
     from .progress import steps

@@ -1,12 +1,14 @@
-"""An experiment in real time: the daemon runs a variant of the configuration and its rows are read back."""
+"""Experiments in real time: a daemon runs variants of the configuration, one after another; rows are read back."""
 
 from __future__ import annotations
 
 import hashlib
 import shutil
-import tempfile
+import subprocess
+import sys
 import time
-from dataclasses import replace
+from dataclasses import dataclass
+from multiprocessing import Pipe
 from pathlib import Path
 from typing import Any
 
@@ -19,92 +21,138 @@ from micromanip.recordings import open_telemetry
 from micromanip.rt.arming import planned_cycles
 from micromanip.rt.records import CELL_STATE, MAX_AXES
 from micromanip.rt.states import TRACKING
+from micromanip.settings.change import needs
 from micromanip.settings.check import Prepared
 from micromanip.settings.compile.cell import compile_cell
+from micromanip.settings.schema.key import RESTART
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.wiring.timing import FeedbackPath, feedback_path
 from micromanip.virtual.own_time import at_own_time
 
 from .live import LiveLine
+from .live_daemon import Order
 
 _RESUMED_S = 3600.0
 """What a run left that was broken off longer ago is of another day's stage."""
+_ROOM_S = 30.0
+"""What a daemon has room for of samples to play; a longer experiment has one of its own."""
 
 
-class Recordings:
-    """The recordings of a run's experiments, in their order: those of a run that was broken off are not made again."""
+class LiveCell:
+    """The cell, and the recordings of its experiments in `folder`, in their order: those that are there are not made.
 
-    def __init__(self, folder: Path) -> None:
+    One daemon serves them, which stands in READY in between; another where something differs that takes a new start.
+    """
+
+    def __init__(self, prepared: Prepared, socket_path: Path, folder: Path) -> None:
         if folder.is_dir() and time.time() - folder.stat().st_mtime > _RESUMED_S:
             shutil.rmtree(folder)
         folder.mkdir(exist_ok=True)
-        self._folder, self.asked = folder, 0
-        self.left = len(list(folder.glob("*.mcap")))
-        """How many such a run has left."""
+        self.prepared, self._socket_path, self._folder = prepared, socket_path, folder
+        self._daemon: _Daemon | None = None
+        self.asked, self.left = 0, len(list(folder.glob("*.mcap")))
+        """How many were asked for, and how many a run that was broken off has left."""
 
-    def next(self, *asked: bytes) -> Path:
-        """Where that of the next experiment belongs, of which `asked` is all that it follows from."""
+    def play(
+        self, variant: Configuration, seconds: float, samples: NDArray[np.float64], *, process: bool = False
+    ) -> NDArray[Any]:
+        """Rows, one per cycle, of `seconds` of TRACKING with `samples` played; the loop arms and stops softly.
+
+        Each sample stands at its own time, see `at_own_time`. `process` keeps the machining force of a simulation.
+        Raises Ended where a fault ended it, else CheckFailed where cycles are missing.
+        """
         self.asked += 1
-        return self._folder / f"{self.asked:03}-{hashlib.sha256(b'|'.join(asked)).hexdigest()[:16]}.mcap"
-
-
-def play(
-    prepared: Prepared, variant: Configuration, samples: NDArray[np.float64], duration_s: float, socket_path: Path,
-    line: LiveLine, *, process: bool = False, kept: Recordings | None = None,
-) -> NDArray[Any]:  # fmt: skip
-    """Rows, one per cycle, of `duration_s` of TRACKING with `samples` played; the loop arms and stops softly.
-
-    Each sample stands at its own time, see `at_own_time`. `process` keeps the machining force of a simulation.
-    With `kept`, what a run has left that was broken off is read instead. Raises Ended where a fault ended it, else
-    CheckFailed where cycles are missing; with `kept` KeyboardInterrupt where a signal ended it.
-    """
-    from micromanip.host.daemon import Options, serve
-
-    armed = variant.model_copy(update={"arm_on_start": True})
-    drivers = prepared.wiring.drivers
-    at_rest_drivers = {name: driver if process else driver.without_process() for name, driver in drivers.items()}
-    wiring = replace(prepared.wiring, drivers=at_rest_drivers)
-    experiment = replace(
-        prepared, configuration=armed, wiring=wiring, samples=samples, parameters=compile_cell(armed, wiring)
-    )
-    at_rest = np.zeros(1, CELL_STATE)[0]
-    arming_s = int(planned_cycles(experiment.parameters[0], at_rest)) * variant.loop.period_ns * 1e-9
-    with tempfile.TemporaryDirectory(prefix="micromanip-") as folder:
-        file = Path(folder) / "experiment.mcap"
-        if kept is not None:
-            asked = (prepared.source.hash, variant.model_dump_json(), f"{duration_s} {process}")
-            file = kept.next(*map(str.encode, asked), samples.tobytes())
+        asked = (self.prepared.source.hash, variant.model_dump_json(), f"{seconds} {process}")
+        name = hashlib.sha256(b"|".join((*map(str.encode, asked), samples.tobytes()))).hexdigest()[:16]
+        file, made = self._folder / f"{self.asked:03}-{name}.mcap", self._folder / "unfinished"
         if not file.exists():
-            made, line.planned_s = Path(folder) / "experiment.mcap", arming_s + duration_s + 0.5
-            options = Options(socket_path, line.planned_s, made, whole=kept is not None)
-            report = serve(experiment, options, line.say, line.show)
-            if report["faults"]:
-                said = f"the experiment was ended by a fault: {report['faults'][0]}"
-                raise Ended(said, _rows(made)) if made.exists() else CheckFailed(said)
-            recorded = report["recording"]
-            if recorded is not None and recorded["message"] is not None:
-                raise CheckFailed(f"the experiment was not recorded: {recorded['message']}")
-            shutil.move(made, file)
+            made.unlink(missing_ok=True)
+            self._make(Order(variant, samples, seconds, made), process=process)
+            made.replace(file)
         rows = _rows(file)
-    rows = rows[rows["state"] == TRACKING][: round(duration_s * variant.loop.rate_hz)]
-    wanted = np.arange(rows["cycle"][0], rows["cycle"][-1] + 1) if len(rows) else np.arange(0)
-    if len(wanted) < 0.99 * duration_s * variant.loop.rate_hz:
-        raise CheckFailed("the experiment was cut short")
-    # a cycle that an overrun skipped held its output: its row is that of the cycle before
-    rows = rows[np.searchsorted(rows["cycle"], wanted, side="right") - 1]
-    return at_own_time(rows, variant, prepared.wiring)
+        rows = rows[rows["state"] == TRACKING][: round(seconds * variant.loop.rate_hz)]
+        wanted = np.arange(rows["cycle"][0], rows["cycle"][-1] + 1) if len(rows) else np.arange(0)
+        if len(wanted) < 0.99 * seconds * variant.loop.rate_hz:
+            raise CheckFailed("the experiment was cut short")
+        # a cycle that an overrun skipped held its output: its row is that of the cycle before
+        rows = rows[np.searchsorted(rows["cycle"], wanted, side="right") - 1]
+        return at_own_time(rows, variant, self.prepared.wiring)
+
+    def _make(self, order: Order, *, process: bool) -> None:
+        if self._daemon is None or not self._daemon.serves(order, process=process):
+            self.end()
+            self._daemon = _Daemon(self.prepared, process, self._socket_path, order)
+        else:
+            self._daemon.pipe.send(order)
+        arming = planned_cycles(compile_cell(order.configuration, self.prepared.wiring)[0], np.zeros(1, CELL_STATE)[0])
+        faults = self._daemon.answer(int(arming) * order.configuration.loop.period_ns * 1e-9 + order.seconds)
+        if faults:
+            said = f"the experiment was ended by a fault: {faults[0]}"
+            raise Ended(said, _rows(order.file)) if order.file.exists() else CheckFailed(said)
+
+    def end(self) -> None:
+        """Let the outputs be led to rest, and wait for that."""
+        if self._daemon is not None:
+            self._daemon.process.terminate()
+            self._daemon.answer()
+            self._daemon.process.wait()
+            self._daemon = None
 
 
 def _rows(file: Path) -> NDArray[Any]:
     return np.concatenate(list(open_telemetry(file).rows()))
 
 
-class LiveExperiment:
-    """Experiments through the running loop, one start of the controller each; see `micromanip.design.experiment`."""
+class _Daemon:
+    """The process that serves a cell (`live_daemon.py`), begun with its first order."""
 
-    def __init__(self, prepared: Prepared, socket_path: Path, kept: Recordings, *, process: bool = False) -> None:
-        """`process` keeps the machining force, which an experiment is normally free of."""
-        self._prepared, self._socket_path, self._kept, self._process = prepared, socket_path, kept, process
+    def __init__(self, prepared: Prepared, force: bool, socket_path: Path, first: Order) -> None:
+        self._force, self._configuration, self._seen_s, self._over = force, first.configuration, 0.0, False
+        self._room = max(round(_ROOM_S * first.configuration.loop.rate_hz), len(first.samples))
+        self.pipe, theirs = Pipe()
+        with theirs:  # in a session of its own: Ctrl-C is for this process, which then ends it
+            self.process = subprocess.Popen(
+                [sys.executable, "-P", "-m", "micromanip.cli.live_daemon", str(theirs.fileno())],
+                pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, start_new_session=True,
+            )  # fmt: skip
+        self.pipe.send((prepared.source, force, socket_path, self._room, first))
+
+    def serves(self, order: Order, *, process: bool) -> bool:
+        """Whether it lives, and an order takes no new start."""
+        changes = needs(self._configuration, order.configuration).values()
+        return not self._over and process == self._force and len(order.samples) <= self._room and RESTART not in changes
+
+    def answer(self, seconds: float | None = None) -> list[str]:
+        """The faults that ended what was ordered, which takes so many seconds, or that there were at its end."""
+        with LiveLine() as line:
+            line.planned_s = None if seconds is None else self._seen_s + seconds
+            while not self._over:
+                try:
+                    kind, what = self.pipe.recv()
+                except (EOFError, ConnectionError):
+                    self._over = True
+                    break
+                if kind == "say":
+                    line.say(what)
+                elif kind == "show":
+                    self._seen_s = what["cycles"] * what["period_ns"] * 1e-9
+                    line.show(what)
+                else:
+                    self._over = kind == "raise" or bool(what) or seconds is None
+                    if kind == "raise":
+                        raise what
+                    return list(what)
+        if seconds is not None:
+            raise CheckFailed("the daemon of the experiment has ended")
+        return []
+
+
+@dataclass(frozen=True)
+class LiveExperiment:
+    """Experiments of a live cell, with the machining force of a simulation or without; see `design.experiment`."""
+
+    cell: LiveCell
+    process: bool = False
 
     def __call__(
         self,
@@ -115,11 +163,8 @@ class LiveExperiment:
     ) -> NDArray[Any]:
         """Rows, one in `every` cycles, of the `seconds` after tracking began."""
         played = np.zeros((1, MAX_AXES)) if samples is None else samples
-        with LiveLine() as line:
-            kept, path, process = self._kept, self._socket_path, self._process
-            rows = play(self._prepared, configuration, played, seconds, path, line, process=process, kept=kept)
-            return rows[::every]
+        return self.cell.play(configuration, seconds, played, process=self.process)[::every]
 
     def path(self, configuration: Configuration, axis: str) -> FeedbackPath:
         """What the sensors and the output of `axis` take."""
-        return feedback_path(configuration, self._prepared.wiring, axis)
+        return feedback_path(configuration, self.cell.prepared.wiring, axis)

@@ -40,9 +40,7 @@ _OF_VARY = ("trials", "best", "objective", "seed", "jobs", "address", "out")
     help="With --vary: the figure of the path error, over all axes, by which tunings are ranked.",
 )  # fmt: skip
 @click.option("--seed", type=Quantity("Seed"), default=1, help="With --vary: seed of the trials.")
-@click.option(
-    "--jobs", type=click.IntRange(-1, 1024), default=-1, show_default="one a CPU", help="With --vary: processes."
-)
+@click.option("--jobs", type=click.IntRange(1, 1024), show_default="one a CPU", help="With --vary: processes.")
 @click.option(
     "--scheduler", "address", metavar="ADDRESS", help="With --vary: a Dask scheduler instead, e.g. tcp://host:8786."
 )
@@ -67,8 +65,6 @@ def command(
     """
     if not vary and (name := next((name for name in _OF_VARY if _is_given(context, name)), None)):
         raise UsageError(f"--{'scheduler' if name == 'address' else name} goes with --vary")
-    if search["jobs"] == 0:
-        raise UsageError("--jobs 0 leaves nobody to work: 1 or more, or -1 for one a CPU")
     if vary:
         from .variation_report import vary_tuning
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 def vary_tuning(
     file: Path, config: Path | None, cut: tuple[float, float] | None, as_json: bool, *, vary: tuple[str, ...],
-    trials: int, best: int, objective: str, seed: int, jobs: int, address: str | None, out: Path | None,
+    trials: int, best: int, objective: str, seed: int, jobs: int | None, address: str | None, out: Path | None,
 ) -> None:  # fmt: skip
     """Run the trials, print the best, write the first of them; CheckFailed where none beats trial 0."""
     from micromanip.design.parallel import each, scheduler
@@ -39,7 +39,7 @@ def vary_tuning(
     done = [work.run(0, {})]  # compiles what the workers then load
     with steps() as bar, scheduler(address, work) if address else nullcontext():
         bar.say(f"trial 1 of {len(numbered)}")
-        for trial in each(run_trial, numbered, None if address else jobs, (work,)):
+        for trial in each(run_trial, numbered, None if address else jobs or -1, (work,)):
             done.append(trial)
             bar.say(f"trial {len(done)} of {len(numbered)}")
     ranked = sorted((trial for trial in done if trial.cost_um is not None), key=lambda trial: trial.cost_um or 0.0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,35 +10,44 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.errors import CheckFailed
-from micromanip.recordings import TimeSeries, Wanted, take
+from micromanip.recordings import Array, TimeSeries, Wanted, take
 from micromanip.recordings.spikes import runs
 
 _CLEARLY = 0.5
 """Correlation."""
 
 
-def stands_still(values: NDArray[np.float64]) -> bool:
+def stands_still(values: Array) -> bool:
     """Whether `values` (n,) are one value, to rounding."""
     return bool(np.ptp(values) <= 1e-12 * max(1.0, float(np.abs(values).max())))
 
 
-def moves_against(values: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
+def moves_against(values: Array, other: Array) -> bool:
     """Whether `values` (n,) fall while `other` (n,), which moves, rises."""
     return not stands_still(values) and float(np.corrcoef(values, other)[0, 1]) < -_CLEARLY
 
 
-def require_movement(file: Path, columns: Mapping[str, NDArray[np.float64]]) -> None:
-    """Refuse columns that stand still."""
-    for name, values in columns.items():
-        if stands_still(values):
+def require_movement(series: TimeSeries, columns: int | None = None) -> None:
+    """Refuse columns, or the first of them, that stand still."""
+    for name in series.names[:columns]:
+        if stands_still(series[name]):
             raise CheckFailed(
-                f"{file}: {name} is constant: record while the actuator moves over the stroke that it will use"
+                f"{series.file}: {name} is constant: record while the actuator moves over the stroke that it will use"
             )
 
 
-Array = NDArray[np.float64]
+def same_rate(records: Sequence[TimeSeries]) -> None:
+    """CheckFailed unless all records are sampled alike."""
+    first = records[0]
+    for other in records[1:]:
+        if abs(other.step_s / first.step_s - 1.0) > _SAME_RATE:
+            raise CheckFailed(
+                f"{other.file}: sampled every {other.step_s:.6g} s, {first.file} every {first.step_s:.6g} s; "
+                "record all at one rate"
+            )
 
-_LEAST_SAMPLES = 200
+
+_LEAST_SAMPLES, _SAME_RATE = 200, 0.01
 _CLIPPED_RUN, _CLIPPED_CODES = 8, 4.0
 _CLIPPED = ((0.0, 0.01, "at"), (0.002, 0.05, "near"))
 """Within this share of its stroke, none or that of the noise added behind what clips, the output rests while the input
@@ -87,10 +96,9 @@ def load_record(file: Path, wanted: Wanted) -> TimeSeries:
 
 def judge_record(record: TimeSeries) -> None:
     """Raise for a record that no hysteresis model can be fitted to."""
-    file = record.file
-    if len(record.u) < _LEAST_SAMPLES:
-        raise CheckFailed(f"{file}: {len(record.u)} samples are too few; record at least {_LEAST_SAMPLES}")
-    require_movement(file, {record.names[0]: record.u, record.names[1]: record.y})
+    if len(record) < _LEAST_SAMPLES:
+        raise CheckFailed(f"{record.file}: {len(record)} samples are too few; record at least {_LEAST_SAMPLES}")
+    require_movement(record, 2)
     _judge_clipping(record)
     _judge_movement(record)
 

@@ -7,7 +7,7 @@ import gc
 import signal
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
@@ -69,8 +69,8 @@ class Options:
     recordings: Path | None = None
     trips: Path | None = None
     kept_trips: int = KEPT
-    whole: bool = False
-    """Ended by a signal before that, it raises KeyboardInterrupt once it has ended in an orderly way."""
+    work: Callable[[Controller, Recordings, ArmOnStart, Callable[[], bool]], Awaitable[None]] | None = None
+    """What it does from READY on, before that duration begins."""
 
 
 class Daemon:
@@ -180,6 +180,8 @@ class Daemon:
                 self._notify_ready()
                 if self._prepared.configuration.arm_on_start:
                     await self._arming.arm(over)
+                if self._options.work is not None:
+                    await self._options.work(self._controller, self._recordings, self._arming, over)
             await asyncio.wait({ended, stopped}, timeout=self._options.duration_s, return_when=asyncio.FIRST_COMPLETED)
             if not ended.done():
                 await self._end(ended)
@@ -188,8 +190,6 @@ class Daemon:
             self._boxes.announce(last=True)
             await self._end_recording()
             self._failures.judge()
-            if self._options.whole and self._stop.is_set():
-                raise KeyboardInterrupt
             return self._report()
         finally:
             if not ended.done():  # an error: nobody leaves while the loop still drives the outputs

@@ -37,7 +37,7 @@ def report(tmp_path_factory):
     with contextlib.redirect_stdout(out), contextlib.suppress(SystemExit):
         main(
             ["analyse", "margins", SIMULATED, "--axis", "y", "--out", str(folder), "--samples", "2", "--seed", "3",
-             "--simulate", "--jobs", "1", "--json"]
+             "--jobs", "1", "--json"]
         )  # fmt: skip
     return json.loads(out.getvalue())
 

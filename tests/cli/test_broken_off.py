@@ -1,4 +1,4 @@
-"""Commissioning that was broken off goes on: experiments that were made are read, and none twice."""
+"""Live experiments: one daemon serves them, READY in between; of a run that was broken off none is made twice."""
 
 import os
 import signal
@@ -8,55 +8,86 @@ import numpy as np
 import pytest
 
 from micromanip.cli import live_experiment
-from micromanip.cli.live_experiment import LiveExperiment, Recordings
+from micromanip.cli.live_experiment import LiveCell, LiveExperiment
 from micromanip.cli.new import text_for
-from micromanip.host import daemon
+from micromanip.client import Client
+from micromanip.design.experiment import Ended, with_axes
+from micromanip.rt.states import RAMPING
 from micromanip.settings.check import prepared
 from micromanip.settings.text.source import Source
 
 SECONDS = 0.5
+FIRST, SECOND = (np.full((10, 3), volts) for volts in (1.0, 2.0))
 
 
 @pytest.fixture
-def cell(tmp_path):
+def fault():
+    return ""
+
+
+@pytest.fixture
+def cell(tmp_path, fault):
     text = text_for("simulated", ["x"], rate_hz=1000).replace("limits: hardware", "limits: simulation")
+    text = text.replace("seed: 1}", f"seed: 1, faults: [{fault}]}}")
     return prepared(Source.parse(tmp_path / "cell.yaml", text))
 
 
-def experiments(cell, tmp_path):
-    return LiveExperiment(cell, tmp_path / "control.sock", Recordings(tmp_path / "kept"))
+@pytest.fixture
+def begin(cell, tmp_path):
+    begun = []
+
+    def begin():
+        begun.append(LiveCell(cell, tmp_path / "control.sock", tmp_path / "kept"))
+        return begun[-1]
+
+    yield begin
+    for each in begun:
+        each.end()
 
 
 @pytest.mark.live
-def test_what_was_made_is_not_made_again(cell, tmp_path, monkeypatch):
-    served = daemon.serve
-    runs = []
-    monkeypatch.setattr(daemon, "serve", lambda *given: runs.append(given) or served(*given))
-    first, second = (np.full((10, 12), volts) for volts in (1.0, 2.0))
-    rows = experiments(cell, tmp_path)(cell.configuration, SECONDS, first)
-    assert len(runs) == 1
+def test_one_daemon_serves_experiments_and_none_is_made_again(begin, cell, tmp_path):
+    live, configuration = begin(), cell.configuration
+    play = LiveExperiment(live)
+    rows = play(configuration, SECONDS, FIRST)
+    with Client(tmp_path / "control.sock") as client:
+        assert client.status()["state"] == "READY", "in between nothing is armed"
+        assert client.status()["axes"]["x"]["voltage_V"]["latest"] == pytest.approx(
+            configuration.outputs["voltage_x"].park_V
+        )
+    other = play(with_axes(configuration, mode="voltage"), SECONDS, SECOND)
+    assert other["cycle"][0] > rows["cycle"][-1], "its cycles go on"
+    live.end()
 
-    def interrupt():
-        os.kill(os.getpid(), signal.SIGINT)
-
-    again = experiments(cell, tmp_path)
-    assert np.array_equal(again(cell.configuration, SECONDS, first)["cycle"], rows["cycle"])
-    assert len(runs) == 1, "read"
-    later = threading.Timer(4.0, interrupt)
+    again = begin()
+    assert again.left == 2
+    assert np.array_equal(LiveExperiment(again)(configuration, SECONDS, FIRST)["cycle"], rows["cycle"])
+    assert not (tmp_path / "control.sock").exists(), "read"
+    later = threading.Timer(4.0, lambda: os.kill(os.getpid(), signal.SIGINT))
     later.start()
     with pytest.raises(KeyboardInterrupt):
-        again(cell.configuration, 30.0, second)
+        LiveExperiment(again)(configuration, 30.0, SECOND)
     later.join()
-    assert Recordings(tmp_path / "kept").left == 1, "half an experiment is none"
+    again.end()
+    assert begin().left == 2, "half an experiment is none"
 
 
-def test_an_experiment_of_another_day_or_another_file_is_not_taken(tmp_path, monkeypatch):
-    recordings = Recordings(tmp_path / "kept")
-    file = recordings.next(b"cell", b"samples")
-    file.touch()
-    assert Recordings(tmp_path / "kept").next(b"cell", b"samples") == file
-    assert Recordings(tmp_path / "kept").next(b"another cell", b"samples") != file
-    repeated = Recordings(tmp_path / "kept")
-    assert repeated.next(b"cell", b"samples") != repeated.next(b"cell", b"samples"), "a repetition is an experiment"
-    monkeypatch.setattr(live_experiment.time, "time", lambda: file.stat().st_mtime + 7200.0)
-    assert Recordings(tmp_path / "kept").left == 0
+@pytest.mark.live
+@pytest.mark.parametrize("fault", ["{channel: exchange, kind: error, value: 5, at_s: 10}"])
+def test_a_fault_ends_the_daemon_and_the_next_experiment_has_another(begin, cell):
+    """Its memory is latched: the next one would be refused."""
+    play = LiveExperiment(begin())
+    for _ in range(2):
+        with pytest.raises(Ended, match="the experiment was ended by a fault: X-") as ended:
+            play(cell.configuration, 60.0, FIRST)
+        assert (ended.value.rows["state"] == RAMPING).any(), "with the way to rest"
+
+
+def test_an_experiment_of_another_day_is_not_taken(cell, tmp_path, monkeypatch):
+    kept = tmp_path / "kept"
+    kept.mkdir()
+    (kept / "001-of-today.mcap").touch()
+    assert LiveCell(cell, tmp_path / "control.sock", kept).left == 1
+    now = kept.stat().st_mtime
+    monkeypatch.setattr(live_experiment.time, "time", lambda: now + 7200.0)
+    assert LiveCell(cell, tmp_path / "control.sock", kept).left == 0

@@ -109,7 +109,8 @@ class Live:
         return (self.folder / "stderr").read_text()
 
     def reach_tracking(self):
-        descriptor = until(lambda: descriptor_of(self.process.pid, "micromanip-status"), lambda: self.said)
+        found = lambda: next(filter(None, (descriptor_of(pid, "micromanip-status") for pid in tagged(self.tag))), None)  # noqa: E731
+        descriptor = until(found, lambda: self.said)
         try:
             until(lambda: os.fstat(descriptor).st_size >= STATUS.itemsize, "the status")
             status = Segment.attach(descriptor, writable=False).record(STATUS)

@@ -5,10 +5,8 @@ What an axis lacks (a hysteresis model, an outer model, a recording of its actua
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import partial
-from typing import Any
 
 from micromanip.design.analyse.loops import monte_carlo
 from micromanip.settings.schema.axis import Axis
@@ -18,12 +16,8 @@ from micromanip.settings.schema.reference import Tracker
 
 from ..experiment import Experiment
 from ..identify.actuation import Actuator, identify_actuator
-from ..parallel import each
 from .loop_analysis import Inverse, Stage, Strain, analyse_inverse, analyse_stage, analyse_strain
-from .loops import Sample, draw
-
-Play = Callable[[Mapping[str, float], int], dict[str, Any]]
-"""Runs a whole cell with another plant (factors of a perturbation) and a seed of its noise."""
+from .loops import Sample
 
 
 @dataclass(frozen=True)
@@ -37,7 +31,6 @@ class AxisAnalysis:
     strain: Strain | None
     stage: Stage | None
     samples: tuple[Sample, ...] = ()
-    played: tuple[dict[str, Any], ...] = ()
     missing: tuple[str, ...] = field(default=())
 
 
@@ -47,13 +40,11 @@ def analyse_axis(
     experiment: Experiment | None,
     seeds: range,
     *,
-    play: Play | None = None,
     jobs: int | None = None,
     actuator: Actuator | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> AxisAnalysis:
-    """Analyse `axis`; `experiment` records its actuator (None: nothing may move), `play` runs whole varied cells.
-    An `actuator` that is known already is not recorded again.
+    """Analyse `axis`; `experiment` records its actuator (None: nothing may move), unless `actuator` is known.
 
     `seeds` draws the plants, one a seed. `progress` is told what comes next.
     """
@@ -95,14 +86,4 @@ def analyse_axis(
         for number, sample in enumerate(monte_carlo(strain_side, stage_side, period_s, seeds, jobs), start=1):
             progress(f"plant {number} of {len(seeds)}")
             samples.append(sample)
-    played: list[dict[str, Any]] = []
-    if play is not None:
-        for number, result in enumerate(each(partial(_played, play=play), seeds, jobs), start=1):
-            progress(f"cell {number} of {len(seeds)}")
-            played.append(result)
-    return AxisAnalysis(axis, settings, period_s, inverse, strain, stage, tuple(samples), tuple(played), tuple(missing))
-
-
-def _played(seed: int, play: Play) -> dict[str, Any]:
-    drawn = draw(seed).factors()
-    return {"seed": seed, "drawn": drawn} | play(drawn, seed)
+    return AxisAnalysis(axis, settings, period_s, inverse, strain, stage, tuple(samples), tuple(missing))

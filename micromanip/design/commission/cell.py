@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 from micromanip.errors import CheckFailed
 from micromanip.settings.schema.model import Configuration
@@ -148,6 +149,28 @@ class CommissionedCell:
     def proven(self) -> bool:
         """Whether the cell may run with it: no axis was stopped, and what is missed is accuracy alone."""
         return self.stopped is None and all(each.proven for each in self.evidence)
+
+    def production_document(self) -> dict[str, Any] | None:
+        """How it goes to production, as JSON; None where that was not asked for."""
+        production, rest = self.production, self.rest
+        if production is None or rest is None:
+            return None
+        reference = production.configuration.reference
+        return {
+            "tracks": production.tracks,
+            "obstacle": production.obstacle,
+            "decided": list(production.decided),
+            "reference": reference.model_dump(mode="json", exclude_defaults=True) if production.tracks else None,
+            "tooth_hz": {n: axis.outer and axis.outer.oscillation_Hz for n, axis in self.configuration.axes.items()},
+            "tooth_seen_hz": rest.tooth_Hz,
+            "path_error_um": {
+                name: {"uncompensated_rms": seen.uncompensated_rms, "rms": seen.rms, "max": seen.max}
+                | {"limited_percent": seen.limited_percent}
+                for name, seen in production.seen.items()
+            },
+            "budget": {name: budget.document() for name, budget in production.budgets.items()},
+            "budget_obstacle": production.unbudgeted,
+        }
 
 
 def commission_cell(

@@ -15,7 +15,7 @@ from micromanip.errors import CheckFailed
 from micromanip.recordings import TimeSeries
 from micromanip.settings.schema.hysteresis import Network, PrandtlIshlinskii
 
-from ..data import counting
+from ..data import counting, same_rate
 from .hysteresis import Candidate, HysteresisFit, candidates, choose, structure_of
 from .hysteresis.choice import parted
 from .network.fit import NetworkFit, fit_network, reversals, smoothed
@@ -141,13 +141,12 @@ def fit_record(
     """
     used = counting(record, request.burn_in_s)
     if held_out is not None:
-        _same_rate(record.step_s, held_out)
+        same_rate([record, held_out])
         counting(held_out, request.burn_in_s)
     if used.sum() < 2 * _LEAST_COUNTING:
         raise CheckFailed(f"{record.file}: {used.sum()} samples that count are too few to fit to")
-    little = little_seen(record, used, request.setpoint_um)
     found = _fitted(record, held_out, request, used, progress)
-    return replace(found, notes=[*little, *found.notes])
+    return replace(found, notes=[*little_seen(record, used, request.setpoint_um), *found.notes])
 
 
 def _fitted(
@@ -228,25 +227,14 @@ def _rival(record: TimeSeries, request: Request, used: Flags, progress: Callable
     count, rest = parted(used)
     first = int(np.argmax(used))
 
-    def say(what: str) -> None:
-        progress(f"network, {what}")
-
     fitted = fit_network(
         record.u[:count], record.y[:count], starts=_RIVALS, seed=request.seed, burn_in=first,
-        evaluations=_RIVAL_EVALUATIONS, progress=say,
+        evaluations=_RIVAL_EVALUATIONS, progress=lambda what: progress(f"network, {what}"),
     )  # fmt: skip
     error = fitted.predict(record.u) - record.y
     own = _percent(error[used & ~rest], float(np.ptp(record.y[used & ~rest])))["rms_percent"]
     behind = error[rest] - error[rest].mean()
     return Candidate("network", own, _percent(behind, float(np.ptp(record.y[rest])))["rms_percent"])
-
-
-def _same_rate(step_s: float, held_out: TimeSeries) -> None:
-    if abs(held_out.step_s / step_s - 1.0) > 0.01:
-        raise CheckFailed(
-            f"{held_out.file}: sampled every {held_out.step_s:.6g} s, the fitted record every {step_s:.6g} s; "
-            "record both at one rate"
-        )
 
 
 def _fit_network(
@@ -261,10 +249,8 @@ def _fit_network(
     burn_in = int(np.argmax(used))
 
     def train(name: str, u: Array, y: Array) -> NetworkFit:
-        def say(what: str) -> None:
-            progress(f"{name} network, {what}")
-
-        return fit_network(u, y, seed=request.seed, burn_in=burn_in, progress=say)
+        told = lambda what: progress(f"{name} network, {what}")  # noqa: E731
+        return fit_network(u, y, seed=request.seed, burn_in=burn_in, progress=told)
 
     progress("smoothing the measured displacement")
     forward, inverse = train("forward", record.u, record.y), train("inverse", smoothed(record.y), record.u)

@@ -9,10 +9,8 @@ import numpy as np
 
 from micromanip.recordings import TimeSeries
 from micromanip.settings.schema.axis import Axis
-from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
 
 from ..analyse.budget.budget import AxisBudget, summed_up
-from ..analyse.describing import inverse_operator
 from ..analyse.live_margins import Running
 from ..analyse.path.preview import ERROR, AxisPreview, Preview
 from ..identify.fitting import Fitted
@@ -46,17 +44,6 @@ def _residuals(burn_in: int, record: TimeSeries, predicted: Array) -> tuple[Plot
     return over_time, over_input
 
 
-def _density(model: PrandtlIshlinskii) -> tuple[Plot, Plot]:
-    """Thresholds and weights, of the model and of its inverse (8)-(9)."""
-    inverse = inverse_operator(model)
-    forward = Curve("", np.array(model.thresholds_um), np.array(model.weights), marks=True)
-    back = Curve("", np.array(inverse.thresholds), np.array(inverse.weights), marks=True)
-    return (
-        Plot("", "threshold r, um", "weight", (forward,)),
-        Plot("", "threshold of the inverse, um", "weight of the inverse", (back,)),
-    )
-
-
 def draw_fit(result: Fitted, record: TimeSeries, held_out: TimeSeries | None, folder: Path) -> Iterator[Path]:
     """Draw all of them into `folder`; the files."""
     predicted, kind = result.predict(record.u), f"{result.kind}, rms {result.rms_percent:.2f} % of the stroke"
@@ -68,9 +55,6 @@ def draw_fit(result: Fitted, record: TimeSeries, held_out: TimeSeries | None, fo
         what = f"not fitted to: rms {result.validation['rms_percent']:.2f} % of the stroke"
         yield save(_beside(result.burn_in, held_out, other), folder, "held_out", what)
         yield save(_residuals(result.burn_in, held_out, other), folder, "held_out_residuals", what)
-    if isinstance(result.settings, PrandtlIshlinskii):
-        what = "Thresholds and weights of the play operators"
-        yield save(_density(result.settings), folder, "density", what)
 
 
 def draw_budgets(budgets: Sequence[AxisBudget], about: str, folder: Path) -> Iterator[Path]:

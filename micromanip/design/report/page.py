@@ -103,8 +103,8 @@ def thinned(x: Array, y: Array, most: int = MOST_POINTS, log_x: bool = False) ->
 
     Where x never falls, the axis is cut into equal pieces as it is seen (equal in log x with `log_x`), and each
     piece keeps its lowest and its highest point: on paper the curve covers the same. Where x turns back
-    (Nyquist, hysteresis), the pieces are parts of its way, and the extremes in x are kept as well. A gap (a point that
-    is not finite) stays a gap. Short curves are returned as they are.
+    (Nyquist, hysteresis), the pieces have as many points each, and the extremes in x are kept as well. A gap (a point
+    that is not finite) stays a gap. Short curves are returned as they are.
     """
     if len(x) <= most:
         return x, y
@@ -114,7 +114,7 @@ def thinned(x: Array, y: Array, most: int = MOST_POINTS, log_x: bool = False) ->
     rises = bool(np.all(np.diff(x[shown]) >= 0))
     kinds = (y,) if rises else (x, y)
     pieces = (most - 2) // (2 * len(kinds) + (not shown.all()))
-    position = _place(x, shown, log_x) if rises else _along(x, y, shown)
+    position = _place(x, shown, log_x) if rises else np.arange(float(len(x)))
     piece = _pieces(position, pieces)
     ends = np.flatnonzero(shown)[[0, -1]] if shown.any() else np.zeros(0, np.int64)
     kept = [_extremes(piece, values, shown) for values in kinds] + [_first(piece, np.flatnonzero(~shown)), ends]
@@ -128,21 +128,6 @@ def _place(x: Array, shown: NDArray[np.bool_], log_x: bool) -> Array:
         return np.arange(float(len(x)))
     last = np.maximum.accumulate(np.where(shown, np.arange(len(x)), np.argmax(shown)))
     return np.log(x[last]) if log_x else x[last]
-
-
-def _along(x: Array, y: Array, shown: NDArray[np.bool_]) -> Array:
-    """Way along the curve as it is seen, its whole size one; half of it is the number of the point.
-
-    The way alone would leave the calm part of a curve that is mostly noise with hardly a point.
-    """
-    way = np.zeros(len(x))
-    for values in (x, y):
-        size = np.ptp(values[shown])
-        step = np.abs(np.diff(values, prepend=values[0])) / (size if size > 0 else 1.0)
-        way = np.hypot(way, np.where(np.isfinite(step), step, 0.0))
-    travelled = np.cumsum(way)
-    share: Array = travelled / max(travelled[-1], 1e-300) + np.linspace(0.0, 1.0, len(x))
-    return share
 
 
 def _pieces(position: Array, pieces: int) -> NDArray[np.int64]:

@@ -15,9 +15,6 @@ from ..analyse.axis import AxisAnalysis
 from ..analyse.describing import LimitCycle
 from ..report.model import Criterion
 
-_LOST = 0.2
-"""A played cell has lost its path where the rms error is above this share of the movement."""
-
 
 def criteria(analysis: AxisAnalysis) -> list[Criterion]:
     """All criteria that the analysis of one axis allows to judge."""
@@ -50,16 +47,6 @@ def criteria(analysis: AxisAnalysis) -> list[Criterion]:
     if analysis.samples:
         for part in _drawn(analysis):
             add(*part)
-    if analysis.played:
-        lost = [p for p in analysis.played if p["stopped"] or p["rms_um"] > _LOST * p["range_um"]]
-        far = max((p for p in analysis.played if not p["stopped"]), key=lambda p: p["rms_um"], default=None)
-        value = f"{len(analysis.played) - len(lost)} of {len(analysis.played)}"
-        if far is not None:
-            value += f", largest error {far['rms_um']:.3g} um rms with seed {far['seed']}"
-        stopped = [p for p in lost if p["stopped"]]
-        if stopped:
-            value += f"; seed {stopped[0]['seed']}: {stopped[0]['stopped']}"
-        add("played cells hold the path", not lost, value, "all")
     return found
 
 
@@ -193,7 +180,6 @@ def report(analysis: AxisAnalysis) -> dict[str, Any]:
         | {name: _margins(m) for name, m in (("strain", s.strain), ("stage", s.stage)) if m is not None}
         for s in analysis.samples
     ]
-    document["played"] = list(analysis.played)
     return document
 
 

@@ -9,7 +9,7 @@ the noise's density, which the samples above that band show, the difference is k
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,7 @@ from micromanip.rt.states import TRACKING
 from micromanip.rt.telemetry import DEVIATION_FRESH
 from micromanip.settings.load import validate_document
 from micromanip.settings.schema.model import Configuration
-from micromanip.settings.schema.reference import AxisTracker
+from micromanip.settings.schema.reference import AxisTracker, Tracker
 from micromanip.settings.text.source import Source
 from micromanip.virtual.experiment import at_limit
 
@@ -210,6 +210,18 @@ def predicted_share(telemetry: Telemetry, axis: str, tracker: AxisTracker) -> fl
     left = (followed.parts[TRACKER] + followed.parts[PREDICTION])[stretch.inside]
     unseen = mistaken(followed, laws, Grid(1.0 / laws.period_s)).whole
     return float(np.sqrt(max(0.0, np.mean(left**2) + unseen.sum())))
+
+
+def predicted_shares(telemetry: Telemetry, axis: str, found: AxisTracker) -> dict[str, Any]:
+    """The same with the tracker as it ran and as it was `found`, or why that isn't told."""
+    reference = validate_document(Source.parse(telemetry.file, telemetry.sure_configuration())).reference
+    if not isinstance(reference, Tracker):
+        return {"before_um": None, "after_um": None, "reason": "what ran followed no tracker"}
+    try:
+        before, after = (predicted_share(telemetry, axis, each) for each in (reference.of(axis), found))
+    except CheckFailed as problem:
+        return {"before_um": None, "after_um": None, "reason": str(problem)}
+    return {"before_um": before, "after_um": after, "reason": None}
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -64,7 +63,7 @@ def wrapped(u: Array, y: Array) -> str | None:
 
 
 _LEAST_SAMPLES, _LEAST_PIECE, _FILLED = 200, 100, 3
-_SAME_RATE, _WHOLE = 0.01, 0.01
+_WHOLE = 0.01
 _COPY = 1e-9
 
 
@@ -106,9 +105,8 @@ def load_linear(file: Path, wanted: Wanted, inputs: int = LISTS) -> TimeSeries:
     series = take(file, replace(wanted, inputs=inputs))
     if len(series) < _LEAST_SAMPLES:
         raise CheckFailed(f"{file}: {len(series)} samples are too few; record at least {_LEAST_SAMPLES}")
-    columns = {name: series[name] for name in series.names}
-    require_movement(file, columns)
-    _require_different(file, dict(list(columns.items())[: series.inputs]))
+    require_movement(series)
+    _require_different(series)
     step_s = series.step_s if wanted.step_s is None or wanted.rate_hz is not None else wanted.step_s
     thin = _thinning(file, series.step_s, step_s)
     used, notes = _whole_parts(series.bridged())
@@ -174,26 +172,14 @@ def _thinning(file: Path, step: float, dt: float) -> int:
     return round(ratio)
 
 
-def _require_different(file: Path, columns: dict[str, Array]) -> None:
+def _require_different(series: TimeSeries) -> None:
     """Inputs that are copies of one another can't be told apart."""
-    names = list(columns)
-    table = np.column_stack(list(columns.values()))
+    names, table = series.names[: series.inputs], series.values[:, : series.inputs]
     table = (table - table.mean(axis=0)) / table.std(axis=0)
     values, vectors = np.linalg.eigh(table.T @ table / len(table))
     if values[0] < _COPY:
         involved = [name for name, share in zip(names, np.abs(vectors[:, 0]), strict=True) if share > 0.1]
         raise CheckFailed(
-            f"{file}: the inputs {', '.join(involved)} move together, so their effects can't be told apart; "
+            f"{series.file}: the inputs {', '.join(involved)} move together, so their effects can't be told apart; "
             "excite each on its own"
         )
-
-
-def same_rate(records: Sequence[TimeSeries]) -> None:
-    """CheckFailed unless all records are sampled alike."""
-    first = records[0]
-    for other in records[1:]:
-        if abs(other.step_s / first.step_s - 1.0) > _SAME_RATE:
-            raise CheckFailed(
-                f"{other.file}: sampled every {other.step_s:.6g} s, {first.file} every {first.step_s:.6g} s; "
-                "record all at one rate"
-            )

@@ -12,7 +12,8 @@ from scipy.signal import get_window
 from micromanip.errors import CheckFailed
 from micromanip.recordings import TimeSeries
 
-from .experiments import same_rate, split_at
+from ...data import same_rate
+from .experiments import split_at
 from .fit import fit_linear
 from .modal import Array, Complex, Experiment
 from .model import LinearFit, strict_errors

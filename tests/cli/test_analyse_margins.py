@@ -19,7 +19,6 @@ SIMULATED, FACTORY = str(CONFIG / "simulated.yaml"), str(CONFIG / "factory.yaml"
 
 
 def run(capsys, *arguments):
-    """Exit code, standard output and standard error."""
     return code_of("analyse", "margins", *arguments), *capsys.readouterr()
 
 
@@ -30,7 +29,6 @@ def analysed(capsys, *arguments):
 
 @pytest.fixture(scope="module")
 def report(tmp_path_factory):
-    """One run for the tests that only look: axis y, figures and whole cells included."""
     folder = tmp_path_factory.mktemp("analysis")
 
     out = io.StringIO()

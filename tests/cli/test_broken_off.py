@@ -21,14 +21,9 @@ FIRST, SECOND = (np.full((10, 3), volts) for volts in (1.0, 2.0))
 
 
 @pytest.fixture
-def fault():
-    return ""
-
-
-@pytest.fixture
-def cell(tmp_path, fault):
+def cell(tmp_path, request):
     text = text_for("simulated", ["x"], rate_hz=1000).replace("limits: hardware", "limits: simulation")
-    text = text.replace("seed: 1}", f"seed: 1, faults: [{fault}]}}")
+    text = text.replace("seed: 1}", f"seed: 1, faults: [{getattr(request, 'param', '')}]}}")
     return prepared(Source.parse(tmp_path / "cell.yaml", text))
 
 
@@ -51,10 +46,9 @@ def test_one_daemon_serves_experiments_and_none_is_made_again(begin, cell, tmp_p
     play = LiveExperiment(live)
     rows = play(configuration, SECONDS, FIRST)
     with Client(tmp_path / "control.sock") as client:
-        assert client.status()["state"] == "READY", "in between nothing is armed"
-        assert client.status()["axes"]["x"]["voltage_V"]["latest"] == pytest.approx(
-            configuration.outputs["voltage_x"].park_V
-        )
+        between = client.status()
+    at_V = between["axes"]["x"]["voltage_V"]["latest"]
+    assert (between["state"], at_V) == ("READY", configuration.outputs["voltage_x"].park_V), "nothing is armed"
     other = play(with_axes(configuration, mode="voltage"), SECONDS, SECOND)
     assert other["cycle"][0] > rows["cycle"][-1], "its cycles go on"
     live.end()
@@ -63,17 +57,15 @@ def test_one_daemon_serves_experiments_and_none_is_made_again(begin, cell, tmp_p
     assert again.left == 2
     assert np.array_equal(LiveExperiment(again)(configuration, SECONDS, FIRST)["cycle"], rows["cycle"])
     assert not (tmp_path / "control.sock").exists(), "read"
-    later = threading.Timer(4.0, lambda: os.kill(os.getpid(), signal.SIGINT))
-    later.start()
+    threading.Timer(4.0, lambda: os.kill(os.getpid(), signal.SIGINT)).start()
     with pytest.raises(KeyboardInterrupt):
         LiveExperiment(again)(configuration, 30.0, SECOND)
-    later.join()
     again.end()
     assert begin().left == 2, "half an experiment is none"
 
 
 @pytest.mark.live
-@pytest.mark.parametrize("fault", ["{channel: exchange, kind: error, value: 5, at_s: 10}"])
+@pytest.mark.parametrize("cell", ["{channel: exchange, kind: error, value: 5, at_s: 10}"], indirect=True)
 def test_a_fault_ends_the_daemon_and_the_next_experiment_has_another(begin, cell):
     """Its memory is latched: the next one would be refused."""
     play = LiveExperiment(begin())
@@ -84,10 +76,8 @@ def test_a_fault_ends_the_daemon_and_the_next_experiment_has_another(begin, cell
 
 
 def test_an_experiment_of_another_day_is_not_taken(cell, tmp_path, monkeypatch):
-    kept = tmp_path / "kept"
-    kept.mkdir()
-    (kept / "001-of-today.mcap").touch()
-    assert LiveCell(cell, tmp_path / "control.sock", kept).left == 1
-    now = kept.stat().st_mtime
+    (tmp_path / "001-of-today.mcap").touch()
+    assert LiveCell(cell, tmp_path / "control.sock", tmp_path).left == 1
+    now = tmp_path.stat().st_mtime
     monkeypatch.setattr(live_experiment.time, "time", lambda: now + 7200.0)
-    assert LiveCell(cell, tmp_path / "control.sock", kept).left == 0
+    assert LiveCell(cell, tmp_path / "control.sock", tmp_path).left == 0

@@ -18,11 +18,10 @@ from micromanip.rt import (
     faults,
     figures,
     limit_cycle,
-    phases,
+    oscillation,
     record,
     records,
     reference_blend,
-    second_order,
     states,
     supervisor,
     telemetry,
@@ -42,7 +41,7 @@ from micromanip.rt.laws import (
 )
 
 _C_TYPES = {"float64": "double", "int64": "int64_t", "int32": "int32_t"}
-_ENUMERATIONS = (record, records, states, phases, estimator)
+_ENUMERATIONS = (record, records, states, estimator)
 _REASONS = ("DEMAND_AHEAD", "MISSING", "GAUGE_LOST", "STAGE_LOST", "DEVICE_BEHIND", "INNER_CALM", "FOUND")
 _SINGLE = (
     (reference, ("SIGNAL", "JOG", "MAX_MODES", "REFERENCE_STATES", "STOOD_STILL")),
@@ -53,7 +52,7 @@ _LAWS = (digital_input, shaping, feedforward, pid, estimator, lqg, reference, se
 _RECORDS = (
     *_LAWS,
     limit_cycle,
-    second_order,
+    oscillation,
     watch,
     arming,
     axis_order,

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel
 
 from micromanip.rt.bus_image import IMAGE, OUTPUT_STATE, RESTING, SENT_NS, UNKNOWN
-from micromanip.rt.tell import ask
+from micromanip.rt.mailbox import ask
 
 from .cyclic import CONTEXT_C, CyclicDriver, Functions
 from .driver import BusDriver, BusOptions, Channel, Load

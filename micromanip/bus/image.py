@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.rt import bus_image as rt
-from micromanip.rt import tell as shared
+from micromanip.rt import mailbox as shared
 from micromanip.rt.records import MAX_OUTPUTS
 
 from .inbox import Inbox

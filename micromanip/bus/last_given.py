@@ -28,9 +28,8 @@ from numpy.typing import NDArray
 
 from micromanip.errors import PermissionDenied
 from micromanip.files import HeldFolder
-from micromanip.rt.io.worker_records import MEMORY
+from micromanip.rt.io.worker_records import MEMORY, sealed, size
 from micromanip.rt.record import fields
-from micromanip.rt.slot import sealed, size
 
 from . import device_lock
 from .device_identity import identity

@@ -59,14 +59,14 @@ if TYPE_CHECKING:
     from micromanip.rt.entries import entries
     from micromanip.rt.intrinsics import CONTEXT_SIGNATURE, EXCHANGE_SIGNATURE
     from micromanip.rt.jit import Compiler
-    from micromanip.rt.laws.minimum_jerk import minimum_jerk
+    from micromanip.rt.laws.motion import minimum_jerk
 
 _LATE = {
     "CONTEXT_SIGNATURE": "micromanip.rt.intrinsics",
     "EXCHANGE_SIGNATURE": "micromanip.rt.intrinsics",
     "Compiler": "micromanip.rt.jit",
     "entries": "micromanip.rt.entries",
-    "minimum_jerk": "micromanip.rt.laws.minimum_jerk",
+    "minimum_jerk": "micromanip.rt.laws.motion",
     "now_ns": "micromanip.rt.clock",
     "read_path_deviation": "micromanip.recordings.path_deviation",
     "sleep_until": "micromanip.rt.clock",

@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from micromanip.rt.laws.reference import SIGNAL
-from micromanip.rt.phases import CHECKING_STAGE, CLOSED, LIFTING, PHASE_NAMES, SWEEPING
-from micromanip.rt.states import ARMING, STAGE, VOLTAGE
+from micromanip.rt.states import ARMING, CHECKING_STAGE, CLOSED, LIFTING, PHASE_NAMES, STAGE, SWEEPING, VOLTAGE
 from micromanip.status_reply import NO_SIGNAL, AxisValues, Value
 
 from .controller import Controller

@@ -14,6 +14,7 @@ from micromanip.bus.rights import put_on_cpu
 from micromanip.errors import CheckFailed, DeviceUnavailable, MicromanipError, PermissionDenied
 from micromanip.faults import LOOP_DIED, FaultReport, latched
 from micromanip.rt import mailbox as w
+from micromanip.rt.mailbox import ask, tell
 from micromanip.rt.states import (
     ARM,
     COMMAND_NAMES,
@@ -24,7 +25,6 @@ from micromanip.rt.states import (
     STATE_NAMES,
     STOP,
 )
-from micromanip.rt.tell import ask, tell
 from micromanip.settings.check import Prepared
 from micromanip.status_reply import Link
 

@@ -10,8 +10,8 @@ from typing import Any
 
 from micromanip.errors import CheckFailed
 from micromanip.rt import mailbox as w
+from micromanip.rt.mailbox import tell
 from micromanip.rt.states import SHADOWING
-from micromanip.rt.tell import tell
 
 from .shared_memory import SLOTS
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.rt.phases import CLOSED
+from micromanip.rt.states import CLOSED
 from micromanip.status_reply import Swing
 
 _WINDOW_NS, _LEAST = 1_000_000_000, 60

@@ -13,14 +13,14 @@ from __future__ import annotations
 import math
 
 from micromanip.rt.laws.digital_input import is_missing
-from micromanip.rt.laws.minimum_jerk import minimum_jerk
+from micromanip.rt.laws.motion import minimum_jerk
 from micromanip.rt.laws.reference import SIGNAL
 from micromanip.rt.laws.sensor import is_silent, may_be_at_end
 
 from . import states
 from .jit import compiled
-from .phases import CHECKING_GAUGE, CHECKING_STAGE, CLOSED, LIFTING, PARKED, SWEEPING
 from .record import Record, record
+from .states import CHECKING_GAUGE, CHECKING_STAGE, CLOSED, LIFTING, PARKED, SWEEPING
 
 CHECK_PARAMETERS = record(
     ("step", "f8"), ("low", "f8"), ("high", "f8"), ("slack", "f8"), ("slack_cycles", "i8"), ("lag_step", "f8")

@@ -24,11 +24,10 @@ from micromanip.rt.laws.saturation import hold_back, limit
 from micromanip.rt.laws.sensor import read_sensor
 
 from .jit import compiled
-from .phases import CHECKING_GAUGE, CLOSED, DRIVEN, FROZEN, PARKING
 from .record import Record
 from .reference_blend import blend_state, blended, blended_position, hold_anew
 from .setpoint_history import ease_times, measure_errors, move_setpoint, remember_setpoint
-from .states import STAGE, VOLTAGE
+from .states import CHECKING_GAUGE, CLOSED, DRIVEN, FROZEN, PARKING, STAGE, VOLTAGE
 from .supervisor import STAGE_LOST, inner_gains, is_steady, outer_demand, supervise
 
 _ANY_UM = (-math.inf, math.inf)

@@ -27,7 +27,7 @@ AXIS_ORDER = record(
     ("part_begun", "i8"),
     ("other_tool", "i8"),
 )
-"""``phase``: of ``phases.py``; ``missed``: cycles before this one; ``reasons``: what the watch has found, bits of
+"""``phase``: of ``states.py``; ``missed``: cycles before this one; ``reasons``: what the watch has found, bits of
 ``supervisor.py``; ``behind``: for how many cycles the device has had less (or, negative, more) than was asked for.
 
 ``level``: how far (0..1) a ramp is, or from where the axis is held to its reference; ``held_share``: what is left of

@@ -42,6 +42,13 @@ class _Part(JITCodeLibrary):
     codegen = SimpleNamespace(set_env=lambda _name, _environment: None)
     """By this numba writes to a variable of the machine code, which there is none of."""
 
+    def add_ir_module(self, ir_module: Any) -> None:
+        """Take over what numba made of a function; the optimiser would build in what is called from one place only."""
+        for function in ir_module.functions:
+            if not function.is_declaration and "alwaysinline" not in function.attributes:
+                function.attributes.add("noinline")
+        super().add_ir_module(ir_module)
+
     def get_pointer_to_function(self, _name: str) -> int:
         """Zero, numba's word for no such code."""
         self._ensure_finalized()

@@ -22,7 +22,7 @@ from .states import STAGE, VOLTAGE
 from .supervisor import gains_of, start_supervisor
 
 
-@compiled
+@compiled.rare
 def start_axis(p: Record, s: Record) -> None:
     """Take the output over where it is."""
     start_um = s["voltage_V"] if p["mode"] == VOLTAGE else s["strain"]["value"]

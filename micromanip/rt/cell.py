@@ -11,21 +11,20 @@ from typing import Any
 
 from micromanip.rt.laws.decoupling import EASED, answer, ease_share, forget
 from micromanip.rt.laws.digital_input import is_missing, is_on, read_line
-from micromanip.rt.laws.minimum_jerk import minimum_jerk
+from micromanip.rt.laws.motion import minimum_jerk
 
 from . import states
 from .arming import lift_fraction
 from .axis import axis_cycle, measure
-from .checks import arming_step, judge_checks, keep_checks, watch_arming, watch_lift
+from .checks import advance_arming, keep_checks
 from .commands import apply_command
-from .digital_io import is_enabled, switch
+from .digital_io import follow_part, follow_tool, is_enabled, switch
 from .exchange import ALL_FOLLOW, FIRST_TAKEN
 from .faults import axis_fault, cell_fault
 from .figures import mean_squares, path_error, score
 from .jit import compiled
-from .part import follow_part, follow_tool
-from .phases import CLOSED, LIFTING, PARKED
 from .record import Record
+from .states import CLOSED, LIFTING, PARKED
 from .supervisor import FOUND
 from .transitions import finish_phase, phase_of, phase_of_axis
 from .watch import watch_axis
@@ -130,13 +129,7 @@ def cell_cycle(p: Record, s: Record, signals: Any, outputs: Any, samples: Any, c
     watch_cell(p, s)
     accepted = command == states.NO_COMMAND or apply_command(p, s, command)
     finish_phase(p, s, is_on(p["retracted"], s["retracted"]))
-    phase, fraction = phase_of(p, s)
-    if s["state"] == states.ARMING:
-        judge_checks(p, s, phase)
-        watch_arming(p, s, phase)
-        watch_lift(p, s)
-        phase, fraction = phase_of(p, s)
-        fraction = arming_step(p, s, phase, fraction)
+    phase, fraction = advance_arming(p, s) if s["state"] == states.ARMING else phase_of(p, s)
     follow_part(p, s, signals, now_ns)
     follow_tool(p, s, signals, now_ns)
     s["phase"] = phase

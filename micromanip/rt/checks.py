@@ -15,8 +15,9 @@ from .arming import answer, check_step, forget_checks, gather, judge, lift_fract
 from .bumpless import start_axis
 from .faults import axis_fault, raise_fault
 from .jit import compiled
-from .phases import CHECKING_GAUGE, CHECKING_STAGE, CLOSED, LIFTING, SWEEPING
 from .record import Record
+from .states import CHECKING_GAUGE, CHECKING_STAGE, CLOSED, LIFTING, SWEEPING
+from .transitions import phase_of
 from .watch import lasting
 
 _UNUSABLE_CYCLES = 20
@@ -27,6 +28,17 @@ _GAUGE_LOST = 1 << states.STRAIN_INVALID | 1 << states.STRAIN_SILENT | 1 << stat
 _GAUGE_CHANGED = _APART | _GAUGE_LOST | 1 << states.AMPLIFIER_FAULT | 1 << states.STRAIN_CHECK
 _STAGE_CHANGED = 1 << states.STAGE_INVALID | 1 << states.STAGE_STUCK | 1 << states.STAGE_CHECK
 """Faults after which a device, a cable or a setting may be another one, or is to be mended."""
+
+
+@compiled.rare
+def advance_arming(p: Record, s: Record) -> tuple[int, float]:
+    """Go on with arming, watched; what the axes do in this cycle, and how far they are with it (0..1)."""
+    phase, _ = phase_of(p, s)
+    judge_checks(p, s, phase)
+    watch_arming(p, s, phase)
+    watch_lift(p, s)
+    phase, fraction = phase_of(p, s)  # of another state where one of them has ended arming
+    return phase, arming_step(p, s, phase, fraction)
 
 
 @compiled
@@ -131,7 +143,7 @@ def watch_lift(p: Record, s: Record) -> None:
             end_arming(p, s, i, states.STRAIN_CHECK, found, by_high if too_high == (gone_V > 0.0) else by_low)
 
 
-@compiled
+@compiled.rare
 def end_arming(p: Record, s: Record, axis: int, code: int, value: float, limit: float) -> None:
     """Raise a fault that ends arming whatever its reaction is while tracking: the ramp at least."""
     s["watch"][axis]["raised"] |= 1 << code

@@ -6,12 +6,12 @@ from . import states
 from .arming import plan_checks, refuse
 from .axis_order import hold_here
 from .bumpless import start_axis
+from .digital_io import begin_part, end_part
 from .faults import forget
 from .jit import compiled
-from .part import begin_part, end_part
-from .phases import CLOSED
 from .record import Record
 from .shadow import promote, withdraw
+from .states import CLOSED
 from .transitions import begin_hold, begin_ramp, begin_soft_stop, enter
 
 

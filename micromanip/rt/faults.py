@@ -12,9 +12,8 @@ What is watched on each axis is in ``watch.py``, the states that the reactions l
 from __future__ import annotations
 
 from .jit import compiled
-from .phases import CLOSED
 from .record import Record, record
-from .states import ARMING, CUTS, FAULT, HOLDING, HOLDS, HOST_DEAD, NO_FAULT, OFF, READY, TRACKING, WARN
+from .states import ARMING, CLOSED, CUTS, FAULT, HOLDING, HOLDS, HOST_DEAD, NO_FAULT, OFF, READY, TRACKING, WARN
 from .transitions import begin_hold, begin_ramp, cut, enter
 
 EVENTS = 32

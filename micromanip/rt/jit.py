@@ -10,13 +10,11 @@ The cache folder is keyed by a hash of *all* sources of the package, numba's ver
 bounds-check flag: numba's own cache looks at the file of one function only, so that a change in
 a callee of another file would go unnoticed, and it ignores the flag.
 
-A disk that takes no machine code costs time, never the start: it is then kept in a temporary folder, for this process
-and its children, or not at all.
+A disk that takes no machine code costs time, never the start: each process then compiles its own.
 """
 
 from __future__ import annotations
 
-import atexit
 import contextlib
 import errno
 import functools
@@ -62,29 +60,6 @@ def _refusal(folder: Path) -> OSError | None:
     except OSError as problem:
         return problem
     return None
-
-
-def _move_to_a_refuge(why: OSError) -> Path | None:
-    """Another root of all caches of this process and its children, removed with it; None where there is no room."""
-    print(  # noqa: T201
-        f"WARNING: compiled code can't be kept in {cache_root()}: {why.strerror}. Each start takes some 20 s longer",
-        file=sys.stderr,
-    )
-    try:
-        refuge = Path(tempfile.mkdtemp(prefix="micromanip-cache-"))
-    except OSError:
-        return None
-    with contextlib.suppress(OSError, shutil.Error):  # what is there may be read at least, where it is ours
-        if why.errno != errno.EPERM:
-            shutil.copytree(cache_root(), refuge / "micromanip")
-    os.environ["XDG_CACHE_HOME"] = str(refuge)
-    atexit.register(_leave, refuge, os.getpid())
-    return refuge / "micromanip"
-
-
-def _leave(refuge: Path, owner: int) -> None:
-    if os.getpid() == owner:
-        shutil.rmtree(refuge, ignore_errors=True)
 
 
 @contextlib.contextmanager
@@ -347,14 +322,11 @@ class Compiler:
         fresh = not os.path.lexists(self.cache_dir)
         why = _refusal(self.cache_dir)
         if why is not None:
-            root = _move_to_a_refuge(why)
-            if root is None:
-                return False
-            self.cache_dir = root / self.cache_dir.name
-            return _refusal(self.cache_dir) is None
-        if fresh:
+            slow = f"compiled code can't be kept in {cache_root()}: {why.strerror}. Each start takes some 20 s longer"
+            print(f"WARNING: {slow}", file=sys.stderr)  # noqa: T201
+        elif fresh:
             _prune(self.cache_dir.parent)
-        return True
+        return why is None
 
 
 compiled = Compiler(__file__)

@@ -41,14 +41,13 @@ def swings(limits: Record, w: Record, cycle: int, end: int) -> bool:
 
 
 @compiled
-def watch_swing(p: Record, s: Record, i: int, active: bool) -> bool:
+def watch_swing(axis: Record, a: Record, w: Record, cycle: int, active: bool) -> bool:
     """Limit cycle: voltage or set-point, the gauge or the stage goes from end to end. No configuration allows that.
 
     In open loop the voltage is what was asked for; what it does to the sensors counts there too. Nor does any allow
     fast gains that outrun the set-point whenever they are back (``supervisor.py``).
     """
-    axis, a = p["axis"][i], s["axis"][i]
-    limits, limiter, w, cycle = axis["watch"], axis["limiter"], s["watch"][i], s["cycle"]
+    limits, limiter = axis["watch"], axis["limiter"]
     if not active:
         w["driven_swing"]["end"] = w["strain_swing"]["end"] = w["stage_swing"]["end"] = 0
         w["driven_swing"]["times"] = w["strain_swing"]["times"] = w["stage_swing"]["times"] = 0

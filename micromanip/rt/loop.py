@@ -20,9 +20,9 @@ from .exchange import exchange_all
 from .histogram import count
 from .intrinsics import load_acquire, store_release
 from .jit import compiled
-from .shadow import end_trial, shadow_cycle, start_shadow, takes_back
+from .shadow import shadow_cycle, start_shadow, takes_back
 from .signatures import DRIVERS, OUTPUTS, PARAMETERS, ROWS, SAMPLES, SIGNALS, STATES, WORDS
-from .states import NO_COMMAND, OFF, PROMOTE
+from .states import NO_COMMAND, NO_SHADOW, OFF, PROMOTE
 from .telemetry import write_row
 
 STEERED_SHARE = 100
@@ -91,7 +91,7 @@ def run_loop(
             taken = version
             new = parameters[load_acquire(control, mailbox.SLOT)]
             swap_cell(p, new, s)
-            end_trial(s)
+            s["shadow"] = NO_SHADOW
             p = new
         number = load_acquire(control, mailbox.CANDIDATE_NUMBER)
         if number != candidate_number:

@@ -12,9 +12,8 @@ from micromanip.rt.laws.estimator import output
 from micromanip.rt.laws.reference import REFERENCE_STATES, SIGNAL
 
 from .jit import compiled
-from .phases import CLOSED
 from .record import Record, record
-from .states import STAGE
+from .states import CLOSED, STAGE
 
 BLEND_STATE = record(("held_since", "i8"), ("held_um", "f8"), ("authority", "f8"))
 """By what order, and where, the axis is held; the authority as it is now."""

@@ -36,12 +36,6 @@ def start_shadow(p: Record, candidate: Record, s: Record, shadow: Record) -> Non
     s["shadow"] = states.SHADOWING
 
 
-@compiled
-def end_trial(s: Record) -> None:
-    """No candidate any more: another tuning was put in force, or the candidate was withdrawn."""
-    s["shadow"] = states.NO_SHADOW
-
-
 @compiled.rare
 def promote(p: Record, s: Record) -> bool:
     """Begin the trial; False where there is no candidate, or nothing is tracked that could be compared."""
@@ -63,7 +57,7 @@ def withdraw(s: Record) -> bool:
         return True
     there = s["shadow"] == states.SHADOWING
     if there:
-        end_trial(s)
+        s["shadow"] = states.NO_SHADOW
     return there
 
 

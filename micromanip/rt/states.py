@@ -1,9 +1,18 @@
-"""States, commands, reactions and fault codes that the loop, the host and the clients share: plain integers."""
+"""States, phases, commands, reactions and fault codes that the loop, the host and the clients share: plain integers."""
 
 from __future__ import annotations
 
 OFF, STARTING, READY, ARMING, TRACKING, HOLDING, RAMPING, FAULT = range(8)
 STATE_NAMES = ("OFF", "STARTING", "READY", "ARMING", "TRACKING", "HOLDING", "RAMPING", "FAULT")
+
+PARKED, CHECKING_GAUGE, LIFTING, CHECKING_STAGE, SWEEPING, CLOSED, PARKING, FROZEN = range(8)
+"""What an axis does in a cycle: rests at the park voltage; makes a small voltage step (check of the gauge);
+is brought to its working point with the inner loop; makes a small step there (check of the stage); is swept with
+falling amplitude; follows the reference; goes back to the park voltage; keeps its voltage."""
+DRIVEN = (LIFTING, CHECKING_STAGE, SWEEPING, CLOSED)
+"""With its law at work."""
+
+PHASE_NAMES = ("parked", "gauge check", "lift", "stage check", "sweep", "closed", "parking", "frozen")
 
 NO_COMMAND, ARM, DISARM, STOP, RESET, HOLD, PROMOTE, WITHDRAW, BEGIN_PART, END_PART = range(10)
 COMMAND_NAMES = ("", "arm", "disarm", "stop", "reset", "hold", "promote", "withdraw", "part begin", "part end")

@@ -26,9 +26,8 @@ from micromanip.rt.laws.pid import retune
 from micromanip.rt.laws.saturation import attainable
 
 from .jit import compiled
-from .phases import CLOSED, DRIVEN
 from .record import Record, record
-from .states import COASTING, DEGRADED, EVENT_CODES, FALLBACK, OUTRUN
+from .states import CLOSED, COASTING, DEGRADED, DRIVEN, EVENT_CODES, FALLBACK, OUTRUN
 
 DEMAND_AHEAD, SWINGING, GAUGE_LOST, STAGE_LOST = 1 << OUTRUN, 1 << FALLBACK, 1 << COASTING, 1 << DEGRADED
 MISSING, DEVICE_BEHIND = 1 << EVENT_CODES, 2 << EVENT_CODES
@@ -142,9 +141,16 @@ def outer_demand(p: Record, s: Record, anew: bool) -> float:
             u["relapses"], u["relapsed_cycle"] = 0, s["estimator"]["cycle"]
         u["relapses"] += 1
         u["calm_left"] = FOLLOWED
+    s["bridge_um"] = s["setpoint_um"] - nominal_um
+    return calm_demand(p, s, rest)
+
+
+@compiled.rare
+def calm_demand(p: Record, s: Record, rest: float) -> float:
+    """The same by the calm gains, until the set-point has followed them for a while."""
+    outer, x, w, u = p["outer"], s["estimator"]["x"], s["reference"]["w"], s["supervisor"]
     calm_um = rest + outer_setpoint(outer, outer["far_feedback"], outer["far_reference"], x, w)
     u["calm_left"] = FOLLOWED if outruns(p, s, calm_um) else u["calm_left"] - 1
     u["nominal_cycles"] = 0
     u["reasons"] = u["reasons"] | DEMAND_AHEAD if u["calm_left"] > 0 else u["reasons"] & ~DEMAND_AHEAD
-    s["bridge_um"] = s["setpoint_um"] - nominal_um
     return calm_um

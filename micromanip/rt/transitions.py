@@ -13,14 +13,28 @@ A cell that was told to stop (``stopping``) ends in OFF whatever happens on the 
 
 from __future__ import annotations
 
-from micromanip.rt.laws.minimum_jerk import minimum_jerk
+from micromanip.rt.laws.motion import minimum_jerk
 
 from .arming import arming_cycles, arming_phase
 from .axis_order import hold_here
 from .jit import compiled
-from .phases import CLOSED, FROZEN, LIFTING, PARKED, PARKING
 from .record import Record
-from .states import ARMING, FAULT, HOLDING, NO_FAULT, OFF, RAMPING, READY, STAGE, TRACKING
+from .states import (
+    ARMING,
+    CLOSED,
+    FAULT,
+    FROZEN,
+    HOLDING,
+    LIFTING,
+    NO_FAULT,
+    OFF,
+    PARKED,
+    PARKING,
+    RAMPING,
+    READY,
+    STAGE,
+    TRACKING,
+)
 
 
 @compiled
@@ -30,7 +44,7 @@ def enter(s: Record, state: int) -> None:
     s["entered_cycle"] = s["cycle"]
 
 
-@compiled
+@compiled.rare
 def begin_hold(p: Record, s: Record) -> None:
     """Freeze the correction: every axis stays where it is, its loops closed."""
     for i in range(p["axes"]):
@@ -48,7 +62,7 @@ def begin_soft_stop(p: Record, s: Record) -> None:
     enter(s, RAMPING)
 
 
-@compiled
+@compiled.rare
 def begin_ramp(p: Record, s: Record) -> None:
     """Start the smooth way to the park voltage of all axes; one under way is not started anew."""
     if s["state"] == RAMPING and s["soft"] == 0:

@@ -20,9 +20,9 @@ from . import states
 from .faults import axis_fault, warn
 from .jit import compiled
 from .limit_cycle import SWING, swings_for, watch_swing
-from .phases import CHECKING_STAGE, CLOSED, LIFTING, SWEEPING
+from .oscillation import SECTION, SECTION_STATE, swing_um, watch_oscillation
 from .record import Record, record
-from .second_order import SECTION, SECTION_STATE, section_output, start_section
+from .states import CHECKING_STAGE, CLOSED, LIFTING, SWEEPING
 
 WATCH_PARAMETERS = record(
     ("reaction", "i8", (states.FAULTS,)),
@@ -97,85 +97,62 @@ def condition(code: int, active: bool) -> int:
 
 
 @compiled
-def watch_strain(p: Record, s: Record, i: int, active: bool) -> int:
+def watch_strain(axis: Record, a: Record, w: Record, active: bool) -> int:
     """Strain gauge silent, unusable or stuck: on the feedforward alone for a few ms; then the fault."""
-    limits, a = p["axis"][i]["watch"], s["axis"][i]
-    w, sensor = s["watch"][i], a["strain"]
+    limits, sensor = axis["watch"], a["strain"]
     bad = active and sensor["bad"] >= limits["strain_samples"]
     stuck = active and sensor["identical"] >= limits["strain_identical"]
-    coast = lasting(w["coast"], bad or stuck)
-    w["coast"], over = coast, coast > limits["coast_cycles"]
-    silent = is_silent(sensor, p["axis"][i]["strain_age_ns"])
+    w["coast"] = coast = lasting(w["coast"], bad or stuck)
+    over, silent = coast > limits["coast_cycles"], is_silent(sensor, axis["strain_age_ns"])
     found = condition(states.COASTING, coast > 0) | condition(states.STRAIN_STUCK, over and stuck)
     found |= condition(states.STRAIN_SILENT, over and bad and silent)
     return found | condition(states.STRAIN_INVALID, over and bad and not silent)
 
 
 @compiled
-def watch_stage(p: Record, s: Record, i: int, active: bool) -> int:
+def watch_stage(limits: Record, a: Record, w: Record, active: bool) -> int:
     """Capacitive sensor unusable or stuck: on the model's prediction for a while (degraded), then the fault.
 
     When it is back in time the outer loop goes on at once, by calm gains where it is far away (``supervisor.py``).
     """
-    limits, a = p["axis"][i]["watch"], s["axis"][i]
-    w, sensor = s["watch"][i], a["stage"]
-    bad = active and sensor["bad"] >= limits["stage_samples"]
-    stuck = active and sensor["identical"] >= limits["stage_identical"]
-    degraded = lasting(w["degraded"], bad or stuck)
-    w["degraded"], over = degraded, degraded > limits["degraded_cycles"]
+    bad = active and a["stage"]["bad"] >= limits["stage_samples"]
+    stuck = active and a["stage"]["identical"] >= limits["stage_identical"]
+    w["degraded"] = degraded = lasting(w["degraded"], bad or stuck)
+    over = degraded > limits["degraded_cycles"]
     found = condition(states.DEGRADED, degraded > 0)
     return found | condition(states.STAGE_INVALID, over and bad) | condition(states.STAGE_STUCK, over and stuck)
 
 
 @compiled
-def watch_innovation(p: Record, s: Record, i: int, active: bool) -> int:
-    """Gauge and capacitive sensor disagree: mean square innovation, in units of its variance, over a short time.
+def watch_apart(axis: Record, a: Record, w: Record, active: bool) -> int:
+    """Gauge and capacitive sensor part, at once or slowly; nobody knows which is wrong: a hold keeps the voltage.
 
-    Nobody knows which of the two is wrong: a hold keeps the voltage, not the set-point.
+    At once: mean square innovation, in units of its variance, over a short time. So slowly that the Kalman filter takes
+    it for a force: the slow mean of the stage less where the gauge says that it is, beside the mean of the first while
+    behind the outer loop's closing.
     """
-    limits, a = p["axis"][i]["watch"], s["axis"][i]
-    w, sensor = s["watch"][i], a["stage"]
+    limits = axis["watch"]
     if not active:
         w["innovation"] = 1.0
-    elif sensor["fresh"] and w["degraded"] == 0:
+        w["settling"], w["apart_um"], w["drift_um"] = 0, 0.0, 0.0
+        return 0
+    if a["stage"]["fresh"] and w["degraded"] == 0:
         square = a["estimator"]["innovation_um"] ** 2 / limits["innovation_variance"]
         w["innovation"] += limits["innovation_step"] * (square - w["innovation"])
-    disagree = active and w["innovation"] > limits["innovation_ratio"]
-    if disagree and limits["reaction"][states.DISAGREEMENT] == states.HOLDS:
+        if w["coast"] == 0:
+            answered_um = a["strain"]["value"] - axis["centre_um"] - a["decoupling"]["added_um"]
+            apart_um = a["stage"]["value"] - limits["drift_gain"] * answered_um
+            if limits["drift_step"] * w["settling"] < 1.0:
+                w["settling"] += 1
+                w["apart_um"] += (apart_um - w["apart_um"]) / w["settling"]
+            else:
+                w["drift_um"] += limits["drift_step"] * (apart_um - w["apart_um"] - w["drift_um"])
+    disagree = w["innovation"] > limits["innovation_ratio"]
+    drifts, reaction = abs(w["drift_um"]) > limits["drift_um"], limits["reaction"]
+    holds = disagree and reaction[states.DISAGREEMENT] == states.HOLDS
+    if holds or (drifts and reaction[states.STAGE_DRIFT] == states.HOLDS):
         w["frozen"] = 1
-    return condition(states.DISAGREEMENT, disagree)
-
-
-@compiled
-def watch_drift(p: Record, s: Record, i: int, active: bool) -> int:
-    """Gauge and capacitive sensor part so slowly that the Kalman filter takes it for a force.
-
-    That is the slow mean of the stage less where the gauge says that it is, beside the mean of the first while behind
-    the outer loop's closing. A hold keeps the voltage, as above.
-    """
-    axis, a = p["axis"][i], s["axis"][i]
-    limits, w = axis["watch"], s["watch"][i]
-    if active and a["stage"]["fresh"] and w["degraded"] == 0 and w["coast"] == 0:
-        answered_um = a["strain"]["value"] - axis["centre_um"] - a["decoupling"]["added_um"]
-        apart_um = a["stage"]["value"] - limits["drift_gain"] * answered_um
-        if limits["drift_step"] * w["settling"] < 1.0:
-            w["settling"] += 1
-            w["apart_um"] += (apart_um - w["apart_um"]) / w["settling"]
-        else:
-            w["drift_um"] += limits["drift_step"] * (apart_um - w["apart_um"] - w["drift_um"])
-    elif not active:
-        w["settling"], w["apart_um"], w["drift_um"] = 0, 0.0, 0.0
-    over = active and abs(w["drift_um"]) > limits["drift_um"]
-    if over and limits["reaction"][states.STAGE_DRIFT] == states.HOLDS:
-        w["frozen"] = 1
-    return condition(states.STAGE_DRIFT, over)
-
-
-@compiled
-def watch_tooth(p: Record, s: Record, i: int, active: bool) -> int:
-    """The tooth's frequency is not the configured one, nor near it, or its observer makes the estimate worse."""
-    lost = active and p["axis"][i]["outer"]["tooth"] > 0 and s["axis"][i]["estimator"]["given_up"] != FOLLOWS
-    return condition(states.TOOTH_LOST, lost)
+    return condition(states.DISAGREEMENT, disagree) | condition(states.STAGE_DRIFT, drifts)
 
 
 @compiled
@@ -185,87 +162,59 @@ def following_error(p: Record, a: Record) -> float:
 
 
 @compiled
-def watch_following(p: Record, s: Record, i: int, active: bool) -> int:
+def watch_following(axis: Record, a: Record, w: Record, active: bool) -> int:
     """Following error above its limit for some cycles; unknown while its sensor is unusable."""
-    limits, a = p["axis"][i]["watch"], s["axis"][i]
-    w = s["watch"][i]
-    known = active and w["degraded"] == 0 and w["coast"] == 0
-    following = lasting(w["following"], known and abs(following_error(p["axis"][i], a)) > limits["following_um"])
-    w["following"] = following
+    limits, known = axis["watch"], active and w["degraded"] == 0 and w["coast"] == 0
+    far = known and abs(following_error(axis, a)) > limits["following_um"]
+    w["following"] = following = lasting(w["following"], far)
     return condition(states.FOLLOWING_ERROR, following >= limits["following_cycles"])
 
 
 @compiled
-def watch_voltage(p: Record, s: Record, i: int, active: bool) -> int:
+def watch_voltage(axis: Record, a: Record, w: Record, active: bool) -> int:
     """Voltage at an end of its range: reported after a short time, a fault after a long one."""
-    limits, limiter, a = p["axis"][i]["watch"], p["axis"][i]["limiter"], s["axis"][i]
-    w = s["watch"][i]
-    at_end = active and beyond(limiter, a["request_V"]) != 0
-    cycles = lasting(w["saturated"], at_end)
-    w["saturated"] = cycles
+    limits, at_end = axis["watch"], active and beyond(axis["limiter"], a["request_V"]) != 0
+    w["saturated"] = cycles = lasting(w["saturated"], at_end)
     found = condition(states.SATURATING, cycles >= limits["saturating_cycles"])
     return found | condition(states.SATURATED, cycles >= limits["saturated_cycles"])
 
 
 @compiled
-def swing_um(w: Record) -> float:
-    """The rms (um) of what swings in the band."""
-    return math.sqrt(max(0.0, w["band_energy"]))
-
-
-@compiled
-def watch_oscillation(p: Record, s: Record, i: int, active: bool) -> int:
-    """The inner loop swings: energy of its error in the band where it would. First the fallback gains, once.
-
-    Without the tooth's frequency, whose cancelling asks much of the loop, and only what is more than the set-point's
-    own there: an error in following is no swing. A loop that swings has the larger error, also where the outer loop
-    answers it. The filters take the gauge's samples, not the cycles between: a held one would look like a swing.
-    """
-    axis, a = p["axis"][i], s["axis"][i]
-    limits, w = axis["watch"], s["watch"][i]
-    if not active:
-        start_section(limits["tooth_notch"], w["error_notch"], start_section(limits["band_pass"], w["error_band"], 0.0))
-        asked_um = start_section(limits["band_pass"], w["asked_band"], a["setpoint_um"])
-        start_section(limits["tooth_notch"], w["asked_notch"], asked_um)
-        w["band_energy"] = 0.0
-        w["band_cycles"] = w["fallback"] = 0
-    elif a["error_fresh"]:
-        error_um = section_output(limits["band_pass"], w["error_band"], a["strain_error_um"])
-        error_um = section_output(limits["tooth_notch"], w["error_notch"], error_um)
-        asked_um = section_output(limits["band_pass"], w["asked_band"], a["setpoint_um"])
-        asked_um = section_output(limits["tooth_notch"], w["asked_notch"], asked_um)
-        w["band_energy"] += limits["band_step"] * (error_um * error_um - asked_um * asked_um - w["band_energy"])
+def watch_inner(axis: Record, a: Record, w: Record, active: bool) -> int:
+    """The inner loop swings (``oscillation.py``): first the fallback gains, once."""
+    limits = axis["watch"]
+    watch_oscillation(limits, a, w, active)
     w["band_cycles"] = lasting(w["band_cycles"], swing_um(w) > limits["band_um"])
     swings = w["band_cycles"] >= limits["band_cycles"]
-    if swings and w["fallback"] == 0:
+    if not active:
+        w["fallback"] = 0
+    elif swings and w["fallback"] == 0:
         w["fallback"], w["band_cycles"] = 1, 0
         swings = False
     return condition(states.FALLBACK, w["fallback"] != 0) | condition(states.OSCILLATION, swings)
 
 
 @compiled
-def watch_reference(p: Record, s: Record, i: int, active: bool) -> int:
+def watch_reference(axis: Record, a: Record, active: bool) -> int:
     """No usable sample of the reference signal: extrapolated for a while, then the hold that decays to 0.
 
     One that comes in time and reads the same again and again is told: a tracker that has frozen, or a path at rest.
     """
-    limits, silent = p["axis"][i]["watch"], s["axis"][i]["reference"]["silent"]
-    same = s["axis"][i]["deviation"]["identical"]
-    follows = active and p["axis"][i]["reference"]["kind"] == SIGNAL
-    found = condition(states.REFERENCE_STALE, follows and silent >= limits["stale_cycles"])
-    found |= condition(states.REFERENCE_STUCK, follows and same >= limits["reference_identical"])
-    return found | condition(states.REFERENCE_LOST, follows and silent >= limits["lost_cycles"])
+    if not active or axis["reference"]["kind"] != SIGNAL:
+        return 0
+    limits, silent, same = axis["watch"], a["reference"]["silent"], a["deviation"]["identical"]
+    found = condition(states.REFERENCE_STALE, silent >= limits["stale_cycles"])
+    found |= condition(states.REFERENCE_STUCK, same >= limits["reference_identical"])
+    return found | condition(states.REFERENCE_LOST, silent >= limits["lost_cycles"])
 
 
 @compiled
-def watch_amplifier(p: Record, s: Record, i: int, active: bool) -> int:
+def watch_amplifier(axis: Record, a: Record, w: Record, active: bool) -> int:
     """Status signals of the amplifier; one that is hot gets less to do before the fault."""
-    axis, a = p["axis"][i], s["axis"][i]
-    limits, w = axis["watch"], s["watch"][i]
-    hot = lasting(w["hot"], active and is_missing(axis["temperature_ok"], a["temperature_ok"]))
-    w["hot"] = hot
+    w["hot"] = hot = lasting(w["hot"], active and is_missing(axis["temperature_ok"], a["temperature_ok"]))
     found = condition(states.AMPLIFIER_FAULT, active and is_missing(axis["amplifier_ok"], a["amplifier_ok"]))
-    return found | condition(states.DERATED, hot > 0) | condition(states.OVER_TEMPERATURE, hot > limits["hot_cycles"])
+    found |= condition(states.OVER_TEMPERATURE, hot > axis["watch"]["hot_cycles"])
+    return found | condition(states.DERATED, hot > 0)
 
 
 @compiled
@@ -277,26 +226,30 @@ def is_excited(axis: Record, a: Record) -> bool:
 
 @compiled
 def watch_axis(p: Record, s: Record, i: int, moving: bool, enabled: bool) -> None:
-    """Watch axis `i` by what it did in the cycle before: its loops while `moving`, its amplifier while `enabled`."""
-    axis, phase = p["axis"][i], s["phase"]
+    """Watch axis `i` by what it did in the cycle before: its loops while `moving`, its amplifier while `enabled`.
+
+    The tooth is lost where its frequency is not the configured one, nor near it, or its observer makes the estimate
+    worse.
+    """
+    axis, a, w, phase = p["axis"][i], s["axis"][i], s["watch"][i], s["phase"]
     lifts = phase == LIFTING and s["arming"][i]["lifted"] != 0
     driven = moving and (phase == CLOSED or lifts or phase in (CHECKING_STAGE, SWEEPING))
     inner = driven and axis["mode"] != states.VOLTAGE
     outer = moving and axis["mode"] == states.STAGE and phase == CLOSED
     tracking = moving and s["state"] == states.TRACKING
-    found = watch_strain(p, s, i, inner or (driven and is_excited(axis, s["axis"][i])))
-    found |= watch_stage(p, s, i, outer)
-    found |= watch_innovation(p, s, i, outer)
-    found |= watch_drift(p, s, i, outer)
-    found |= watch_tooth(p, s, i, outer)
-    found |= watch_following(p, s, i, tracking and axis["mode"] != states.VOLTAGE)
-    found |= watch_voltage(p, s, i, inner)
-    found |= watch_oscillation(p, s, i, inner and axis["feedback"] != 0)
-    found |= condition(states.OUTRUN, outer and s["axis"][i]["supervisor"]["calm_left"] > 0)
-    found |= condition(states.LIMIT_CYCLE, watch_swing(p, s, i, driven))
-    found |= watch_reference(p, s, i, tracking)
-    found |= watch_amplifier(p, s, i, enabled)
-    if (found ^ s["watch"][i]["raised"]) & _WATCHED_BITS != 0:
+    tooth_lost = outer and axis["outer"]["tooth"] > 0 and a["estimator"]["given_up"] != FOLLOWS
+    found = watch_strain(axis, a, w, inner or (driven and is_excited(axis, a)))
+    found |= watch_stage(axis["watch"], a, w, outer)
+    found |= watch_apart(axis, a, w, outer)
+    found |= condition(states.TOOTH_LOST, tooth_lost)
+    found |= watch_following(axis, a, w, tracking and axis["mode"] != states.VOLTAGE)
+    found |= watch_voltage(axis, a, w, inner)
+    found |= watch_inner(axis, a, w, inner and axis["feedback"] != 0)
+    found |= condition(states.OUTRUN, outer and a["supervisor"]["calm_left"] > 0)
+    found |= condition(states.LIMIT_CYCLE, watch_swing(axis, a, w, s["cycle"], driven))
+    found |= watch_reference(axis, a, tracking)
+    found |= watch_amplifier(axis, a, w, enabled)
+    if (found ^ w["raised"]) & _WATCHED_BITS != 0:
         tell_changes(p, s, i, found)
 
 

@@ -13,8 +13,7 @@ from micromanip.host.axis_values import AxesValues
 from micromanip.host.shared_memory import RING, STATUS
 from micromanip.host.windows import BLOCK_NS, Windows
 from micromanip.rt.mailbox import RING_HEAD
-from micromanip.rt.phases import CLOSED, LIFTING, PARKED
-from micromanip.rt.states import ARMING, TRACKING
+from micromanip.rt.states import ARMING, CLOSED, LIFTING, PARKED, TRACKING
 from micromanip.rt.telemetry import ROW
 from micromanip.settings.check import prepare
 

@@ -11,8 +11,7 @@ import pytest
 
 from campaigns.running_controller import as_from_a_terminal, until
 from micromanip.rt import mailbox as w
-from micromanip.rt.phases import PARKING
-from micromanip.rt.states import RAMPING
+from micromanip.rt.states import PARKING, RAMPING
 from tests.cells import Talk, calm, rows_of, simulated
 from tests.further import further
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from micromanip.host.swing import Swings, swing
-from micromanip.rt.phases import CLOSED
+from micromanip.rt.states import CLOSED
 from micromanip.rt.telemetry import ROW
 
 RNG = np.random.default_rng(1)

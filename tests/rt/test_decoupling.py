@@ -5,9 +5,8 @@ import pytest
 
 from micromanip.rt.cell import decouple
 from micromanip.rt.laws.decoupling import EASED
-from micromanip.rt.phases import CLOSED, PARKING
 from micromanip.rt.records import CELL_PARAMETERS, CELL_STATE
-from micromanip.rt.states import TRACKING
+from micromanip.rt.states import CLOSED, PARKING, TRACKING
 
 LEAD_S = 7e-4
 SHARE = (0.0, 0.01, -0.004)

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from micromanip.rt.faults import EVENTS, axis_fault, begins, cell_fault, forget, note, raise_fault, react, warn
-from micromanip.rt.phases import CLOSED, LIFTING, PARKING
 from micromanip.rt.records import CELL_PARAMETERS, CELL_STATE
 from micromanip.rt.states import (
     ARMING,
+    CLOSED,
     CUTS,
     DISAGREEMENT,
     FAULT,
@@ -16,8 +16,10 @@ from micromanip.rt.states import (
     HOLDS,
     HOST_DEAD,
     INTERLOCK_OPEN,
+    LIFTING,
     NO_FAULT,
     OFF,
+    PARKING,
     RAMPING,
     RAMPS,
     READY,

@@ -5,7 +5,7 @@ import pytest
 from scipy import signal
 
 from micromanip.rt.states import FALLBACK, OSCILLATION
-from micromanip.rt.watch import watch_oscillation
+from micromanip.rt.watch import watch_inner
 from micromanip.settings.compile.limits import fill_axis_limits
 from micromanip.settings.schema.faults import AxisFaults, Oscillation
 from micromanip.settings.schema.reference import Hold
@@ -27,15 +27,14 @@ def watched(tooth_Hz=None, rate_Hz=RATE_HZ):
 
 def energies(cell, error_um, setpoint_um):
     """Energy in the band after each sample; the watch starts at the first set-point."""
-    p, s = cell.p, cell.s
-    a = s["axis"][Y]
+    axis, a, w = cell.p["axis"][Y], cell.s["axis"][Y], cell.s["watch"][Y]
     a["setpoint_um"], a["error_fresh"] = setpoint_um[0], 1
-    watch_oscillation(p, s, Y, False)
+    watch_inner(axis, a, w, False)
     found = np.zeros(len(error_um))
     for k, (error, setpoint) in enumerate(zip(error_um, setpoint_um, strict=True)):
         a["strain_error_um"], a["setpoint_um"] = error, setpoint
-        cell.noticed = watch_oscillation(p, s, Y, True)
-        found[k] = cell.s["watch"][Y]["band_energy"]
+        cell.noticed = watch_inner(axis, a, w, True)
+        found[k] = w["band_energy"]
     return found
 
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from micromanip.errors import ConfigError
-from micromanip.rt import tell as module
-from micromanip.rt.mailbox import WORDS
-from micromanip.rt.tell import ask, tell
+from micromanip.rt import mailbox as module
+from micromanip.rt.mailbox import WORDS, ask, tell
 
 
 def test_a_word_is_written_and_read():

@@ -8,14 +8,18 @@ import pytest
 from micromanip.host.refusals import refusals
 from micromanip.rt.arming import forget_checks
 from micromanip.rt.bumpless import swap_cell
-from micromanip.rt.phases import CHECKING_GAUGE, CHECKING_STAGE, CLOSED, LIFTING, PARKED, SWEEPING
 from micromanip.rt.states import (
     ARM,
     ARMING,
+    CHECKING_GAUGE,
+    CHECKING_STAGE,
+    CLOSED,
     DISARM,
     FAULT,
     HOLD,
     HOLDING,
+    LIFTING,
+    PARKED,
     RAMPING,
     READY,
     RESET,
@@ -24,6 +28,7 @@ from micromanip.rt.states import (
     STAGE_MISSING,
     STAGE_STUCK,
     STRAIN_CHECK,
+    SWEEPING,
     TRACKING,
 )
 from micromanip.settings.check import prepare

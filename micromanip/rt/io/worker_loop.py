@@ -27,12 +27,22 @@ from micromanip.rt.intrinsics import call_exchange, fence, load_acquire, store_r
 from micromanip.rt.jit import compiled
 from micromanip.rt.record import Record
 from micromanip.rt.signatures import array_of
-from micromanip.rt.slot import sealed
 
 from .gate import GATE, decide, known_last, may_have_moved, note_sent, note_taken, rests
 from .schedule import TURNS, advance, first_due, turn_ns
 from .sockets import wait, write_at
-from .worker_records import ASKED, INBOX, LEFT_OVER, MEMORY, ON_THE_RAMP, SENT_IN_DOUBT, SERVICE, SILENT, UNCONFIRMED
+from .worker_records import (
+    ASKED,
+    INBOX,
+    LEFT_OVER,
+    MEMORY,
+    ON_THE_RAMP,
+    SENT_IN_DOUBT,
+    SERVICE,
+    SILENT,
+    UNCONFIRMED,
+    sealed,
+)
 
 _sealed = compiled(sealed)
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from micromanip.rt.record import arrays, record
 from micromanip.rt.records import MAX_OUTPUTS, MAX_SIGNALS, SIGNAL
-from micromanip.rt.slot import size
 
 from .gate import MAX_TASKS
 
@@ -25,6 +26,25 @@ SERVICE = record(
 """`receive` and `send` are addresses of the driver's two functions, `context` that of its record, `descriptor` what is
 waited on. Python asks for its turn by `leave`. So many tasks were `performed`, and so many `calls` did something.
 `poll` is a ``struct pollfd``."""
+
+_PRIME, _FACTOR = 2147483647, 16777619
+"""Every step fits into 64 bits with a sign, in compiled code as in Python."""
+
+
+def size(values: int) -> int:
+    """Words of a slot of the file of what a device was given last: its number, so many values, and a checksum."""
+    return values + 2
+
+
+def sealed(words: Any, seed: int) -> int:
+    """The checksum of a slot, all its `words` but the last, which begins with `seed`."""
+    check = int(seed) % _PRIME
+    for i in range(len(words) - 1):
+        word = int(words[i])
+        check = (check * _FACTOR + (word & 0xFFFFFFFF)) % _PRIME
+        check = (check * _FACTOR + (word >> 32 & 0xFFFFFFFF)) % _PRIME
+    return check
+
 
 MEMORY = record(
     *arrays("i8", 1, "turn", "seed", "file"), *arrays("i8", 2, "place"), *arrays("i8", size(MAX_OUTPUTS), "slot")

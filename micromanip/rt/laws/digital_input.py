@@ -16,13 +16,14 @@ LINE_STATE = record(("value", "f8"), ("time_ns", "i8"), ("sequence", "i8"), ("ba
 
 @compiled
 def read_line(line: Record, s: Record, signals: Any, now_ns: int) -> None:
-    """Update the state `s`; an input that is not wired is left alone.
+    """Update the state `s`; an input that is not wired is left alone."""
+    if line["signal"] >= 0:
+        take_sample(line, s, signals[line["signal"]], now_ns)
 
-    Not trusted is one that is not finite, flagged by its driver, older than it may be, or that never came.
-    """
-    if line["signal"] < 0:
-        return
-    signal = signals[line["signal"]]
+
+@compiled.rare
+def take_sample(line: Record, s: Record, signal: Record, now_ns: int) -> None:
+    """Not trusted is one that is not finite, flagged by its driver, older than it may be, or that never came."""
     arrived, good = signal["sequence"] != s["sequence"], signal["status"] == 0 and math.isfinite(signal["value"])
     if arrived and good:
         s["value"], s["time_ns"] = signal["value"], min(signal["time_ns"], now_ns)

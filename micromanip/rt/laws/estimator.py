@@ -103,7 +103,7 @@ def _advance(p: Record, s: Record, x: Any, first: int, last: int) -> None:
             turn_on(p, s, x)
 
 
-@compiled
+@compiled.rare
 def start_estimator(p: Record, s: Record, cycle: int, u: float, y: float) -> None:
     """State at rest that agrees with set-point `u` held and sensor reading `y`."""
     for i in range(p["states"]):

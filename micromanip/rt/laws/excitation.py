@@ -18,7 +18,7 @@ import math
 from micromanip.rt.jit import compiled
 from micromanip.rt.record import Record, record
 
-from .minimum_jerk import minimum_jerk
+from .motion import minimum_jerk
 
 MAX_LINES = 96
 
@@ -37,7 +37,7 @@ EXCITATION_PARAMETERS = record(
 EXCITATION_STATE = record(("number", "i8"), ("begun_cycle", "i8"), ("over", "i8"), ("level", "f8"))
 
 
-@compiled
+@compiled.rare
 def excitation(p: Record, s: Record, cycle: int, allowed: bool) -> float:
     """What is added in this cycle, um; 0 where nothing is, or may be."""
     if p["lines"] == 0:

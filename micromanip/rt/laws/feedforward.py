@@ -84,7 +84,7 @@ def feedforward_voltage(p: Record, s: Record, setpoint_um: float) -> float:
     return v
 
 
-@compiled
+@compiled.rare
 def start_feedforward(p: Record, s: Record, y_um: float, v: float) -> None:
     """Take over at displacement `y_um` and voltage `v`: memory made consistent, whatever it was."""
     y = max(p["low_um"], min(p["high_um"], y_um))

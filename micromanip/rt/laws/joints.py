@@ -34,7 +34,7 @@ JOINTS: tuple[Field, ...] = (
 JOINTS_STATE: tuple[Field, ...] = (("detuning", "f8", (MAX_MODES,)),)
 
 
-@compiled
+@compiled.rare
 def follow_joints(
     p: Record, gain: Any, pull: Any, floor_um2: Any, detunings: Any, expected: Any, innovation_um: float
 ) -> None:

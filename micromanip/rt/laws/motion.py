@@ -1,4 +1,4 @@
-"""How the state of a reference goes on: ``w = [p, v, a, o1, o1', ..]``, in closed form."""
+"""How the state of a reference goes on, ``w = [p, v, a, o1, o1', ..]``, in closed form; the course of own movements."""
 
 from __future__ import annotations
 
@@ -42,3 +42,10 @@ def position(w: Any) -> float:
     for k in range(MAX_MODES):
         total += w[3 + 2 * k]
     return total
+
+
+@compiled
+def minimum_jerk(x: float) -> float:
+    """Course of what the controller moves by itself: 0 to 1 for x in 0..1, at rest at both ends."""
+    x = max(0.0, min(1.0, x))
+    return x * x * x * (10.0 + x * (6.0 * x - 15.0))

@@ -17,7 +17,7 @@ import math
 from micromanip.rt.jit import compiled
 from micromanip.rt.record import Record, record
 
-from .minimum_jerk import minimum_jerk
+from .motion import minimum_jerk
 
 NO_MOVE, PLACES, OSCILLATION = range(3)
 MAX_PLACES = 16
@@ -51,7 +51,7 @@ MOVE_STATE = record(
 """Speed and acceleration are per cycle."""
 
 
-@compiled
+@compiled.rare
 def course(p: Record, k: float) -> float:
     """Offset (um) from where the move began, `k` cycles of its own time after that."""
     if p["kind"] == OSCILLATION:

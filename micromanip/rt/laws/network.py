@@ -60,7 +60,7 @@ def has_turned(s: Record, y: float, reversal_um: float) -> bool:
     return True
 
 
-@compiled
+@compiled.rare
 def network_output(p: Record, s: Record, y: float) -> float:
     """Voltage (V) for displacement `y` (um); advances the memory in `s`."""
     if has_turned(s, y, p["reversal_um"]):
@@ -75,7 +75,7 @@ def network_output(p: Record, s: Record, y: float) -> float:
     return v
 
 
-@compiled
+@compiled.rare
 def start_network(s: Record, y: float, v: float) -> None:
     """Memory point at displacement `y` (um) and voltage `v`, as if y had just turned there."""
     s["y_memory"] = s["y_last"] = s["y_extreme"] = y

@@ -78,7 +78,7 @@ REFERENCE_STATE = record(
 )
 
 
-@compiled
+@compiled.rare
 def own_reference(p: Record, w: Any, t_s: float, samples: Any) -> None:
     """Fill `w` from the axis' own source, `t_s` seconds after tracking began.
 

@@ -29,7 +29,7 @@ RESONANCES_STATE: tuple[Field, ...] = (
 )
 
 
-@compiled
+@compiled.rare
 def without_resonances(p: Record, s: Record, x_um: float) -> float:
     """Displacement (um) to ask of the stack, so that the gauge shows `x_um`; one cycle."""
     for i in range(p["resonances"]):
@@ -42,7 +42,7 @@ def without_resonances(p: Record, s: Record, x_um: float) -> float:
     return x_um
 
 
-@compiled
+@compiled.rare
 def start_resonances(p: Record, s: Record, x_um: float) -> None:
     """At rest, as after `x_um` for long: what goes in comes out."""
     for i in range(p["resonances"]):

@@ -46,7 +46,7 @@ STEADY_STATE: tuple[Field, ...] = (
 )
 
 
-@compiled
+@compiled.rare
 def narrow_anew(s: Record) -> None:
     """Let the narrow predictor begin where the wide one is."""
     for i in range(STATES):

@@ -25,9 +25,14 @@ static void predict(const struct outer_parameters *p, double *restrict x, double
     int padded = (int)(p->states + 3) / 4 * 4;    /* the padding is zero and stays zero */
     for (int i = 0; i < padded; i++)
         next[i] = p->b[i] * u;
-    for (int j = 0; j < p->states; j++)
-        for (int i = 0; i < padded; i++)
-            next[i] += p->a_columns[j][i] * x[j];
+    for (int first = 0; first < padded; first += ROWS_AT_ONCE) {
+        int rows = padded - first < ROWS_AT_ONCE ? padded - first : ROWS_AT_ONCE;
+        for (int j = 0; j < p->states; j++) {
+            const double *a = p->a_blocks[first / ROWS_AT_ONCE][j];
+            for (int i = 0; i < rows; i++)
+                next[first + i] += a[i] * x[j];
+        }
+    }
     for (int i = 0; i < padded; i++)
         x[i] = next[i];
 }

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.linalg import block_diag, expm
 
 from micromanip.control.outer_gains import outer_gains
-from micromanip.rt.laws.estimator import GAPS
+from micromanip.rt.laws.estimator import GAPS, in_blocks
 from micromanip.rt.laws.lqg import OUTER_PARAMETERS
 from micromanip.settings.compile.limits import NEVER
 from micromanip.settings.schema.axis import LinearModel, Outer
@@ -38,7 +38,7 @@ def parameters(gains, /, **changed):
     n = len(gains.A)
     fields = {
         "states": n,
-        "a_columns": gains.A.T,
+        "a_blocks": in_blocks(gains.A),
         "b": gains.B,
         "c": gains.C,
         "gains": np.tile(gains.observer, (GAPS, 1)),

@@ -6,7 +6,7 @@ import pytest
 
 from micromanip.control.gain_schedule import calm_gains
 from micromanip.control.predictor import reference_transition
-from micromanip.rt.laws.estimator import ESTIMATOR_STATE
+from micromanip.rt.laws.estimator import ESTIMATOR_STATE, MAX_STATES
 from micromanip.rt.laws.reference import REFERENCE_PARAMETERS, REFERENCE_STATE, REFERENCE_STATES, extrapolate
 from micromanip.settings.schema.reference import AxisDeviation, Oscillation, Tracker
 
@@ -152,7 +152,7 @@ def test_references_are_followed_and_disturbances_cancelled(delay, oscillation_H
     axis = "x" if len(REFERENCES[reference]) == 5 else "y"
     _, gains, p = designed(delay, TRACKER.of(axis), oscillation_Hz=oscillation_Hz, oscillation_um=0.01)
     n = len(gains.A)
-    plant = np.zeros(p["a_columns"].shape[0])
+    plant = np.zeros(MAX_STATES)
     walk = n - 3 if oscillation_Hz is not None else n - 1
     plant[walk] = 4.0  # um at the set-point
     if oscillation_Hz is not None:

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from micromanip.rt.laws.estimator import MAX_STATES
+from micromanip.rt.laws.estimator import MAX_STATES, filled, in_blocks
 from micromanip.rt.laws.lqg import OUTER_PARAMETERS
-from micromanip.rt.sums import advance_model, weighted
+from micromanip.rt.sums import advance_model, correct, weighted
 
 from .builders import record
 from .kernels import sums_course
@@ -16,11 +16,13 @@ def test_they_are_those_of_their_definition(states):
     rng = np.random.default_rng(states)
     x, scratch, y = np.zeros(MAX_STATES), np.zeros(MAX_STATES), np.zeros(1)
     x[:states] = rng.normal(size=states)
-    a, b, c = rng.normal(size=(states, states)), rng.normal(size=states), rng.normal(size=states)
-    p = record(OUTER_PARAMETERS, states=states, a_columns=a, b=b, c=c)
+    A, b, c = rng.normal(size=(states, states)), rng.normal(size=states), rng.normal(size=states)
+    p = record(OUTER_PARAMETERS, states=states, a_blocks=in_blocks(A), b=b, c=c)
     expected = x.copy()
-    read = weighted(0.0, c, expected, states)
-    advance_model(a, b, 0.3, expected, np.zeros(states), states)
+    read = weighted(p["c"], x, filled(p))
+    advance_model(p["a_blocks"], b, 0.3, expected, np.zeros(states), states)
+    assert expected[:states] == pytest.approx(A @ x[:states] + 0.3 * b)
+    assert read == pytest.approx(c @ x[:states])
+    correct(expected, p["c"], read, np.zeros(MAX_STATES), expected, states)
     sums_course(p, x, scratch, 0.3, y)
-    assert y[0] == read
-    assert (x == expected).all()
+    assert (np.array([x, scratch]) == expected).all()

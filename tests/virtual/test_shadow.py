@@ -85,7 +85,7 @@ def too_hot(axis):
 
 
 def wrong_model(axis):
-    axis["outer"]["a_columns"][0, 0] *= 0.98
+    axis["outer"]["a_blocks"][0, 0, 0] *= 0.98
 
 
 def figures(state, name):

@@ -26,9 +26,12 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from micromanip.rt.jit import compiled
 from micromanip.rt.record import Field, Record, record
-from micromanip.rt.sums import ROWS_AT_ONCE, advance_model, weighted
+from micromanip.rt.sums import LANES, ROWS_AT_ONCE, advance_model, correct, weighted
 
 from .tooth import FOLLOWS, TOOTH, TOOTH_STATE, follow_tooth, forget_tooth, start_tooth, turn_on
 
@@ -54,7 +57,7 @@ MODEL: tuple[Field, ...] = (
 ``repeated_um`` of a reading that is the same for the third time; ``gap_cycles``: samples further apart than that leave
 the estimate uncertain."""
 MATRICES: tuple[Field, ...] = (
-    ("a_columns", "f8", (MAX_STATES, MAX_STATES)),
+    ("a_blocks", "f8", (MAX_STATES // ROWS_AT_ONCE, MAX_STATES, ROWS_AT_ONCE)),
     ("gains", "f8", (GAPS, MAX_STATES)),
     ("plain", "f8", (GAPS, MAX_STATES)),
     ("steady_u", "f8", (MAX_STATES,)),
@@ -83,16 +86,29 @@ _OPENS, _CLOSES = 2.0, 0.9
 _REPEATED = 2
 
 
+def in_blocks(A: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The columns of `A` (n, n) as ``a_blocks`` has them: (blocks, MAX_STATES, ROWS_AT_ONCE)."""
+    columns = np.zeros((MAX_STATES, MAX_STATES))
+    columns[: len(A), : len(A)] = A.T
+    return columns.reshape(MAX_STATES, -1, ROWS_AT_ONCE).swapaxes(0, 1)
+
+
 @compiled
 def predict(p: Record, x: Any, scratch: Any, u: float) -> None:
     """One cycle of the model: ``x <- A x + B u``."""
-    advance_model(p["a_columns"], p["b"], u, x, scratch, p["states"])
+    advance_model(p["a_blocks"], p["b"], u, x, scratch, p["states"])
 
 
 @compiled
 def output(p: Record, x: Any) -> float:
     """``C x``: the sensor reading (um) that the estimate `x` expects."""
-    return weighted(0.0, p["c"], x, p["states"])
+    return weighted(p["c"], x, filled(p))
+
+
+@compiled
+def filled(p: Record) -> int:
+    """States with those that fill the last lanes of a vector: these are 0, and so is what belongs to them."""
+    return (p["states"] + LANES - 1) & -LANES
 
 
 @compiled
@@ -106,7 +122,7 @@ def _advance(p: Record, s: Record, x: Any, first: int, last: int) -> None:
 @compiled.rare
 def start_estimator(p: Record, s: Record, cycle: int, u: float, y: float) -> None:
     """State at rest that agrees with set-point `u` held and sensor reading `y`."""
-    for i in range(p["states"]):
+    for i in range(MAX_STATES):
         s["filtered"][i] = p["steady_u"][i] * u + p["steady_y"][i] * y
         s["x"][i] = s["filtered"][i]
     for k in range(INPUT_HISTORY):
@@ -126,8 +142,9 @@ def change_model(old: Record, new: Record, s: Record) -> None:
     n, same = min(old["states"], new["states"]), True
     for i in range(n):
         same = same and old["b"][i] == new["b"][i] and old["c"][i] == new["c"][i]
+        block, row = i // ROWS_AT_ONCE, i % ROWS_AT_ONCE
         for j in range(n):
-            same = same and old["a_columns"][i, j] == new["a_columns"][i, j]
+            same = same and old["a_blocks"][block, j, row] == new["a_blocks"][block, j, row]
     if not same:
         s["running"] = 0
     for i in range(n, MAX_STATES):
@@ -195,7 +212,6 @@ def update(p: Record, s: Record, sample_cycle: int, y: float) -> bool:
     tooth = p["tooth"] if s["given_up"] == FOLLOWS else 0
     gains = p["gains"] if p["tooth"] == tooth else p["plain"]
     gain = gains[min(passed, GAPS) - 1]
-    gap = passed > p["gap_cycles"]
     s["repeated"] = s["repeated"] + 1 if y == s["reading_um"] else 0
     s["reading_um"] = y
     expected = s["x"]
@@ -204,12 +220,14 @@ def update(p: Record, s: Record, sample_cycle: int, y: float) -> bool:
         _advance(p, s, expected, s["filtered_cycle"], sample_cycle)
     innovation = y - output(p, expected)
     applied = believed(p, s, innovation)
-    motion = innovation if gap else applied
     if tooth > 0:
         o1, o2 = expected[tooth], expected[tooth + 1]
         follow_tooth(p, s, o1, o2, gain[tooth] * applied, gain[tooth + 1] * applied, applied)
-    for i in range(n):
-        s["x"][i] = s["filtered"][i] = expected[i] + gain[i] * (motion if i < p["slow"] else applied)
+    correct(expected, gain, applied, s["filtered"], s["x"], n)
+    if passed > p["gap_cycles"]:
+        for i in range(p["slow"]):
+            s["x"][i] += gain[i] * (innovation - applied)
+            s["filtered"][i] = s["x"][i]
     if p["tooth"] != tooth:
         forget_tooth(p, s["filtered"])
         forget_tooth(p, s["x"])

@@ -17,7 +17,7 @@ from micromanip.rt.jit import compiled
 from micromanip.rt.record import Record, record
 from micromanip.rt.sums import weighted
 
-from .estimator import MATRICES, MAX_STATES, MODEL
+from .estimator import MATRICES, MAX_STATES, MODEL, filled
 from .reference import REFERENCE_STATES
 
 OUTER_PARAMETERS = record(
@@ -35,5 +35,4 @@ OUTER_PARAMETERS = record(
 @compiled
 def outer_setpoint(p: Record, feedback: Any, reference: Any, x: Any, w: Any) -> float:
     """Actuator set-point (um, relative to the working point) for estimate `x` and reference `w`, by gains of `p`."""
-    u = weighted(0.0, reference, w, p["reference_states"])
-    return -weighted(-u, feedback, x, p["states"])
+    return weighted(reference, w, p["reference_states"]) - weighted(feedback, x, filled(p))

@@ -15,7 +15,7 @@ from micromanip.control.gain_schedule import calm_gains, intermittent_gains
 from micromanip.control.outer_gains import OuterGains, dc_gain, outer_gains, process_innovation, steady_lag
 from micromanip.control.pid import pid_gains
 from micromanip.control.tooth import followed_tooth
-from micromanip.rt.laws.estimator import GAPS
+from micromanip.rt.laws.estimator import GAPS, in_blocks
 from micromanip.rt.records import CELL_PARAMETERS
 from micromanip.rt.states import MODE_NAMES, VOLTAGE
 from micromanip.settings.schema.axis import Axis, Outer
@@ -233,7 +233,7 @@ def _fill_outer(o: Any, outer: Outer, gains: OuterGains, tracker: AxisTracker | 
     n = len(gains.A)
     o["states"], o["slow"] = n, len(outer.model.A) + outer.model.delay_cycles
     o["gap_cycles"] = _GAP_SAMPLES * outer.sample_cycles
-    o["a_columns"][:n, :n], o["b"][:n], o["c"][:n] = gains.A.T, gains.B, gains.C
+    o["a_blocks"], o["b"][:n], o["c"][:n] = in_blocks(gains.A), gains.B, gains.C
     o["gains"][:, :n], o["feedback"][:n] = intermittent_gains(gains, GAPS), gains.feedback
     o["reference_states"], o["reference"][: len(gains.reference)] = len(gains.reference), gains.reference
     far, following = calm_gains(outer, gains, tracker, period_s)

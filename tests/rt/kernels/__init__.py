@@ -16,6 +16,7 @@ from micromanip.rt.laws.notch import notch_output
 from micromanip.rt.laws.pid import pid_output, unwind
 from micromanip.rt.laws.reference import extrapolate, position, signal_reference, signal_sample
 from micromanip.rt.laws.resonance import without_resonances
+from micromanip.rt.sums import correct
 
 compiled = Compiler(__file__)
 
@@ -106,9 +107,10 @@ def tooth_course(p: Any, s: Any, y: Any, every: int, turns: Any, innovations: An
 
 @compiled
 def sums_course(p: Any, x: Any, scratch: Any, u: float, y: Any) -> None:
-    """What a model's state shows, in `y`, and its next one."""
+    """What a model's state shows, in `y`, and its next one, corrected by that; `scratch` is the same in the end."""
     y[0] = output(p, x)
     predict(p, x, scratch, u)
+    correct(x, p["c"], y[0], scratch, x, p["states"])
 
 
 @compiled

@@ -111,16 +111,17 @@ def plan_checks(p: Record, s: Record) -> None:
         mode, own["lifted"], own["lift_turn"] = axis["mode"], 0, 0
         start_check(own["strain_check"])
         start_check(own["stage_check"])
-        if p["check_cycles"] > 0 and mode != states.VOLTAGE:
-            own["lift_turn"] = s["lifts"]
-            s["lifts"] += 1
-            far_um = abs(lift_target(axis, s["axis"][i]) - s["axis"][i]["strain"]["value"])
-            if far_um < _SHOWS * axis["strain_check"]["slack"]:
-                own["strain_check"]["passed"] = 0
-        if p["check_cycles"] > 0 and mode != states.VOLTAGE and own["strain_check"]["passed"] == 0:
+        if p["check_cycles"] == 0 or mode == states.VOLTAGE:
+            continue
+        own["lift_turn"] = s["lifts"]
+        s["lifts"] += 1
+        far_um = abs(lift_target(axis, s["axis"][i]) - s["axis"][i]["strain"]["value"])
+        if far_um < _SHOWS * axis["strain_check"]["slack"]:
+            own["strain_check"]["passed"] = 0
+        if own["strain_check"]["passed"] == 0:
             s["probes"] += 1
             own["strain_check"]["turn"] = s["probes"]
-        if p["check_cycles"] > 0 and mode == states.STAGE and own["stage_check"]["passed"] == 0:
+        if mode == states.STAGE and own["stage_check"]["passed"] == 0:
             s["bumps"] += 1
             own["stage_check"]["turn"] = s["bumps"]
 

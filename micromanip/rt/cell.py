@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from micromanip.rt.laws.decoupling import EASED, answer, ease_share, forget
+from micromanip.rt.laws.decoupling import EASED, add_part, forget
 from micromanip.rt.laws.digital_input import is_missing, is_on, read_line
 from micromanip.rt.laws.motion import minimum_jerk
 
@@ -111,11 +111,8 @@ def decouple(p: Record, s: Record) -> None:
             continue
         own["active"], own["added_um"] = 0, 0.0
         for j in range(p["axes"]):
-            other = s["axis"][j]
-            ease_share(law, own, j, EASED * p["axis"][i]["authority_step"])
-            if s["order"][j]["phase"] == CLOSED:
-                answer(law, own, j, other["reference"]["w"])
-            own["added_um"] += own["part_um"][j]
+            w, follows = s["axis"][j]["reference"]["w"], s["order"][j]["phase"] == CLOSED
+            add_part(law, own, j, EASED * p["axis"][i]["authority_step"], w, follows)
 
 
 @compiled

@@ -79,18 +79,13 @@ def is_enabled(s: Record) -> bool:
 
 
 @compiled
-def is_reset(s: Record) -> bool:
-    """Whether the amplifier is asked to forget its fault: for a while after the operator's reset, and at rest only."""
-    return s["state"] == READY and s["cycle"] < s["reset_until_cycle"]
-
-
-@compiled
 def switch(p: Record, s: Record, outputs: Any) -> None:
-    """Digital outputs: amplifier on and reset, feed-hold asked of the machine, heartbeat of the loop."""
+    """Amplifier on; its reset, for a while after the operator's, at rest only; feed-hold; heartbeat of the loop."""
+    resets = s["state"] == READY and s["cycle"] < s["reset_until_cycle"]
     if p["amplifier_enable"] >= 0:
         outputs[p["amplifier_enable"]] = 1.0 if is_enabled(s) else 0.0
     if p["amplifier_reset"] >= 0:
-        outputs[p["amplifier_reset"]] = 1.0 if is_reset(s) else 0.0
+        outputs[p["amplifier_reset"]] = 1.0 if resets else 0.0
     if p["feed_hold"] >= 0:
         outputs[p["feed_hold"]] = 1.0 if asks_feed_hold(s) else 0.0
     if p["heartbeat"] >= 0:

@@ -14,7 +14,7 @@ from __future__ import annotations
 from .jit import compiled
 from .record import Record, record
 from .states import ARMING, CLOSED, CUTS, FAULT, HOLDING, HOLDS, HOST_DEAD, NO_FAULT, OFF, READY, TRACKING, WARN
-from .transitions import begin_hold, begin_ramp, cut, enter
+from .transitions import begin_hold, begin_ramp, enter
 
 EVENTS = 32
 """Events that the loop remembers."""
@@ -95,7 +95,8 @@ def react(p: Record, s: Record, reaction: int) -> None:
     """Go where `reaction` leads from the present state; a milder one never undoes a graver one."""
     state = s["state"]
     if reaction == CUTS:
-        cut(s)
+        if state != OFF:
+            enter(s, FAULT)  # an amplifier that is off is followed: no ramp
     elif state in (READY, OFF):
         enter(s, FAULT)
     elif reaction == HOLDS and state == HOLDING:

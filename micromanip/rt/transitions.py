@@ -74,13 +74,6 @@ def begin_ramp(p: Record, s: Record) -> None:
 
 
 @compiled
-def cut(s: Record) -> None:
-    """Follow an amplifier that is off: no ramp."""
-    if s["state"] != OFF:
-        enter(s, FAULT)
-
-
-@compiled
 def is_parked(p: Record, s: Record) -> bool:
     """Whether every output of the loop gets to its park voltage within this cycle, however slow its slew limit is."""
     for i in range(p["axes"]):

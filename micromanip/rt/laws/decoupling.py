@@ -32,20 +32,17 @@ DECOUPLING_STATE = record(
 
 
 @compiled
-def ease_share(p: Record, s: Record, j: int, step: float) -> None:
-    """Lead the share of axis `j` nearer to that of the parameters, by `step` at most."""
+def add_part(p: Record, s: Record, j: int, step: float, w: Any, follows: bool) -> None:
+    """Add what the reference `w` of axis `j` asks for, as last followed; its share is eased by `step` at most."""
     s["share"][j] = slewed(s["share"][j], p["share"][j], step)
     if s["share"][j] != 0.0:
         s["active"] = 1
-
-
-@compiled
-def answer(p: Record, s: Record, j: int, w: Any) -> None:
-    """Take the reference `w` of axis `j` as it is followed in this cycle."""
-    speed = w[1]
-    for k in range(MAX_MODES):
-        speed += w[4 + 2 * k]
-    s["part_um"][j] = -s["share"][j] * (position(w) + p["lead_s"] * speed)
+    if follows:
+        speed = w[1]
+        for k in range(MAX_MODES):
+            speed += w[4 + 2 * k]
+        s["part_um"][j] = -s["share"][j] * (position(w) + p["lead_s"] * speed)
+    s["added_um"] += s["part_um"][j]
 
 
 @compiled

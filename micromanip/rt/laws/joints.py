@@ -1,14 +1,8 @@
-"""Joints that swing at another frequency than was said: found from the phase of the predictor's own oscillations.
+"""Joints that swing at another frequency than was said: each of the predictor's oscillations has its lock.
 
-The states ``o = (o1, o2)`` of one, o2 its rate over its configured frequency, are ``A (sin th, cos th)``, and th grows
-by that frequency and `detuning` (rad/s). A sample's correction ``d = gain * innovation`` moves th by
-
-    lead = (o2 d1 - o1 d2) / |o|^2
-
-and where the frequency is another one, every correction moves it the same way: `detuning` takes up `detuning_pull`
-(1/s) of that, within a range and no faster than its slew. With b the share of the oscillation's error that a sample
-removes, and g that of the lead, over the time between samples, that is taken up, it is the loop of ``tooth.py``. The
-states are amplitude and phase, whatever the frequency: no position steps where it changes, and the gains stay.
+Of ``frequency_lock.py`` o2 is the oscillation's rate over its configured frequency, and `detuning` (rad/s) what was
+found beyond that, of which a sample's lead, by `detuning_pull` (1/s), is taken up. The states are amplitude and phase,
+whatever the frequency: no position steps where it changes, and the gains stay.
 
 Below `swing_floor_um2`, the square of an amplitude, nothing swings that could be followed, and `detuning` stays.
 """
@@ -20,6 +14,8 @@ from typing import Any
 
 from micromanip.rt.jit import compiled
 from micromanip.rt.record import Field, Record
+
+from .frequency_lock import locked
 
 MAX_MODES = 3
 _TURN = 2.0 * math.pi
@@ -46,11 +42,10 @@ def follow_joints(
         if p["detuning_high"][k] > 0.0:
             i, omega, slew = 3 + 2 * k, p["oscillator"][k], p["detuning_slew"][k]
             o1, o2 = expected[i], expected[i + 1] / omega
-            square = o1 * o1 + o2 * o2
-            if square > floor_um2[k]:
-                lead = innovation_um * (o2 * gain[i] - o1 * gain[i + 1] / omega) / square
-                detuning = detunings[k] + max(-slew, min(slew, pull[k] * lead))
-                detunings[k] = max(p["detuning_low"][k], min(p["detuning_high"][k], detuning))
+            if o1 * o1 + o2 * o2 > floor_um2[k]:
+                d1, d2 = gain[i] * innovation_um, gain[i + 1] / omega * innovation_um
+                low, high = p["detuning_low"][k], p["detuning_high"][k]
+                detunings[k] = locked(detunings[k], o1, o2, d1, d2, pull[k], slew, low, high)
 
 
 @compiled

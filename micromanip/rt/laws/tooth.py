@@ -1,15 +1,7 @@
 """Tooth passing at another speed than was said: its frequency, found from the estimator's oscillator itself.
 
-The oscillator turns by the configured angle and `turn` (rad) more in each cycle. A sample's correction ``D`` of its
-states ``o = (o1, o2)`` turns it by
-
-    lead = (o2 D1 - o1 D2) / |o|^2
-
-and where the frequency is another one, every correction turns it the same way: `turn` takes up a share of that, within
-a range and no faster than its slew. With b the share of the oscillator's error that a sample removes and g the share
-of the lead that is taken up, the linearised loop is ``z^2 - (2 - b) z + 1 - b + b g``: a phase-locked loop whose
-filter is the Kalman gain (Gardner, Phaselock Techniques, chapter 2) and has a damping of ``sqrt(b / g) / 2``. Far
-from the frequency the oscillator is dragged around at the difference, so that the lead says it without being locked.
+The lock (``frequency_lock.py``) finds the `turn` (rad) beyond the configured angle by which the oscillator turns a
+cycle, within a range about 0.
 
 Below `tooth_floor_um2`, the square of an amplitude, there is no tooth that could be followed, and `turn` stays.
 
@@ -34,6 +26,8 @@ from typing import Any
 
 from micromanip.rt.jit import compiled
 from micromanip.rt.record import Field, Record
+
+from .frequency_lock import locked
 
 TOOTH: tuple[Field, ...] = (
     ("tooth", "i8"),
@@ -95,17 +89,15 @@ def turn_on(p: Record, s: Record, x: Any) -> None:
 @compiled
 def follow_tooth(p: Record, s: Record, o1: float, o2: float, d1: float, d2: float, applied_um: float) -> None:
     """Take up a sample: the oscillator was (o1, o2) before its correction (d1, d2), the innovation `applied_um`."""
-    square = o1 * o1 + o2 * o2
     shown_um = p["tooth_shown"][0] * o1 + p["tooth_shown"][1] * o2
     noise = 2.0 * applied_um * shown_um
     s["tooth_gained_um2"] += noise + shown_um * shown_um
     s["tooth_spread_um4"] += noise * noise
     s["tooth_square_um2"] += applied_um * applied_um
-    if square > p["tooth_floor_um2"]:
-        step = p["tooth_share"] * (o2 * d1 - o1 * d2) / square
-        turn = s["turn"] + max(-p["tooth_slew"], min(p["tooth_slew"], step))
-        s["turn"] = max(-p["tooth_range"], min(p["tooth_range"], turn))
-        s["tooth_at_end"] += 1 if abs(turn) >= _AT_END * p["tooth_range"] else 0
+    if o1 * o1 + o2 * o2 > p["tooth_floor_um2"]:
+        share, slew, most = p["tooth_share"], p["tooth_slew"], p["tooth_range"]
+        s["turn"] = locked(s["turn"], o1, o2, d1, d2, share, slew, -most, most)
+        s["tooth_at_end"] += 1 if abs(s["turn"]) >= _AT_END * most else 0
     s["tooth_samples"] += 1
     if s["tooth_samples"] >= p["tooth_window"]:
         lost_um2 = -s["tooth_gained_um2"]

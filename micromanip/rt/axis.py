@@ -47,7 +47,7 @@ def measure(p: Record, s: Record, order: Record, signals: Record, now_ns: int) -
     read_line(p["temperature_ok"], s["temperature_ok"], signals, now_ns)
 
 
-@compiled.rare
+@compiled.called
 def axis_cycle(p: Record, s: Record, order: Record, cycle: int, now_ns: int, samples: Any) -> bool:
     """Advance the axis by one cycle, as the cell orders; False where any stage of its law gave no finite number.
 

@@ -42,11 +42,14 @@ class _Part(JITCodeLibrary):
     codegen = SimpleNamespace(set_env=lambda _name, _environment: None)
     """By this numba writes to a variable of the machine code, which there is none of."""
 
+    apart: tuple[str, ...] = ()
+    """How the optimiser is told that this is called, which it would build in where one place calls it."""
+
     def add_ir_module(self, ir_module: Any) -> None:
-        """Take over what numba made of a function; the optimiser would build in what is called from one place only."""
+        """Take over what numba made of the function."""
         for function in ir_module.functions:
-            if not function.is_declaration and "alwaysinline" not in function.attributes:
-                function.attributes.add("noinline")
+            if not function.is_declaration:
+                function.attributes.update(self.apart)
         super().add_ir_module(ir_module)
 
     def get_pointer_to_function(self, _name: str) -> int:
@@ -91,6 +94,7 @@ class PartCompiler(Compiler):
 
     def compile_extra(self, func: Any) -> Any:
         """Numba's result for `func`."""
+        self.state.library.apart = vars(func).get("apart", ())
         made = super().compile_extra(func)
         if Progress.current is not None:
             Progress.current.compiled(func)

@@ -218,11 +218,6 @@ class CFunction:
         """Where it is in this process."""
         return int(self._compiled.address)
 
-    @property
-    def ctypes(self) -> Any:
-        """The same for calls from Python."""
-        return self._compiled.ctypes
-
 
 class Compiler:
     """Decorates functions of one package for the hot path; the package's folder keys its cache.
@@ -254,8 +249,14 @@ class Compiler:
         """Decorator: what compiled code calls is built into it."""
         return self._decorated(function, None)
 
+    def called(self, function: Function) -> Function:
+        """Decorator of what is long, and called from several places: it is called, not built in."""
+        vars(function)["apart"] = ("noinline",)
+        return self._decorated(function, None, built_in=False)
+
     def rare(self, function: Function) -> Function:
-        """Decorator of what few cycles call, or of what is long, from many places: called where it is, not built in."""
+        """Decorator of what few cycles, or few axes, call: likewise, and the way there lies apart from other code."""
+        vars(function)["apart"] = ("noinline", "cold")
         return self._decorated(function, None, built_in=False)
 
     def entry(self, signature: Any) -> Callable[[Function], Function]:

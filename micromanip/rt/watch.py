@@ -228,8 +228,7 @@ def is_excited(axis: Record, a: Record) -> bool:
 def watch_axis(p: Record, s: Record, i: int, moving: bool, enabled: bool) -> None:
     """Watch axis `i` by what it did in the cycle before: its loops while `moving`, its amplifier while `enabled`.
 
-    The tooth is lost where its frequency is not the configured one, nor near it, or its observer makes the estimate
-    worse.
+    A tooth is lost whose frequency is not near the configured one, or whose observer makes the estimate worse.
     """
     axis, a, w, phase = p["axis"][i], s["axis"][i], s["watch"][i], s["phase"]
     lifts = phase == LIFTING and s["arming"][i]["lifted"] != 0

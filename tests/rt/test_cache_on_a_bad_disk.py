@@ -13,7 +13,7 @@ from micromanip.rt.jit import cache_root
 pytestmark = [pytest.mark.compiled_only, pytest.mark.live]  # in processes of their own
 
 PROGRAM = """\
-import sys
+import ctypes
 from micromanip.rt.jit import Compiler
 
 Compiler.tell = staticmethod(print)
@@ -35,7 +35,7 @@ def from_c(x):
     return step(x)
 
 
-print(step(3.0), from_c.ctypes(4.0), compiler.cache_dir)
+print(step(3.0), ctypes.CFUNCTYPE(*[ctypes.c_double] * 2)(from_c.address)(4.0), compiler.cache_dir)
 """
 
 

@@ -73,28 +73,21 @@ def changed(configuration, change):
     return compile_cell(change(configuration), wiring(), version=2)
 
 
-def inner(configuration, **updates):
-    axes = {
-        name: axis.model_copy(update={"inner": Inner(**{**axis.inner.model_dump(), **updates})})
-        for name, axis in configuration.axes.items()
-    }
+def each(configuration, change):
+    axes = {name: axis.model_copy(update=change(axis)) for name, axis in configuration.axes.items()}
     return configuration.model_copy(update={"axes": axes})
+
+
+def inner(configuration, **updates):
+    return each(configuration, lambda axis: {"inner": Inner(**axis.inner.model_dump() | updates)})
 
 
 def outer(configuration, **updates):
-    axes = {
-        name: axis.model_copy(update={"outer": axis.outer.model_copy(update=updates)})
-        for name, axis in configuration.axes.items()
-    }
-    return configuration.model_copy(update={"axes": axes})
+    return each(configuration, lambda axis: {"outer": axis.outer.model_copy(update=updates)})
 
 
 def affine(configuration):
-    axes = {
-        name: axis.model_copy(update={"hysteresis": axis.hysteresis_affine})
-        for name, axis in configuration.axes.items()
-    }
-    return configuration.model_copy(update={"axes": axes})
+    return each(configuration, lambda axis: {"hysteresis": axis.hysteresis_affine})
 
 
 SWAPS = {
@@ -161,12 +154,13 @@ def test_swap_while_tracking_is_bumpless(mode, name):
 
 def other_plant(configuration):
     """Another flexure: another meaning of the states."""
-    axes = {}
-    for name, axis in configuration.axes.items():
+
+    def moved(axis):
         model = axis.outer.model
-        moved = model.model_copy(update={"A": (tuple(0.999 * a for a in model.A[0]), *model.A[1:])})
-        axes[name] = axis.model_copy(update={"outer": axis.outer.model_copy(update={"model": moved})})
-    return configuration.model_copy(update={"axes": axes})
+        A = (tuple(0.999 * a for a in model.A[0]), *model.A[1:])
+        return {"outer": axis.outer.model_copy(update={"model": model.model_copy(update={"A": A})})}
+
+    return each(configuration, moved)
 
 
 @pytest.mark.parametrize(

@@ -75,7 +75,7 @@ def take_frame(c: Any, data: Any, length: int, came_ns: int, inputs: Any, deadli
     return take_good(c, data, came_ns, inputs, deadline_ns)
 
 
-@compiled.rare  # built in wherever frames are taken, it and ``take_all`` were half of all that was compiled
+@compiled.called  # built in wherever frames are taken, it and ``take_all`` were half of all that was compiled
 def take_good(c: Any, data: Any, came_ns: int, inputs: Any, deadline_ns: int) -> int:
     """One of ours, which came at `came_ns`."""
     f, g = c["receive"], c["gate"]
@@ -151,7 +151,7 @@ def exchange(c: Any, outputs: Any, inputs: Any, deadline_ns: int, periods: int) 
     return code
 
 
-@compiled.rare
+@compiled.called
 def take_all(c: Any, inputs: Any, deadline_ns: int) -> int:
     """What has come since the last time, of a line or a ring; how many frames acknowledge what was sent."""
     if c["ring"]["present"] != 0:

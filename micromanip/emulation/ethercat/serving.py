@@ -143,7 +143,7 @@ def serve_on(
             return code
 
 
-@compiled.rare
+@compiled.called
 def serve_end(d: Any, end: int, slaves: Any, outputs: Any, signals: Any) -> bool:
     """``serve`` by itself."""
     port = d["port"][end]

@@ -21,7 +21,7 @@ def read_line(line: Record, s: Record, signals: Any, now_ns: int) -> None:
         take_sample(line, s, signals[line["signal"]], now_ns)
 
 
-@compiled.rare
+@compiled.called
 def take_sample(line: Record, s: Record, signal: Record, now_ns: int) -> None:
     """Not trusted is one that is not finite, flagged by its driver, older than it may be, or that never came."""
     arrived, good = signal["sequence"] != s["sequence"], signal["status"] == 0 and math.isfinite(signal["value"])

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from micromanip.rt import vectors  # noqa: F401  (machine code of ``sums.py``)
 from micromanip.rt.histogram import bin_of, lower_edge
 from micromanip.rt.jit import Compiler
 from micromanip.rt.laws.estimator import output, predict, predict_to, remember, start_estimator, update

@@ -34,7 +34,7 @@ from .live_daemon import Order
 
 _RESUMED_S = 3600.0
 """What a run left that was broken off longer ago is of another day's stage."""
-_ROOM_S = 30.0
+_ROOM_S = 20.0
 """What a daemon has room for of samples to play; a longer experiment has one of its own."""
 
 

@@ -27,12 +27,7 @@ if TYPE_CHECKING:
 @axis_option
 @click.option("--samples", type=click.IntRange(0, 1_000_000), default=100, help="Plants that are drawn, an axis.")
 @click.option("--seed", type=Quantity("Seed"), default=1, help="Seed of the first plant; the next follow.")
-@click.option(
-    "--jobs",
-    type=click.IntRange(1, 1024),
-    show_default="one a CPU",
-    help="Processes that share the plants; 1: this one alone.",
-)
+@click.option("--jobs", type=click.IntRange(1, 1024), show_default="one a CPU", help="Processes that share the plants.")
 @click.option("--figures/--no-figures", default=True, help="Draw the figures.")
 def command(
     config: Path, folder: Path, only: str, samples: int, seed: int, jobs: int | None,
@@ -52,10 +47,7 @@ def command(
     shown = chosen_axes(prepared.configuration.axes, only, config)
     seeds = range(seed, seed + samples)
     analyses = []
-    with (
-        Pictures(folder if figures else None) as pictures,
-        steps() as bar,
-    ):
+    with Pictures(folder if figures else None) as pictures, steps() as bar:
         for name in shown:
 
             def progress(what: str, axis: str = name) -> None:

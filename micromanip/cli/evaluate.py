@@ -70,15 +70,8 @@ def command(
     alone = [row for row in table(runs, configuration, feedforward_alone=True) if row["axis"] in shown]
     fast = [row for row in fast_table(quick, configuration) if row["axis"] in shown]
     if as_json:
-        emit_json(
-            {
-                "rows": rows,
-                "feedforward_alone": alone,
-                "fast": fast,
-                "seed": seed,
-                "figures": [str(file) for file in written],
-            }
-        )
+        found = {"rows": rows, "feedforward_alone": alone, "fast": fast, "seed": seed}
+        emit_json(found | {"figures": [str(file) for file in written]})
         pictures.require_written()
         return
     _print_rows(rows)

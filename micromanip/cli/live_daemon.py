@@ -6,6 +6,7 @@ It stands in READY between two of them, its outputs at their park voltage, and e
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -42,22 +43,37 @@ class Order(NamedTuple):
     file: Path
 
 
+class _Asker:
+    """Who asks. He computes between his orders and does not listen: a pipe that fills would hold up the host."""
+
+    def __init__(self) -> None:
+        self.pipe: Connection[Any, Any] = Connection(int(sys.argv[1]))
+        self.listens = True
+
+    def tell(self, kind: str, what: object) -> None:
+        if self.listens:
+            with contextlib.suppress(ConnectionError):
+                self.pipe.send((kind, what))
+
+
 def main() -> None:
     """Serve a cell: text, with its machining force or without, socket, room for samples; first order; then others."""
-    pipe: Connection[Any, Any] = Connection(int(sys.argv[1]))
-    source, process, socket, room, order = pipe.recv()
+    asker = _Asker()
+    source, process, socket, room, order = asker.pipe.recv()
     try:
         cell = prepared(source)
         drivers = cell.wiring.drivers
         kept = {name: driver if process else driver.without_process() for name, driver in drivers.items()}
         cell = _of(replace(cell, wiring=replace(cell.wiring, drivers=kept), samples=np.zeros((room, MAX_AXES))), order)
-        options = Options(socket, 0.0, work=partial(_work, pipe, cell, order))
-        report = serve(cell, options, lambda said: pipe.send(("say", said)), lambda shown: pipe.send(("show", shown)))
-        pipe.send(("done", report["faults"]))
+        options = Options(socket, 0.0, work=partial(_work, asker, cell, order))
+        report = serve(cell, options, partial(asker.tell, "say"), partial(asker.tell, "show"))
+        last: tuple[str, object] = "done", report["faults"]
     except MicromanipError as problem:
         kinds = (DeviceUnavailable, PermissionDenied, ConfigError)
         kind = next((kind for kind in kinds if isinstance(problem, kind)), CheckFailed)
-        pipe.send(("raise", kind(str(problem))))
+        last = "raise", kind(str(problem))
+    asker.listens = True
+    asker.tell(*last)
 
 
 def _of(cell: Prepared, order: Order) -> Prepared:
@@ -66,17 +82,18 @@ def _of(cell: Prepared, order: Order) -> Prepared:
 
 
 async def _work(
-    pipe: Connection[Any, Any], cell: Prepared, order: Order | None, controller: Controller, recordings: Recordings,
+    asker: _Asker, cell: Prepared, order: Order | None, controller: Controller, recordings: Recordings,
     arming: ArmOnStart, ends: Callable[[], bool],
 ) -> None:  # fmt: skip
     """Serve orders until there is none, it `ends`, or a fault has ended one: who has seen it is to begin anew."""
     while order is not None and await _play(_of(cell, order), order, controller, recordings, arming, ends):
-        pipe.send(("done", []))
-        await _while(lambda: not (pipe.poll() or ends()))
-        try:
-            order = None if ends() else pipe.recv()
-        except EOFError:
-            order = None
+        asker.tell("done", [])
+        asker.listens = False
+        await _while(lambda: not (asker.pipe.poll() or ends()))
+        order = None
+        if not ends():
+            with contextlib.suppress(EOFError):
+                order, asker.listens = asker.pipe.recv(), True
 
 
 async def _play(

@@ -3,6 +3,7 @@
 import os
 import signal
 import threading
+import time
 
 import numpy as np
 import pytest
@@ -49,8 +50,9 @@ def test_one_daemon_serves_experiments_and_none_is_made_again(begin, cell, tmp_p
         between = client.status()
     at_V = between["axes"]["x"]["voltage_V"]["latest"]
     assert (between["state"], at_V) == ("READY", configuration.outputs["voltage_x"].park_V), "nothing is armed"
+    time.sleep(8.0)  # who computes does not listen: what fills a pipe must not hold up the host
     other = play(with_axes(configuration, mode="voltage"), SECONDS, SECOND)
-    assert other["cycle"][0] > rows["cycle"][-1], "its cycles go on"
+    assert other["cycle"][0] > rows["cycle"][-1] + 7000, "its cycles go on"
     live.end()
 
     again = begin()
@@ -67,7 +69,6 @@ def test_one_daemon_serves_experiments_and_none_is_made_again(begin, cell, tmp_p
 @pytest.mark.live
 @pytest.mark.parametrize("cell", ["{channel: exchange, kind: error, value: 5, at_s: 10}"], indirect=True)
 def test_a_fault_ends_the_daemon_and_the_next_experiment_has_another(begin, cell):
-    """Its memory is latched: the next one would be refused."""
     play = LiveExperiment(begin())
     for _ in range(2):
         with pytest.raises(Ended, match="the experiment was ended by a fault: X-") as ended:
@@ -78,6 +79,5 @@ def test_a_fault_ends_the_daemon_and_the_next_experiment_has_another(begin, cell
 def test_an_experiment_of_another_day_is_not_taken(cell, tmp_path, monkeypatch):
     (tmp_path / "001-of-today.mcap").touch()
     assert LiveCell(cell, tmp_path / "control.sock", tmp_path).left == 1
-    now = tmp_path.stat().st_mtime
-    monkeypatch.setattr(live_experiment.time, "time", lambda: now + 7200.0)
+    monkeypatch.setattr(live_experiment.time, "time", lambda: tmp_path.stat().st_mtime + 7200.0)
     assert LiveCell(cell, tmp_path / "control.sock", tmp_path).left == 0

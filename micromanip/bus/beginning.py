@@ -56,9 +56,8 @@ def place(safe: SafeState, watchdog: Watchdog | None, now_ns: int, values: Known
         elif value is not None:
             found[i] = Beginning(value, (value, value))
     known = {i: beginning for i, beginning in found.items() if beginning is not None}
-    if len(known) == len(found):
-        for i, beginning in known.items():
-            safe.begin(i, beginning)
+    for i, beginning in known.items() if len(known) == len(found) else ():
+        safe.begin(i, beginning)
     return [i for i in found if i not in known]
 
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from micromanip.rt.io.worker_records import INBOX, MEMORY, SERVICE
+from micromanip.rt.io.worker_records import INBOX, LEFT_OVER, MEMORY, SERVICE
 from micromanip.rt.jit import PLAIN, prepare
 
 from .driver import BusDriver, Steady
@@ -21,12 +21,13 @@ _NOTHING["file"] = -1
 
 
 class Served(NamedTuple):
-    """What one stay in the compiled turns came to: how often something was done, or came; tasks; samples."""
+    """What a stay in the compiled turns came to; whether what came, or did not, is left to the driver's `receive`."""
 
     calls: int
     performed: int
     received: int
     lost: int
+    left_over: bool
 
 
 class SteadyService:
@@ -70,5 +71,6 @@ class SteadyService:
         st["calls"] = st["performed"] = inbox["received"] = inbox["lost"] = inbox["confirmed"] = 0
         inbox["signal"]["sequence"], inbox["missing"] = image[0]["input"]["sequence"], image[0]["missing"]
         remembered = _NOTHING if memory is None else memory.record
-        self._serve(self._service, safe.record, schedule.record, image, self._inbox, remembered)
-        return Served(int(st["calls"]), int(st["performed"]), int(inbox["received"]), int(inbox["lost"]))
+        code = self._serve(self._service, safe.record, schedule.record, image, self._inbox, remembered)
+        counts = int(st["calls"]), int(st["performed"]), int(inbox["received"]), int(inbox["lost"])
+        return Served(*counts, left_over=code == LEFT_OVER)

@@ -190,8 +190,7 @@ class Worker:
         self._image.tell(LINK, LINK_UP)
         tell("up", self._driver.device)
         while not self._may_leave():
-            self._serve_steadily()
-            self._turn()
+            self._turn(left_over=self._serve_steadily())
         self._part()
 
     def _rest_others(self, missing: PartMissing) -> None:
@@ -250,14 +249,13 @@ class Worker:
                 except BusError as problem:
                     tell("unsafe", f"{task.name} was not given its safe values once more: {problem}")
 
-    def _serve_steadily(self) -> None:
-        """Leave the turns to the compiled loop, where there is one, until it needs one of Python's."""
-        steady = self._steady
-        if steady is None or self.safe.state == SAFE_RAMP:
-            return
+    def _serve_steadily(self) -> bool:
+        """Leave the turns to the compiled loop, if there is one, until it needs one of Python's: is that to listen?"""
+        if (steady := self._steady) is None or self.safe.state == SAFE_RAMP:
+            return False
         steady.begin()
         if self._ends.is_set() or self._next_rules is not self._rules:
-            return
+            return False
         until_ns = self._report.due_ns
         served = steady.serve(self.safe, self._schedule, self._memory, self._rules.look_ns, until_ns)
         self._counts["performed"] += served.performed
@@ -265,9 +263,10 @@ class Worker:
         self._counts["lost"] += served.lost
         if served.calls:
             self._patience.note(False, served.calls, time.monotonic_ns())
+        return served.left_over
 
-    def _turn(self) -> None:
-        """Do what is due, or listen for a moment; hand over what came."""
+    def _turn(self, *, left_over: bool = False) -> None:
+        """Do what is due, or listen for a moment; hand over what came. With `left_over` no task keeps it from that."""
         now_ns = time.monotonic_ns()
         waiting: Collection[int] = ()
         if self.safe.state == SAFE_RAMP:
@@ -275,7 +274,7 @@ class Worker:
         else:
             self._way.arrived()
             self._reads_back = True
-        task = self._schedule.take(now_ns, waiting)
+        task = None if left_over else self._schedule.take(now_ns, waiting)
         if task is not None or now_ns - self.safe.decided_ns >= self._rules.look_ns:
             self._decide(now_ns)
         failed = False

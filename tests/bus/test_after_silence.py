@@ -161,22 +161,6 @@ def test_a_link_that_comes_back_begins_where_the_device_is(seconds, power, reads
     assert line.amplifier.largest <= STEP_V + 1e-9
 
 
-@pytest.mark.live
-def test_a_worker_that_stood_still_with_its_link_up_counts_it_as_lost(said):
-    line = Line(Amplifier())
-    with Served(line, simulated=True) as served:
-        served.follow(60.0)
-        decide = served.worker._decide
-        served.worker._decide = lambda now_ns: (
-            time.sleep(0.6),
-            decide(now_ns),
-            setattr(served.worker, "_decide", decide),
-        )
-        served.until(lambda: line.opened == 2 and served.worker.safe.state == RESTING, 60.0)
-    assert any("it may have gone to rest by itself" in document.get("text", "") for document in said)
-    assert line.amplifier.largest <= STEP_V + 1e-9
-
-
 def _given(volts, folder):
     memory = LastGiven.open("amplifier", ["voltage"], folder)
     memory.write([volts])
@@ -320,7 +304,6 @@ class Opened(Line):
             return begin(self, self.safe, writer, self.alive, lambda: self.reads.pop(0))
 
     def has(self, i):
-        """Where output `i` begins, and between which bounds it is."""
         g = self.safe.fields
         return g["start"][i], g["last"][i], g["lowest"][i], g["highest"][i]
 

@@ -161,13 +161,6 @@ def test_the_loop_lives_or_is_dead_by_the_age_of_what_it_wrote(device):
     assert device.state.state == SAFE_RAMP
 
 
-def test_at_whatever_time_it_is_followed(device):
-    device.turn(40.0)
-    assert device.state.state == RESTING
-    device.state.decided([0.0, 1.0, 0.0, 9.0], 7 * DEAD_NS, 8 * DEAD_NS)
-    assert device.state.state == FOLLOWING
-
-
 def test_outputs_at_rest_stay_there_when_the_loop_dies(device):
     device.turn(40.0)
     device.turn(40.0)

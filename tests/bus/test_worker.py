@@ -1,5 +1,6 @@
 """The worker of a bus around a driver that does as it is told: what it gives the device, and how it comes back."""
 
+import functools
 import itertools
 import threading
 import time
@@ -13,6 +14,7 @@ from micromanip.bus.errors import DeviceFault, IdentityMismatch, LinkError, Outp
 from micromanip.bus.image import ProcessImage
 from micromanip.bus.last_given import LastGiven
 from micromanip.bus.safe_state import SWITCH, VOLTAGE, SafeOutput
+from micromanip.bus.steady import Served
 from micromanip.bus.watchdog import Watchdog
 from micromanip.bus.worker import Rules, Worker
 from micromanip.rt.bus_exchange import exchange_image
@@ -184,6 +186,32 @@ def test_errors_now_and_then_are_counted_many_are_a_lost_link(bench):
     bench.until(lambda: bench.driver.opened == 2, 10.0)
     lost = next(document for document in bench.said if document["event"] == "lost")
     assert lost["text"].startswith("10 errors in the last 40 calls; the last: late")
+
+
+class WokenByTasks:
+    """Compiled turns that find the device silent only where the next task is due already."""
+
+    begin = ask_back = lambda self: None
+
+    def serve(self, safe, schedule, *_):
+        time.sleep(max(0, schedule.next_ns() - time.monotonic_ns()) * 1e-9)
+        return Served(0, 0, 0, 0, left_over=True)
+
+
+def test_a_task_that_is_always_due_does_not_keep_the_worker_from_hearing_that_the_device_is_silent(said, monkeypatch):
+    """A device that was off and on for half a second was given the value of before in one step."""
+    monkeypatch.setattr("micromanip.bus.worker.SteadyService.of", lambda *_: WokenByTasks())
+    bench = Bench()
+
+    def receive(inbox, until_ns):
+        if bench.safe.state != SAFE_RAMP:
+            raise LinkError("silent")
+        ScriptedDriver.receive(bench.driver, inbox, until_ns)
+
+    bench.driver.receive = receive
+    with running(bench):
+        bench.until(lambda: bench.driver.opened > 1, 0.0)
+        bench.driver.receive = functools.partial(ScriptedDriver.receive, bench.driver)
 
 
 def test_a_device_that_is_not_the_right_one_is_not_tried_again(bench, monkeypatch):

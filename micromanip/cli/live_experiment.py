@@ -119,8 +119,8 @@ class _Daemon:
 
     def serves(self, order: Order, *, process: bool) -> bool:
         """Whether it lives, and an order takes no new start."""
-        changes = needs(self._configuration, order.configuration).values()
-        return not self._over and process == self._force and len(order.samples) <= self._room and RESTART not in changes
+        fits = process == self._force and len(order.samples) <= self._room and self.process.poll() is None
+        return fits and not self._over and RESTART not in needs(self._configuration, order.configuration).values()
 
     def answer(self, seconds: float | None = None) -> list[str]:
         """The faults that ended what was ordered, which takes so many seconds, or that there were at its end."""

@@ -13,7 +13,7 @@ from micromanip.control.pid import pid_system
 from micromanip.control.stage_loop import stage_loop
 from micromanip.design.analyse.describing import harmonics, inverse_operator
 from micromanip.design.commission.cell import CommissionedCell, commission_cell
-from micromanip.design.commission.options import Options
+from micromanip.design.commission.closing import Options
 from micromanip.design.report.model import Verdict, overall
 from micromanip.settings.check import Prepared, prepare
 from micromanip.virtual.experiment import VirtualExperiment

@@ -11,7 +11,7 @@ from micromanip_drivers.simulated.options import Plant
 from micromanip.control.margins import Margins
 from micromanip.design.analyse.describing import harmonics, inverse_operator
 from micromanip.design.commission.cell import CommissionedCell, commission_cell
-from micromanip.design.commission.options import Options
+from micromanip.design.commission.closing import Options
 from micromanip.settings.check import Prepared, prepare
 from micromanip.settings.schema.model import Configuration
 from micromanip.virtual.experiment import VirtualExperiment

@@ -9,7 +9,7 @@ from typing import Any
 import yaml
 
 from micromanip.design.commission.cell import CommissionedCell, commission_cell
-from micromanip.design.commission.options import Options
+from micromanip.design.commission.closing import Options
 from micromanip.design.experiment import with_axis
 from micromanip.settings.check import Prepared, prepare
 from micromanip.settings.compile.cell import compile_cell

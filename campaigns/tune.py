@@ -9,7 +9,7 @@ import re
 from importlib.metadata import version
 
 from micromanip.design.commission.cell import CommissionedCell, commission_cell
-from micromanip.design.commission.options import Options
+from micromanip.design.commission.closing import Options
 from micromanip.settings.check import prepare
 from micromanip.settings.schema.axis import Commissioned
 from micromanip.settings.schema.reference import Tracker

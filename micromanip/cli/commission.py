@@ -63,7 +63,7 @@ def command(
     and a tuning that was found is kept as rejected.yaml.
     """
     from micromanip.design.commission.cell import commission_cell, planned
-    from micromanip.design.commission.options import Options
+    from micromanip.design.commission.closing import Options
     from micromanip.design.commission.written import as_written, budgeted, provenance
     from micromanip.settings.check import prepare
 

@@ -40,7 +40,8 @@ def multisine(
     """Multisine (13), (n,), that just fills `low` .. `high` and stays well below the slew limit.
 
     The phases are the best of some hundred seeded draws: the lower the crest factor, the more of the
-    stroke is covered often. Amplitudes have the given proportions.
+    stroke is covered often. Amplitudes have the given proportions. Where an output is too slow for it, all of it is
+    played up to six times as slowly: a hysteresis model has to have seen the stroke, not the frequencies.
     """
     t = np.arange(round(seconds * rate_hz)) / rate_hz
     omega = 2.0 * np.pi * np.array(frequencies_hz)
@@ -50,9 +51,12 @@ def multisine(
     trials = rng.uniform(0.0, 2.0 * np.pi, (_PHASE_TRIALS, len(omega)))
     waves = np.einsum("i,kit->kt", amplitude, np.sin(omega[None, :, None] * coarse + trials[:, :, None]))
     phases = trials[np.argmin(np.ptp(waves, axis=1))]
-    angle = omega[:, None] * t + phases[:, None]
-    wave, speed = amplitude @ np.sin(angle), (amplitude * omega) @ np.cos(angle)
-    size = min((high - low) / float(np.ptp(wave)), _SLEW_SHARE * slew_per_s / float(np.abs(speed).max()))
+    speed = (amplitude * omega) @ np.cos(omega[:, None] * t + phases[:, None])
+    filled, allowed = (high - low) / float(np.ptp(waves, axis=1).min()), _SLEW_SHARE * slew_per_s / np.abs(speed).max()
+    slower = float(np.clip(filled / allowed, 1.0, 6.0))
+    t = np.arange(round(slower * seconds * rate_hz)) / (slower * rate_hz)
+    wave = amplitude @ np.sin(omega[:, None] * t + phases[:, None])
+    size = min((high - low) / float(np.ptp(wave)), slower * allowed)
     return np.asarray(0.5 * (low + high) + size * (wave - 0.5 * (wave.max() + wave.min())))
 
 

@@ -82,6 +82,7 @@ BROKEN = {
     "inverted gauge": ([fault("strain_x", "scale", -1.0)], "the wrong way, feedback would run away"),
     "inverted stage sensor": ([fault("stage_x", "scale", -1.0)], "the path would be corrected the wrong way"),
     "slow amplifier": ([plant("amplifier_Hz: 8")], r"the gauge needs \d+ ms .*: an amplifier with too little current"),
+    "low slew rate": ([plant("amplifier_slew_V_per_ms: 1")], r"the amplifier gives (0\.9\d?|1) V/ms, and .* says 40"),
     "weak amplifier": ([plant("amplifier_range_V: [-20.0, 60.0]")], "the amplifier saturates there"),
     "dead amplifier": ([plant("amplifier_range_V: [-0.001, 0.001]")], "the actuator does not move"),
     "little stroke": ([plant("reversible_um: [0.2, 0.0, 0.0]")], "the record reaches .* % of the set-point's range"),

@@ -20,7 +20,8 @@ RATE_HZ = 1000.0
 @given(low=st.floats(-100.0, 100.0), span=st.floats(1.0, 200.0), slew=st.floats(10.0, 1e6), seed=st.integers(0, 1000))
 def test_multisine_keeps_range_and_slew(low, span, slew, seed):
     wave = multisine(low, low + span, slew, RATE_HZ, 4.0, seed)
-    assert len(wave) == 4000
+    assert 4000 <= len(wave) <= 24_000
+    assert len(wave) == 24_000 or np.ptp(wave) == pytest.approx(span), "slowly, where the output is slow, but all of it"
     assert wave.min() >= low - 1e-9 * (abs(low) + span)
     assert wave.max() <= low + span + 1e-9 * (abs(low) + span)
     assert np.abs(np.diff(wave)).max() * RATE_HZ <= 0.51 * slew

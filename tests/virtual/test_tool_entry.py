@@ -8,7 +8,7 @@ import pytest
 from micromanip_drivers.simulated.options import Plant
 
 from micromanip.design.commission.axis import commission_axis
-from micromanip.design.commission.options import Options
+from micromanip.design.commission.closing import Options
 from micromanip.rt.states import DISAGREEMENT, NO_FAULT, TRACKING
 from micromanip.settings.check import prepare
 from micromanip.settings.checks.ranges import range_warnings

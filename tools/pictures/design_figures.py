@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from micromanip.design.analyse.axis import analyse_axis
 from micromanip.design.analyse.loops import strain_loop
 from micromanip.design.commission.axis import commission_axis
-from micromanip.design.commission.options import Options
+from micromanip.design.commission.closing import Options
 from micromanip.design.commission.report_sections import measured_response, responses
 from micromanip.design.plots.canvas import drawn
 from micromanip.design.plots.loops import drawn_plants, loop_plots, loops_of

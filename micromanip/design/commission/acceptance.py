@@ -60,7 +60,7 @@ def acceptance(found: Commissioned, analysis: AxisAnalysis, runs: list[Run], ind
             acceptance=True,
         )
     else:
-        fit = found.outer.stage.fit_percent
+        fit = found.outer.stage.found.fit_percent
         add(
             "stage model beside the measured response",
             fit >= STAGE_FIT_PERCENT,

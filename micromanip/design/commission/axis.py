@@ -26,10 +26,9 @@ from ..identify.experiments import design, recording, samples_for
 from ..identify.hysteresis import HysteresisFit
 from ..identify.models import burn_in, hysteresis_models, identify_stage, record_hysteresis
 from ..synthesise import InvertedActuator, PidDesign, invert_actuator
-from .closing import ClosedOuter, Say, close_strain, prove_outer
+from .closing import ClosedOuter, Options, Say, close_strain, prove_outer
 from .guarded_experiment import GuardedExperiment
 from .limit_cycle import Rest, strain_at_rest
-from .options import Options
 from .polarity import Polarity, check_polarity, check_rest, require_quiet
 from .prices import Price
 from .quality import HELD_OUT_PERCENT, Quality, judge_coverage, steepest_branch
@@ -157,8 +156,8 @@ def _commission(
     branch_um_per_V = steepest_branch(triangle.u, triangle.y, settings.setpoint.range_um)
     actuator = replace(actuator, branch_um_per_V=branch_um_per_V)
     steps.learn(
-        actuator=f"order {actuator.found.order}, delay {actuator.delay} cycles, fit {actuator.fit_percent:.1f} % about "
-        f"{actuator.centre_V:.0f} V"
+        actuator=f"order {actuator.found.order}, delay {actuator.delay} cycles, fit "
+        f"{actuator.found.fit_percent:.1f} % about {actuator.centre_V:.0f} V"
     )
     say("strain PID")
     left_um = 0.01 * percent[chosen.structure.name] * tanh.stroke_um

@@ -15,10 +15,9 @@ from ..analyse.axis import AxisAnalysis, analyse_axis
 from ..experiment import Experiment, with_axis, with_reference
 from ..report.model import Evidence
 from .axis import Commissioned, commission_axis
-from .borne import DRAWN
+from .closing import DRAWN, Options
 from .coupled import Coupled, decoupled, look_at_coupling, with_coupling
 from .guarded_experiment import GuardedExperiment
-from .options import Options
 from .production import Budgeted, Production, in_production, tried
 from .quiescent_spectrum import AtRest, look_at_rest
 from .report_sections import evidence

@@ -10,15 +10,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.control.outer_gains import outer_gains
+from micromanip.control.margins import sensitivity
+from micromanip.control.outer_gains import OuterGains, outer_gains
 from micromanip.control.stage_loop import stage_loop
-from micromanip.design.analyse.loops import over_path, strain_loop
 from micromanip.errors import CheckFailed
+from micromanip.settings.schema.accept import Accept
+from micromanip.settings.schema.axis import Axis, LinearModel, Outer
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.wiring.timing import AT_ONCE
 
 from ..analyse.loop_analysis import analyse_inverse, analyse_strain, between, slopes_of, small_slope
+from ..analyse.loops import HELD_SENSITIVITY, StrainSide, draw, drawn_plant, held_plant, over_path, strain_loop
 from ..analyse.sensitivity import Sensitivity, judge_loop
 from ..experiment import Experiment, with_axis
 from ..identify.actuation import DELAYS, ORDERS, Actuator
@@ -26,9 +29,7 @@ from ..identify.closed_loop_response import measure_outer_loop, measure_strain_l
 from ..identify.models import StageModel, with_response
 from ..identify.response import Wanted, identify
 from ..synthesise import OuterDesign, PidDesign, Reach, tune_outer, tune_pid
-from .borne import Borne
 from .limit_cycle import Held
-from .options import Options
 from .polarity import Polarity
 from .prices import Price, outer_prices, strain_prices
 from .validation import Validation, validate
@@ -38,6 +39,24 @@ Say = Callable[[str], None]
 
 BUS_SLOPE = 1.45
 """The PID holds its margins up to this multiple of the actuator's slope where the samples of a bus show less of it."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """What a human may ask of a commissioning; None leaves a figure to the margins and to what was measured."""
+
+    bandwidth_Hz: float | None = None
+    noise_um: float | None = None
+    tooth_Hz: float | None = None
+    """Tooth-passing frequency that the outer loop cancels; None leaves it to the axis' own section `outer`."""
+    tooth_seen_Hz: float | None = None
+    """The one that was seen, for an axis without that section; None: nothing is cancelled, unless it sees one."""
+
+    def tooth(self, settings: Axis) -> float | None:
+        """Tooth-passing frequency (Hz) that the outer loop of an axis with these settings is to cancel."""
+        if self.tooth_Hz is not None:
+            return self.tooth_Hz
+        return settings.outer.oscillation_Hz if settings.outer else self.tooth_seen_Hz
 
 
 def close_strain(
@@ -97,13 +116,61 @@ def close_strain(
     )
 
 
+DRAWN = range(1, 21)
+"""Seeds of the plants on which the tuning is tried on paper."""
+_SLOPES_KEEP = 0.97
+"""Of what is allowed at the slopes: the next identification gives slightly others."""
+_QUANTILE_KNOWN = 0.8
+"""Of Ms as accepted: what the twenty must keep, so that the hundred of `analyse margins` keep it, too."""
+
+
+class Borne:
+    """Whether an outer loop around `model` keeps Ms at every slope of the hysteresis, for enough of the drawn plants.
+
+    The hardest of these is asked first.
+    """
+
+    def __init__(
+        self,
+        model: LinearModel,
+        strain: StrainSide,
+        actuator: Actuator,
+        period_s: float,
+        accept: Accept,
+        slopes: tuple[float, ...],
+    ) -> None:
+        self._at_slopes = [held_plant(slope, strain, model, period_s) for slope in slopes if slope != 1.0]
+        drawn = [drawn_plant(draw(seed), strain, model, period_s) for seed in DRAWN]
+        self._without_inverse = sum(plant is None for plant in drawn)
+        self._plants = [plant for plant in drawn if plant is not None]
+        self._order = list(range(len(self._plants)))
+        self._late = actuator.path.stage_late
+        self._too_many = int((1.0 - 0.01 * accept.robust_percent) * len(DRAWN) + 1e-9) + 1
+        self._most = _QUANTILE_KNOWN * accept.robust_sensitivity
+
+    def __call__(self, outer: Outer, gains: OuterGains) -> bool:
+        for plant in self._at_slopes:
+            loop = stage_loop(gains, plant, outer.sample_cycles, self._late)
+            if sensitivity(loop) > _SLOPES_KEEP * HELD_SENSITIVITY:
+                return False
+        hard = self._without_inverse
+        for k in tuple(self._order):
+            if hard >= self._too_many:
+                return False
+            if sensitivity(stage_loop(gains, self._plants[k], outer.sample_cycles, self._late)) > self._most:
+                hard += 1
+                self._order.remove(k)
+                self._order.insert(0, k)
+        return hard < self._too_many
+
+
 def close_outer(
     configuration: Configuration,
     experiment: Experiment,
     axis: str,
     actuator: Actuator,
     stage: StageModel,
-    knobs: Options,
+    options: Options,
     seed: int,
     say: Say,
     learned: list[str],
@@ -131,13 +198,13 @@ def close_outer(
             phase_deg=settings.accept.phase_margin_deg,
             overshoot=0.01 * settings.accept.overshoot_percent,
             settling_s=1e-3 * settings.accept.settling_ms,
-            bandwidth_Hz=knobs.bandwidth_Hz,
-            oscillation_Hz=knobs.tooth(settings),
+            bandwidth_Hz=options.bandwidth_Hz,
+            oscillation_Hz=options.tooth(settings),
             sample_cycles=actuator.path.stage_cycles,
             late_cycles=actuator.path.stage_late,
         )
         given: dict[str, Any] = {
-            "noise_um": stage.noise_um if knobs.noise_um is None else knobs.noise_um,
+            "noise_um": stage.noise_um if options.noise_um is None else options.noise_um,
             "unsure": partial(_interpolated, hertz=hertz, values=relative),
             "bears": Borne(stage.linear, strain.side, actuator, period_s, settings.accept, strain.slopes),
             "reach": Reach.of(settings, period_s),
@@ -184,7 +251,7 @@ def prove_outer(
     axis: str,
     actuator: Actuator,
     stage: StageModel,
-    knobs: Options,
+    options: Options,
     inner: Held,
     seed: int,
     say: Say,
@@ -198,7 +265,7 @@ def prove_outer(
     for _ in range(_RUNGS):
         try:
             model, designed, loop, prices = close_outer(
-                configuration, experiment, axis, actuator, stage, knobs, seed, say, learned
+                configuration, experiment, axis, actuator, stage, options, seed, say, learned
             )
         except CheckFailed as problem:
             reasons.append(str(problem).removeprefix(f"axis {axis}: "))
@@ -213,5 +280,5 @@ def prove_outer(
             reason = f"it is not what was predicted: {loop.sentence}"
         reasons.append(f"at {designed.bandwidth_Hz:.3g} Hz {reason}")
         learned.append(f"outer loop {reasons[-1]}")
-        knobs = replace(knobs, bandwidth_Hz=_CALMER * designed.bandwidth_Hz)
+        options = replace(options, bandwidth_Hz=_CALMER * designed.bandwidth_Hz)
     raise CheckFailed("; ".join(reasons))

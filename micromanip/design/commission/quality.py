@@ -43,7 +43,7 @@ def judge_coverage(axis: str, voltage_V: Array, strain_um: Array, setpoint_um: R
         raise CheckFailed(
             f"axis {axis}: the record reaches {strain_um.min():.0f} to {strain_um.max():.0f} um, {100 * coverage:.0f} "
             f"% of the set-point's range {low:g} to {high:g} um; at least {100 * COVERAGE:.0f} % are needed: narrow "
-            "setpoint.range_um, or look why the stroke is short"
+            "setpoint.range_um, or look why the stroke is short: a stop, or an output whose slew_V_per_ms is low"
         )
     return Quality(coverage, flattest)
 

@@ -76,7 +76,7 @@ def _strain(found: Commissioned, analysis: AxisAnalysis) -> Section:
         "what limits it": pid.limited_by,
         "measured in the loop": found.strain_loop.sentence,
         "actuator's model": f"order {found.actuator.found.order}, measured {found.actuator.attempts} times, "
-        f"{found.actuator.fit_percent:.0f} % fit about {found.actuator.centre_V:.0f} V",
+        f"{found.actuator.found.fit_percent:.0f} % fit about {found.actuator.centre_V:.0f} V",
     }
     if found.undone is not None:
         section = found.undone.actuator
@@ -105,7 +105,7 @@ def _stage(found: ClosedOuter) -> Section:
     mode_Hz, damping = resonance(found.stage)
     figures = {
         "model": f"order {found.stage.found.order} behind {found.stage.linear.delay_cycles} cycles",
-        "model beside the measured response": f"{found.stage.fit_percent:.1f} %",
+        "model beside the measured response": f"{found.stage.found.fit_percent:.1f} %",
         "first mode": f"{mode_Hz:.1f} Hz, damping {damping:.3f}",
     }
     text = (

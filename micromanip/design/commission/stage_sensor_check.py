@@ -32,6 +32,8 @@ _OFF_CENTRE = 0.5
 _OTHER = 5.0
 STEP_V, _RISE_S, BEFORE_S, _AFTER_S, _LIFT_S = 5.0, 0.002, 0.1, 0.5, 0.5
 _LATE_S, _SETTLED_S, _PADDED, _TURNS = 0.2, 0.02, 8, 2
+_FAR, _LONGER = 6.0, 1.5
+"""A step so many times as large takes as long; from so many times as long on, the amplifier's slew rate limits it."""
 _SWING_SHARE, _SWINGS_PER_PATH = 0.1, 2.0
 """A swing of the stage counts from this share of its step; it must be so many times faster than the path."""
 
@@ -163,26 +165,45 @@ class Answer:
 
 
 def check_answer(configuration: Configuration, experiment: Experiment, axis: str, centre_V: float) -> Answer:
-    """Step `axis` by STEP_V about `centre_V` in open loop; CheckFailed where the stage swings too slowly."""
-    rate_hz, index = configuration.loop.rate_hz, list(configuration.axes).index(axis)
-    output, path_Hz = configuration.outputs[f"voltage_{axis}"], max(configuration.axes[axis].accept.frequencies_Hz)
-    rise_s = max(_RISE_S, 4.0 * STEP_V / output.fastest_V_per_s)
-    parts = (_LIFT_S, BEFORE_S, rise_s, _AFTER_S, _LIFT_S)
-    lift, before, rise, after, _ = (round(seconds * rate_hz) for seconds in parts)
-    way = np.concatenate([_soft(lift), np.ones(before + rise + after), 1.0 - _soft(lift)])
-    step = np.concatenate([np.zeros(lift + before), _soft(rise), np.ones(after), 1.0 - _soft(lift)])
-    samples = parked(configuration, len(way))
-    samples[:, index] += (centre_V - output.park_V) * way + STEP_V * (step - 0.5 * way)
-    rows = play(open_loop(configuration), experiment, samples)[:, index]
-    begin, end = lift + before, lift + before + rise + after
-    answer = judge_answer(rows[begin - before : end], before, rate_hz)
+    """Step `axis` by STEP_V about `centre_V` in open loop, and farther.
+
+    Raises CheckFailed where the stage swings too slowly, or the amplifier is slower than its slew limit says.
+    """
+    rate_hz, path_Hz = configuration.loop.rate_hz, max(configuration.axes[axis].accept.frequencies_Hz)
+    answer = judge_answer(*_step(configuration, experiment, axis, centre_V, STEP_V), rate_hz)
     if answer.swing_Hz is not None and answer.swing_Hz < _SWINGS_PER_PATH * path_Hz:
         raise CheckFailed(
             f"axis {axis}: after a step of {STEP_V:g} V the stage swings at {answer.swing_Hz:.0f} Hz, and the path "
             f"goes up to {path_Hz:g} Hz, so {_SWINGS_PER_PATH * path_Hz:g} Hz are needed: a loose flexure or clamp, or "
             "more mass than it is made for; look at it, or accept lower frequencies. No loop was closed"
         )
+    output, strain_cycles = configuration.outputs[f"voltage_{axis}"], experiment.path(configuration, axis).strain_cycles
+    far_V = min(_FAR * STEP_V, *(1.8 * abs(end_V - centre_V) for end_V in output.range_V))
+    far_ms = judge_answer(*_step(configuration, experiment, axis, centre_V, far_V), rate_hz).rise_ms
+    if far_V > STEP_V and far_ms > _LONGER * answer.rise_ms + 2e3 * strain_cycles / rate_hz:
+        gives = (1.0 - np.exp(-1.0)) * far_V / far_ms
+        raise CheckFailed(
+            f"axis {axis}: a step of {STEP_V:g} V takes the gauge {answer.rise_ms:.1f} ms for 63 % of its way, one of "
+            f"{far_V:.0f} V {far_ms:.0f} ms: the amplifier gives {gives:.2g} V/ms, and outputs.voltage_{axis} says "
+            f"{output.fastest_V_per_s * 1e-3:g}. Mend it, or set slew_V_per_ms: {gives:.2g}. No loop was closed"
+        )
     return answer
+
+
+def _step(
+    configuration: Configuration, experiment: Experiment, axis: str, centre_V: float, step_V: float
+) -> tuple[NDArray[Any], int]:
+    """Rows of `axis` around a step, which begins after so many of them."""
+    rate_hz, index = configuration.loop.rate_hz, list(configuration.axes).index(axis)
+    output = configuration.outputs[f"voltage_{axis}"]
+    parts = (_LIFT_S, BEFORE_S, max(_RISE_S, 4.0 * _FAR * STEP_V / output.fastest_V_per_s), _AFTER_S, _LIFT_S)
+    lift, before, rise, after, _ = (round(seconds * rate_hz) for seconds in parts)
+    way = np.concatenate([_soft(lift), np.ones(before + rise + after), 1.0 - _soft(lift)])
+    step = np.concatenate([np.zeros(lift + before), _soft(rise), np.ones(after), 1.0 - _soft(lift)])
+    samples = parked(configuration, len(way))
+    samples[:, index] += (centre_V - output.park_V) * way + step_V * (step - 0.5 * way)
+    rows = play(open_loop(configuration), experiment, samples)[:, index]
+    return rows[lift : lift + before + rise + after], before
 
 
 def judge_answer(rows: NDArray[Any], before: int, rate_hz: float) -> Answer:

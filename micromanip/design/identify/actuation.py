@@ -55,7 +55,7 @@ class Actuator:
 
     @cached_property
     def dynamics(self) -> System:
-        """The model, its ``delay`` (cycles) left out."""
+        """The model, its delay (cycles) left out."""
         return self.found.dynamics()
 
     @property
@@ -67,11 +67,6 @@ class Actuator:
     def system(self) -> System:
         """The model with its delay."""
         return self.found.system()
-
-    @property
-    def fit_percent(self) -> float:
-        """100 less the rms error of the model beside the measured response, in percent of it."""
-        return self.found.fit_percent
 
 
 def working_voltage(configuration: Configuration, experiment: Experiment, axis: str) -> float:

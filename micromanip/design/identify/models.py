@@ -89,11 +89,6 @@ class StageModel:
     found: Identified
     noise_um: float
 
-    @property
-    def fit_percent(self) -> float:
-        """100 less the rms error of the model beside the measured response, in percent of it."""
-        return self.found.fit_percent
-
 
 def identify_stage(configuration: Configuration, experiment: Experiment, axis: str, seed: int) -> StageModel:
     """Measure `axis` under a multisine on its set-point, strain loop closed, the others parked; fit its dynamics.

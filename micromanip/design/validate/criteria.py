@@ -164,7 +164,7 @@ def report(analysis: AxisAnalysis) -> dict[str, Any]:
     if analysis.strain is not None:
         strain = analysis.strain
         document["strain"] = {
-            "fit_percent": strain.actuator.fit_percent,
+            "fit_percent": strain.actuator.found.fit_percent,
             "slopes": list(strain.slopes),
             "margins": [_margins(m) for m in strain.margins],
             "limit_cycles": [asdict(c) for c in strain.cycles],

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from micromanip.design.commission import closing
-from micromanip.design.commission.options import Options
+from micromanip.design.commission.closing import Options
 from micromanip.errors import CheckFailed
 
 

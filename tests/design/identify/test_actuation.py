@@ -41,7 +41,7 @@ def test_it_is_the_physics(actuator):
     found = np.abs(actuator.system.response(2 * np.pi * hertz))
     ratio = found / np.abs(physics(hertz))
     assert ratio / np.median(ratio) == pytest.approx(1.0, abs=0.1)
-    assert actuator.fit_percent > 80.0
+    assert actuator.found.fit_percent > 80.0
 
 
 def test_its_slope_is_that_of_the_describing_function(prepared, actuator):

@@ -31,13 +31,16 @@ class ArmOnStart:
         """`note` writes what was changed, or why nothing was, into the audit trail; `say` gets messages for people."""
         self._controller, self._note, self._say = controller, note, say
         self._left_to: str | None = None
+        self.experiments = False
+        """Whether it arms variants of the cell, one after another; in READY between two nobody else may."""
         self.awaits: list[str] | None = None
         """What is waited for, a sentence each; None where nothing is."""
 
     def leave_to(self, request: Request) -> None:
-        """Somebody operates the cell: whether it is armed is theirs to say from now on."""
-        if self._left_to is None:
-            self._left_to = f"`{request.verb}` of {request.peer.user}"
+        """Somebody operates the cell: whether it is armed is theirs to say from now on. Raises Refused."""
+        if self.experiments and request.verb == "arm":
+            raise Refused("experiments are made with this cell, they arm it themselves: `micromanip disarm` ends them")
+        self._left_to = self._left_to or f"`{request.verb}` of {request.peer.user}"
 
     async def arm(self, ends: Callable[[], bool]) -> None:
         """Arm, unless the cell is somebody's by now, or the run `ends` before.
@@ -65,8 +68,7 @@ class ArmOnStart:
     async def _judge(self, refusal: Refused, within_s: float, *, late: bool) -> None:
         """Go on waiting and say for what, or raise CheckFailed."""
         if late or refusal.awaits is None:
-            patience = f"gave up after {within_s:g} s: " if late and within_s else ""
-            why = f"arm_on_start: {patience}{refusal}"
+            why = f"arm_on_start: {refusal}" + f" (gave up after {within_s:g} s)" * bool(late and within_s)
             await self._note([], why)
             raise CheckFailed(why)
         if self.awaits is None:

@@ -104,6 +104,7 @@ class Daemon:
         self._snapshot = SnapshotService(prepared, state_directory(), say)
         self._recordings = Recordings(self._controller, options.recordings, say)
         self._arming = ArmOnStart(self._controller, partial(self._trail.note, Peer("configuration"), "arm"), say)
+        self._arming.experiments = options.work is not None
         self._verbs = Verbs(
             self._controller,
             self._trail,

@@ -32,8 +32,8 @@ _OFF_CENTRE = 0.5
 _OTHER = 5.0
 STEP_V, _RISE_S, BEFORE_S, _AFTER_S, _LIFT_S = 5.0, 0.002, 0.1, 0.5, 0.5
 _LATE_S, _SETTLED_S, _PADDED, _TURNS = 0.2, 0.02, 8, 2
-_FAR, _LONGER = 6.0, 1.5
-"""A step so many times as large takes as long; from so many times as long on, the amplifier's slew rate limits it."""
+_FAR, _LONGER, _RISEN = 6.0, 1.5, float(1.0 - np.exp(-1.0))
+"""A step so many times as large takes at most so many times as long, or the slew rate limits it; a rise's share."""
 _SWING_SHARE, _SWINGS_PER_PATH = 0.1, 2.0
 """A swing of the stage counts from this share of its step; it must be so many times faster than the path."""
 
@@ -179,9 +179,11 @@ def check_answer(configuration: Configuration, experiment: Experiment, axis: str
         )
     output, strain_cycles = configuration.outputs[f"voltage_{axis}"], experiment.path(configuration, axis).strain_cycles
     far_V = min(_FAR * STEP_V, *(1.8 * abs(end_V - centre_V) for end_V in output.range_V))
+    if far_V <= STEP_V:
+        return answer
     far_ms = judge_answer(*_step(configuration, experiment, axis, centre_V, far_V), rate_hz).rise_ms
-    if far_V > STEP_V and far_ms > _LONGER * answer.rise_ms + 2e3 * strain_cycles / rate_hz:
-        gives = (1.0 - np.exp(-1.0)) * far_V / far_ms
+    if far_ms > _LONGER * answer.rise_ms + 2e3 * strain_cycles / rate_hz:
+        gives = _RISEN * far_V / far_ms
         raise CheckFailed(
             f"axis {axis}: a step of {STEP_V:g} V takes the gauge {answer.rise_ms:.1f} ms for 63 % of its way, one of "
             f"{far_V:.0f} V {far_ms:.0f} ms: the amplifier gives {gives:.2g} V/ms, and outputs.voltage_{axis} says "
@@ -202,8 +204,7 @@ def _step(
     step = np.concatenate([np.zeros(lift + before), _soft(rise), np.ones(after), 1.0 - _soft(lift)])
     samples = parked(configuration, len(way))
     samples[:, index] += (centre_V - output.park_V) * way + step_V * (step - 0.5 * way)
-    rows = play(open_loop(configuration), experiment, samples)[:, index]
-    return rows[lift : lift + before + rise + after], before
+    return play(open_loop(configuration), experiment, samples)[lift : lift + before + rise + after, index], before
 
 
 def judge_answer(rows: NDArray[Any], before: int, rate_hz: float) -> Answer:
@@ -211,8 +212,7 @@ def judge_answer(rows: NDArray[Any], before: int, rate_hz: float) -> Answer:
     strain, stage = (np.asarray(rows[name], dtype=float) for name in ("strain_um", "stage_um"))
     late = round(_LATE_S * rate_hz)
     rest, way = strain[:before].mean(), strain[-late:].mean() - strain[:before].mean()
-    reached = (strain[before:] - rest) / way >= 1.0 - np.exp(-1.0)
-    rise_ms = 1e3 * int(np.argmax(reached)) / rate_hz
+    rise_ms = 1e3 * int(np.argmax((strain[before:] - rest) / way >= _RISEN)) / rate_hz
     after = stage[before + round(_SETTLED_S * rate_hz) :]
     swing, stage_before = (
         (detrend(after), detrend(stage[:before])) if np.isfinite(stage).all() else (np.zeros(len(after)), np.zeros(1))

@@ -14,7 +14,6 @@ import numpy as np
 
 from micromanip.bus.driver import BusDriver
 from micromanip.bus.image import ProcessImage
-from micromanip.bus.output_writer import OutputWriter
 from micromanip.bus.safe_state import SafeState
 from micromanip.bus.schedule import Schedule
 from micromanip.bus.steady import SteadyService
@@ -66,7 +65,7 @@ def _serve(driver: BusDriver) -> None:
     if steady is None:
         raise CheckFailed("the driver has no compiled functions")
     safe, schedule = SafeState([], [], 1.0, 1_000_000_000), Schedule((), 0)
-    writer, samples = OutputWriter(driver, safe, lambda _: None), FRAMES * len(driver.inputs)
+    samples = FRAMES * len(driver.inputs)
     driver.open()
     try:
         begin_ns = time.monotonic_ns()
@@ -75,6 +74,6 @@ def _serve(driver: BusDriver) -> None:
             if now_ns - begin_ns > FRAMES * _SLOWEST_NS:
                 raise CheckFailed("samples of the flood are missing")
             steady.begin()
-            samples -= steady.serve(safe, writer, schedule, None, _LOOK_NS, now_ns + _STAY_NS).received
+            samples -= steady.serve(safe, schedule, None, _LOOK_NS, now_ns + _STAY_NS).received
     finally:
         driver.close()

@@ -48,7 +48,7 @@ def best(
     plan: Plan, name: str, count: int, plays: Sequence[Callable[[], None]], clock: Callable[[], float]
 ) -> list[float]:
     """Most of `count` a second by `clock` that each of `plays` came to, in turns."""
-    pairs = []
+    pairs: list[list[float]] = []
     for pair in range(plan.pairs):
         plan.tell(f"{name}: pair {pair + 1} of {plan.pairs}")
         pairs.append([])

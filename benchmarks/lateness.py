@@ -7,6 +7,7 @@ deadline and spins the rest, cyclictest sleeps all the way: the spin is the pric
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,6 @@ from numpy.typing import NDArray
 from micromanip.host.readiness.loop_run import run_in_ready
 from micromanip.host.statistics import durations
 from micromanip.settings.check import Prepared, prepare
-from micromanip.status_reply import Durations
 
 from . import cyclictest
 from .runner import Plan, Result, Skipped
@@ -45,7 +45,7 @@ def _result(name: str, pairs: NDArray[np.float64]) -> Result:
     return Result(f"lateness_{name}", float(value), "us", "cyclictest", float(reference), ratio)
 
 
-def _ours(cell: Prepared, seconds: float) -> Durations:
+def _ours(cell: Prepared, seconds: float) -> Mapping[str, object]:
     """Percentiles (ns) of the loop process over `seconds` in READY; raises Skipped without real-time rights."""
     taken = asyncio.run(run_in_ready(cell, seconds))
     if taken.refused:

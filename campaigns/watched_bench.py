@@ -1,6 +1,5 @@
 """The watched bench: one device, an oracle at its outputs, and controllers that come and go."""
 
-import contextlib
 import json
 import os
 import signal
@@ -362,7 +361,7 @@ class WatchedBench:
         """What documented means did not mend: everything is killed, so that the next interleaving begins clean."""
         if self.running is not None:
             self.running.kill()
-            with contextlib.suppress(Exception):
+            with suppress(Exception):
                 self.let_go()
         with suppress(FileNotFoundError):
             self.socket.unlink()

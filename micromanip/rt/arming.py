@@ -90,15 +90,15 @@ def _if(bit: int, found: bool) -> int:
 def stage_loss(axis: Record, a: Record, samples: int, usable: bool) -> int:
     """The fault that the capacitive sensor of an axis in mode stage would be to arming, or NO_FAULT.
 
-    It must report, and be neither unusable for `samples` cycles nor stuck. Where the stage rests it may be at an end of
-    its range, and its samples flagged: while they come and are numbers, that is excused, unless it must be `usable`.
+    It must report, and not be unusable for `samples` cycles. Where the stage rests its samples may be flagged, since it
+    may be at an end of its range, or all the same; unless the sensor must be `usable`, both are excused.
     """
     sensor = a["stage"]
     excused = not usable and may_be_at_end(sensor, axis["stage_range_um"])
     longest_ns = axis["stage_age_ns"] + int(samples / axis["cycles_per_ns"])
     if is_silent(sensor, longest_ns) or (sensor["bad"] >= samples and not excused):
         return states.STAGE_INVALID
-    stuck = sensor["identical"] >= axis["watch"]["stage_identical"] and not excused
+    stuck = usable and sensor["identical"] >= axis["watch"]["stage_identical"]
     return states.STAGE_STUCK if stuck else states.NO_FAULT
 
 

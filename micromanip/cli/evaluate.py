@@ -11,7 +11,7 @@ import click
 
 from micromanip.errors import UsageError
 
-from .axes import complete_axis, require_axis_of
+from .axes import require_axis_of
 from .echo import echo
 from .options import Quantity, config_argument, emit_json, subcommand
 from .progress import show_compiling, steps
@@ -20,9 +20,7 @@ from .results import Pictures, out_option, provenance
 
 @subcommand("evaluate", "micromanip evaluate config/simulated.yaml --axis x --out out/evaluate")
 @config_argument
-@click.option(
-    "--axis", "only", shell_complete=complete_axis, help="Report and draw this axis only (all are simulated together)."
-)
+@click.option("--axis", "only", help="Report and draw this axis only (all are simulated together).")
 @click.option("--seed", type=Quantity("Seed"), help="Seed of the simulation's noise, instead of the configuration's.")
 @out_option("the figures", default=Path("out/evaluate"))
 @click.option("--figures/--no-figures", default=True, help="Draw the figures.")

@@ -14,7 +14,7 @@ import click
 from micromanip.client import Client, default_socket
 from micromanip.errors import nearest
 
-from .echo import NarrowContext, echo
+from .echo import echo
 
 _Answer = TypeVar("_Answer")
 _WHOLE = 1000
@@ -22,8 +22,6 @@ _WHOLE = 1000
 
 class StrictCommand(click.Command):
     """A command whose options are given once each: of two values nobody knows which was meant."""
-
-    context_class = NarrowContext
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """As click does, which would let the last one win."""
@@ -41,8 +39,6 @@ class StrictCommand(click.Command):
 
 class StrictGroup(click.Group):
     """Commands of one name; the help shows the whole first sentence of each."""
-
-    context_class = NarrowContext
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """As click does, which ends what a command does with three dots."""

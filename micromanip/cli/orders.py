@@ -10,7 +10,6 @@ from micromanip.client import Client
 from micromanip.errors import UsageError
 from micromanip.replies import Audit, Jogged
 
-from .axes import complete_axis
 from .echo import echo
 from .options import Quantity, client_command, subcommand
 from .parameters import brief
@@ -56,7 +55,7 @@ def _show_target(jogged: Jogged) -> None:
 @subcommand(
     "jog", "micromanip jog x -2.5     or: micromanip jog x --to 60", context_settings={"ignore_unknown_options": True}
 )
-@click.argument("axis", shell_complete=complete_axis)
+@click.argument("axis")
 @click.argument("by_um", type=Quantity("Micrometres"), required=False, metavar="[BY_UM]")
 @click.option(
     "--to", "to_um", type=Quantity("Micrometres"), metavar="UM",

@@ -10,7 +10,7 @@ import click
 
 from micromanip.errors import UsageError, system_error
 
-from .axes import complete_axis, require_axis_of
+from .axes import require_axis_of
 from .echo import echo
 from .options import Quantity
 from .results import require_room
@@ -55,7 +55,7 @@ def recording_options(command: Callable[..., Any]) -> Callable[..., Any]:
         click.option("--keep-spikes", is_flag=True, help="Bridge no spikes: what is short and high is true."),
         click.option("--validate", type=_FILE, help="Recording with the same columns that is not fitted to."),
         click.option("--into", type=_FILE, help="Configuration file to put the model into, with --axis."),
-        click.option("--axis", shell_complete=complete_axis, help="The axis that --into means."),
+        click.option("--axis", help="The axis that --into means."),
     )  # fmt: skip
     for option in reversed(options):
         command = option(command)

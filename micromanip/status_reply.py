@@ -208,7 +208,7 @@ class Status(TypedDict):
     `axes` is what each axis does now; `path_error_um` are figures since tracking began; `faults` are those that are
     latched, for people, `fault_reports` the same as data, the one that ends the run last;
     `candidate` says where a candidate tuning stands; `recording` is None where nothing is recorded, `learning` where
-    nothing is learned; `arming_awaits` is what `arm_on_start` waits for, None where it does not.
+    nothing is learned.
     """
 
     state: str
@@ -231,4 +231,3 @@ class Status(TypedDict):
     links: dict[str, Link]
     recording: Recorded | None
     learning: LearningStatus | None
-    arming_awaits: list[str] | None

@@ -71,7 +71,7 @@ def command(config: Path, as_json: bool) -> None:
         },
     }
     if configuration.arm_on_start:
-        report["arm_on_start"] = {"within_s": configuration.start.arm_within_s}
+        report["arm_on_start"] = True
     for loop_found in strain_loops(configuration, wiring):
         report["axes"][loop_found.axis]["strain_loop"] = {
             "crossover_Hz": round(loop_found.crossover_Hz, 1),
@@ -100,13 +100,8 @@ def _print(report: dict[str, Any], config: Path) -> None:
                 f"    strain loop about {found['crossover_Hz']:.0f} Hz, {found['phase_margin_deg']:.0f} deg, over "
                 f"{found['slowest_path']}: {found['slowest_path_ms']:.2g} ms"
             )
-    if by_itself := report.get("arm_on_start"):
-        wait = (
-            f", or within {by_itself['within_s']:g} s of it, once every sensor is valid"
-            if by_itself["within_s"]
-            else ""
-        )
-        echo(f"  arms by itself as soon as READY{wait}")
+    if report.get("arm_on_start"):
+        echo("  arms by itself as soon as it is READY and every sensor is valid")
     for name, driver in report["drivers"].items():
         kind = "simulated" if driver["simulated"] else f"real; watchdog: {driver['watchdog'] or 'NONE'}"
         echo(f"  driver {name}: {driver['driver']}, {kind}")

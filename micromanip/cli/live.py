@@ -192,9 +192,7 @@ def summary(report: Status) -> None:
 def status(report: Status) -> None:
     """State, faults, what each axis does, and the figures of the run, on standard output."""
     console = out_console()
-    console.print(
-        state_line(report), *faults(report), *slow_signals(report), *tuning(report), *arms_by_itself(report), sep="\n"
-    )
+    console.print(state_line(report), *faults(report), *slow_signals(report), *tuning(report), sep="\n")
     console.print(values(report), *_figures(report))
 
 
@@ -228,15 +226,6 @@ def tuning(report: Status) -> list[Text]:
                 "its loop, or a vibration; `micromanip analyse live` tells which"
             )
     return [Text(each, style="bold yellow") for each in told]
-
-
-def arms_by_itself(report: Status) -> list[Text]:
-    """That it moves without being asked again, and what it still waits for."""
-    awaits = report["arming_awaits"]
-    if awaits is None:
-        return []
-    told = "arms by itself (arm_on_start) as soon as this is over; `micromanip disarm` calls it off:"
-    return [Text("\n  ".join((told, *awaits)), style="bold yellow")]
 
 
 def _figures(report: Status) -> list[RenderableType]:
@@ -317,9 +306,7 @@ def details(report: Status) -> Group:
         ages = (str(signal[key]) if signal[key] is not None else "-" for key in _AGES)
         signals.add_row(name, *rates, *ages, *(str(signal[key]) for key in _UNUSED))
     running = f"parameter version {report['parameter_version']}, {report['configuration']}"
-    return Group(
-        *tuning(report), *arms_by_itself(report), values(report), *_figures(report), signals, Text(running, style="dim")
-    )
+    return Group(*tuning(report), values(report), *_figures(report), signals, Text(running, style="dim"))
 
 
 def state_line(report: Status) -> Text:

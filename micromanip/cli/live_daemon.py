@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.errors import CheckFailed, ConfigError, DeviceUnavailable, MicromanipError, PermissionDenied
-from micromanip.host.arm_on_start import ArmOnStart
+from micromanip.host.arming import HostArming
 from micromanip.host.controller import Controller
 from micromanip.host.daemon import Options, serve
 from micromanip.host.recording.recordings import Recordings
@@ -83,7 +83,7 @@ def _of(cell: Prepared, order: Order) -> Prepared:
 
 async def _work(
     asker: _Asker, cell: Prepared, order: Order | None, controller: Controller, recordings: Recordings,
-    arming: ArmOnStart, ends: Callable[[], bool],
+    arming: HostArming, ends: Callable[[], bool],
 ) -> None:  # fmt: skip
     """Serve orders until there is none, it `ends`, or a fault has ended one: who has seen it is to begin anew."""
     while order is not None and await _play(_of(cell, order), order, controller, recordings, arming, ends):
@@ -97,7 +97,7 @@ async def _work(
 
 
 async def _play(
-    cell: Prepared, order: Order, controller: Controller, recordings: Recordings, arming: ArmOnStart,
+    cell: Prepared, order: Order, controller: Controller, recordings: Recordings, arming: HostArming,
     ends: Callable[[], bool],
 ) -> bool:  # fmt: skip
     """From READY to READY, recorded; False where a fault or the end comes first. CheckFailed where it can't be made."""

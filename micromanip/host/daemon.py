@@ -29,7 +29,7 @@ from micromanip.settings.text.source import Source
 from micromanip.status_reply import Status
 
 from . import journal
-from .arm_on_start import ArmOnStart
+from .arming import HostArming
 from .child import Child
 from .control.audit import AuditTrail
 from .control.authority import Peer
@@ -69,7 +69,7 @@ class Options:
     recordings: Path | None = None
     trips: Path | None = None
     kept_trips: int = KEPT
-    work: Callable[[Controller, Recordings, ArmOnStart, Callable[[], bool]], Awaitable[None]] | None = None
+    work: Callable[[Controller, Recordings, HostArming, Callable[[], bool]], Awaitable[None]] | None = None
     """What it does from READY on, before that duration begins."""
 
 
@@ -103,8 +103,8 @@ class Daemon:
         self._trail = AuditTrail(state_directory(), say)
         self._snapshot = SnapshotService(prepared, state_directory(), say)
         self._recordings = Recordings(self._controller, options.recordings, say)
-        self._arming = ArmOnStart(self._controller, partial(self._trail.note, Peer("configuration"), "arm"), say)
-        self._arming.experiments = options.work is not None
+        note = partial(self._trail.note, Peer("configuration"), "arm")
+        self._arming = HostArming(self._controller, note, say, experiments=options.work is not None)
         self._verbs = Verbs(
             self._controller,
             self._trail,
@@ -280,9 +280,7 @@ class Daemon:
                 self._say(f"WARNING: {slow}")
             self._boxes.announce()
             latched = "".join(f": {fault}" for fault in self._controller.faults()[-1:])
-            state = self._controller.state
-            waits = "; arms by itself as soon as it can" if self._arming.awaits and state == "READY" else ""
-            self._service.status(state + latched + waits + self._unrecorded())
+            self._service.status(self._controller.state + latched + self._unrecorded())
             self._looks += 1
             await asyncio.sleep(_LOOK_S)
 
@@ -290,8 +288,7 @@ class Daemon:
         links = {**self._workers.report(), **self._controller.loop_links()}
         learning = None if self._learning is None else self._learning.status()
         recording = self._recordings.report()
-        awaits = self._arming.awaits
-        return report(self._controller, self._gathered, self._boxes.report(), links, recording, learning, awaits)
+        return report(self._controller, self._gathered, self._boxes.report(), links, recording, learning)
 
     def _learner(self) -> LearningService | None:
         """Who learns from part to part, where the configuration says so."""

@@ -152,13 +152,12 @@ def report(
     links: Mapping[str, Link] | None = None,
     recording: Recorded | None = None,
     learning: LearningStatus | None = None,
-    arming_awaits: list[str] | None = None,
 ) -> Status:
     """The whole report of a run, up to now; `trips` are those that have a black box, `links` the buses."""
     gathered.gather()
-    words, faults, state = controller.words, controller.faults(), controller.state
+    words, faults = controller.words, controller.faults()
     return {
-        "state": state,
+        "state": controller.state,
         "cycles": int(words[w.CYCLES_RUN]),
         "overruns": int(words[w.OVERRUNS]),
         "period_ns": controller.prepared.configuration.loop.period_ns,
@@ -178,7 +177,6 @@ def report(
         "links": dict(links or {}),
         "recording": recording,
         "learning": learning,
-        "arming_awaits": arming_awaits if state == "READY" else None,  # the loop may arm before its host knows
     }
 
 

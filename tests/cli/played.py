@@ -55,7 +55,6 @@ def status(state="TRACKING", faults=(), position=(51.25, None)):
         "faults": [fault["seen"] for fault in faults],
         "fault_reports": list(faults),
         "slow_signals": [],
-        "arming_awaits": None,
         "learning": None,
         "recording": None,
         "candidate": "none",

@@ -80,15 +80,3 @@ def test_a_fault_is_red_on_a_terminal_and_plain_where_nobody_wants_colours(playe
     plain = on_a_terminal(played, NO_COLOR="1")
     assert "X-201 axis x" in plain
     assert "31m" not in plain
-
-
-def test_that_it_arms_by_itself_is_said_before_the_values(played, capsys):
-    played.status |= {"state": "READY", "arming_awaits": ["strain_x is not valid, or stuck: check the gauge"]}
-    assert code_of("status", "--socket", played.path) == 0
-    out = capsys.readouterr().out
-    begins = [line.split()[0] for line in out.splitlines()]
-    assert begins.index("READY") < begins.index("X-201") < begins.index("arms"), "each on a line of its own"
-    assert out.index("READY") < out.index("strain_x is not valid") < out.index("position, um")
-    played.status["arming_awaits"] = None
-    assert code_of("status", "--socket", played.path) == 0
-    assert "arms by itself" not in capsys.readouterr().out

@@ -113,11 +113,6 @@ class Start(Settings):
     settle_s: SecondsOrZero = Field(default=0.2, description="Time at the working point for the estimators to settle.")
     authority_s: RampSeconds = Field(default=0.5, description="Fade-in time of the correction.")
     ramp_s: RampSeconds = Field(default=0.5, description="Time from any voltage to the park voltage.")
-    arm_within_s: NewStart[SecondsOrZero] = Field(
-        default=30.0,
-        description="`arm_on_start` waits this long after READY for a first valid sample of every sensor, then gives "
-        "up for good; 0: no wait.",
-    )
 
     @model_validator(mode="after")
     def _sweep_below_resonance(self) -> Self:
@@ -288,7 +283,8 @@ class Configuration(Settings):
     )
     arm_on_start: NewStart[Flag] = Field(
         default=False,
-        description="Arm once when READY or within `start.arm_within_s` of it; simulated drivers only.",
+        description="Arm once when READY, or within 30 s of it as soon as every sensor is valid; simulated drivers "
+        "only.",
     )
     simulation: NewStart[Simulation | None] = Field(
         default=None,

@@ -44,8 +44,8 @@ def test_only_inside_range_and_slew(cell):
 
 def test_only_what_makes_sense(cell):
     refused(cell, "there is no axis 'w'", UsageError, axis="w")
-    refused(cell, "give either axis, to begin, or number", UsageError)
-    refused(cell, "give either axis, to begin, or number", UsageError, axis="x", number=1)
+    refused(cell, "axis: missing", UsageError)
+    refused(cell, "unknown key axis", UsageError, axis="x", number=1)
     refused(cell, "there is no measurement 1, the last is 0", UsageError, number=1)
     refused(cell, "amplitude_um", UsageError, axis="x", amplitude_um=0.0)
 

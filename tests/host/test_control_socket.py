@@ -19,7 +19,7 @@ from micromanip.errors import CheckFailed, DeviceUnavailable, PermissionDenied
 from micromanip.host.control import socket_file
 from micromanip.host.control.admission import Bounds
 from micromanip.host.control.authority import Authority, Peer, Right
-from micromanip.host.control.request import observing, operating
+from micromanip.host.control.request import Verb
 from micromanip.host.control.server import ControlSocket
 from micromanip.host.control.socket_file import Access, bound, claim, remove_stale
 
@@ -44,11 +44,11 @@ async def _long(_request):
 
 
 VERBS = {
-    "here": observing(_here),
-    "refused": operating(_refused),
-    "broken": operating(_broken),
-    "long": observing(_long),
-    "disarm": operating(_here, stops=True),
+    "here": Verb(_here, Right.OBSERVE),
+    "refused": Verb(_refused, Right.OPERATE),
+    "broken": Verb(_broken, Right.OPERATE),
+    "long": Verb(_long, Right.OBSERVE),
+    "disarm": Verb(_here, Right.OPERATE, stops=True),
 }
 
 
@@ -223,7 +223,7 @@ def test_a_flood_cannot_starve_the_host(tmp_path):
             await asyncio.sleep(0)
 
     async def main():
-        served = ControlSocket(path, {"count": observing(count)})
+        served = ControlSocket(path, {"count": Verb(count, Right.OBSERVE)})
         await served.open()
         beating = asyncio.create_task(beat())
         clients = [await asyncio.open_unix_connection(str(path)) for _ in range(3)]
@@ -498,7 +498,7 @@ def test_a_stop_does_not_wait_for_its_turn(tmp_path):
         return answered
 
     async def main():
-        verbs = {"slow": observing(slow), "hold": operating(stop, stops=True)}
+        verbs = {"slow": Verb(slow, Right.OBSERVE), "hold": Verb(stop, Right.OPERATE, stops=True)}
         served = ControlSocket(path, verbs)
         await served.open()
         clients = [await asyncio.open_unix_connection(str(path)) for _ in range(101)]

@@ -49,23 +49,22 @@ class JogTo(Settings):
         return self
 
 
-class Inject(Settings):
-    """Fields of `sensitivity`: those of a new measurement, or the number of one that was begun."""
+class Look(Settings):
+    """Fields of `analyse_live` for a measurement that was begun."""
 
-    number: Annotated[int, Field(strict=True, ge=1)] | None = Field(default=None, description="Which one is asked for.")
-    axis: str | None = Field(default=None, description="Name of the axis.")
+    number: Annotated[int, Field(strict=True, ge=1)] = Field(description="Which one is asked for.")
+
+
+class Inject(Settings):
+    """Fields of `analyse_live` that begin one."""
+
+    axis: str = Field(description="Name of the axis.")
     loop: Literal["strain", "stage"] = Field(default="strain", description="Which of its loops.")
     amplitude_um: Annotated[float, Field(gt=0, le=10)] = Field(
         default=AMPLITUDE_UM,
         description="Rms of the multisine on the set-point.",
     )
     seed: Seed = Field(default=1, description="Draws its phases.")
-
-    @model_validator(mode="after")
-    def _one_of_both(self) -> Self:
-        if (self.number is None) == (self.axis is None):
-            raise ValueError("give either axis, to begin, or number")
-        return self
 
 
 class Moves(MoveRequest):
@@ -74,10 +73,9 @@ class Moves(MoveRequest):
     axis: str = Field(description="Name of the axis.")
 
 
-class MoveLook(Settings):
+class MoveLook(Look):
     """Fields of `move` for one that was begun."""
 
-    number: Annotated[int, Field(strict=True, ge=1)] = Field(description="Which one is asked for.")
     stop: Flag = Field(default=False, description="Let it come to rest.")
 
 

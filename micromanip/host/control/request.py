@@ -49,30 +49,14 @@ class Request:
             raise UsageError(f"{self.verb}: {problem}") from None
 
 
-Act = Callable[[Request], Awaitable[Any]]
-
-
 @dataclass(frozen=True)
 class Verb:
     """What a client can ask for: what is done, and the right that it takes."""
 
-    act: Act
-    right: Callable[[Request], Right]
+    act: Callable[[Request], Awaitable[Any]]
+    right: Right
     stops: bool = False
     """It only ever brings the cell nearer to rest: it is answered also where there is no room for anything else."""
-
-    async def __call__(self, request: Request) -> Any:
-        return await self.act(request)
-
-
-def observing(act: Act) -> Verb:
-    """A verb that changes nothing."""
-    return Verb(act, lambda _: Right.OBSERVE)
-
-
-def operating(act: Act, *, stops: bool = False) -> Verb:
-    """A verb that moves something, or changes what runs or is kept."""
-    return Verb(act, lambda _: Right.OPERATE, stops)
 
 
 def parsed(line: bytes, peer: Peer) -> Request:

@@ -178,12 +178,12 @@ class ControlSocket:
             name = request.verb
             verb = self._verb(request)
             peer = request.peer
-            self._authority.demand(peer, verb.right(request), name)
+            self._authority.demand(peer, verb.right, name)
         except MicromanipError as problem:
             await self._refused(peer, name, str(problem))
             return failure(problem)
         try:
-            result = await verb(request)
+            result = await verb.act(request)
             return result if isinstance(result, Handed) else success(result)
         except MicromanipError as problem:
             return failure(problem)

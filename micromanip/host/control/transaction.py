@@ -103,7 +103,7 @@ class Tuning:
         async with self._changing():
             return await self._swap("set", await self._with(wanted))
 
-    async def jog(self, axis: str, *, by_um: float | None, to_um: float | None) -> tuple[Jogged, Change]:
+    async def jog(self, axis: str, *, by_um: float | None, to_um: float | None) -> tuple[Jogged, list[Change]]:
         """Send `axis` to another target while TRACKING; CheckFailed or ConfigError says why not."""
         async with self._changing():
             configuration = self._prepared.configuration
@@ -115,7 +115,7 @@ class Tuning:
             target_um = present_um + (by_um or 0.0) if to_um is None else to_um
             key = f"reference.target_um.{axis}"
             await self._transact("jog", await self._with({key: target_um}))
-            return Jogged(axis=axis, target_um=target_um), Change(key=key, old=present_um, new=target_um)
+            return Jogged(axis=axis, target_um=target_um), [Change(key=key, old=present_um, new=target_um)]
 
     async def inject(self, axis: str, loop: str, amplitude_um: float, seed: int) -> Injected:
         """Begin to measure the sensitivity of a loop; UsageError or CheckFailed says why not."""

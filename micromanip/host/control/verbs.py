@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import inspect
 from collections import deque
 from collections.abc import Awaitable, Callable, Mapping, Sequence
-from dataclasses import replace
-from typing import Any, TypeVar
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
 from micromanip import replies, status_reply
 from micromanip.errors import CheckFailed, MicromanipError
@@ -26,64 +28,33 @@ from .audit import AuditTrail
 from .authority import Peer, Right
 from .candidate import Outcome
 from .handover import telemetry
-from .request import Act, Request, Verb, observing, operating
+from .request import Request, Verb
 from .transaction import Tuning
 
-Operation = Callable[[Request], Awaitable[tuple[Any, Sequence[Change]]]]
-"""Does what a request asks for; its result, and what it has changed."""
-
-_Fields = TypeVar("_Fields", bound=Settings)
-_Result = TypeVar("_Result")
 _LOOP = Peer("loop")
 _LOOK_S = 0.2
+Done = tuple[Any, Sequence[Change]]
+"""What a verb answers, and what it has changed."""
 
 
-def noted(trail: AuditTrail, operation: Operation) -> Act:
-    """The result of `operation`; the trail gets what it changed, or what was asked for and why it was not done."""
+@dataclass(frozen=True)
+class Row:
+    """One verb: what it is given, and what is done with that; in the audit trail where it `operates`.
 
-    async def act(request: Request) -> Any:
-        try:
-            result, changes = await operation(request)
-        except MicromanipError as refusal:
-            await trail.note(request.peer, request.verb, _asked(request.fields), str(refusal))
-            raise
-        except Exception as bug:
-            await trail.note(request.peer, request.verb, _asked(request.fields), f"bug: {type(bug).__name__}: {bug}")
-            raise
-        await trail.note(request.peer, request.verb, changes)
-        return result
+    What `do` returns is `Done`, or a reply that says itself what it has `changed`.
+    """
 
-    return act
-
-
-def _given(
-    kind: type[_Fields], act: Callable[[_Fields], Awaitable[_Result]]
-) -> Callable[[Request], Awaitable[_Result]]:
-    """`act` on what a request gives, of this `kind`; UsageError where it is not."""
-
-    async def read(request: Request) -> _Result:
-        return await act(request.read(kind))
-
-    return read
+    given: type[Settings]
+    do: Callable[..., Any]
+    operates: bool = True
+    stops: bool = False
+    signed: bool = False
+    """`do` is told who asks, too."""
+    look: Row | None = None
+    """What is done instead for a request with the `number` of something that was begun: it changes nothing."""
 
 
-def _looking(kind: type[_Fields], look: Callable[[_Fields], Any]) -> Act:
-    """The same of what has its answer at once."""
-
-    async def read(request: Request) -> Any:
-        return look(request.read(kind))
-
-    return read
-
-
-def _changing(kind: type[_Fields], change: Callable[[_Fields], Awaitable[Any]]) -> Operation:
-    """The same of what tells itself what it has `changed`."""
-
-    async def operation(request: Request) -> tuple[Any, Sequence[Change]]:
-        done = await change(request.read(kind))
-        return done, done["changed"]
-
-    return operation
+_observing = partial(Row, operates=False)
 
 
 def _asked(given: Mapping[str, Any]) -> list[Change]:
@@ -115,58 +86,77 @@ class Verbs:
         self._before_reset, self._say, self._recordings = before_reset, say, recordings
         self._controller, self._trail, self._status, self._operated = controller, trail, status, operated
         self._outcomes: deque[Outcome] = deque()
-        self._tuning = Tuning(controller, tell, self._happened)
-        self.put_again = self._tuning.put_again
+        self._tuning = tuning = Tuning(controller, tell, self._happened)
+        self.put_again = tuning.put_again
         self.learning: LearningService | None = None
         """Where the configuration has it."""
+        nothing = fields.Nothing
+        self._rows = {
+            "status": _observing(nothing, self._answer_status),
+            "telemetry": _observing(nothing, lambda: telemetry(controller)),
+            "configuration": _observing(nothing, self._configuration),
+            "get": _observing(fields.Get, lambda given: tuning.get(given.keys)),
+            "diff": _observing(nothing, tuning.diff),
+            "log": _observing(fields.Last, lambda given: asyncio.to_thread(trail.last, given.last)),
+            "learn_status": _observing(nothing, lambda: self._learning().status()),
+            "candidate_show": _observing(nothing, tuning.candidate_show),
+            "set": Row(fields.Set, lambda given: tuning.set(given.changes)),
+            "save": Row(fields.Save, lambda given: tuning.save(force=given.force)),
+            "reload": Row(nothing, tuning.reload),
+            "jog": Row(fields.JogTo, lambda given: tuning.jog(given.axis, by_um=given.by_um, to_um=given.to_um)),
+            "candidate_set": Row(fields.Set, lambda given: tuning.candidate_set(given.changes)),
+            "candidate_promote": Row(nothing, tuning.candidate_promote),
+            "candidate_discard": Row(nothing, tuning.candidate_discard),
+            "recording_start": Row(fields.RecordStart, self._recording_start),
+            "recording_stop": Row(nothing, self._recording_stop),
+            "recording_mark": Row(fields.RecordMark, self._recording_mark, signed=True),
+            "arm": Row(nothing, partial(self._command, states.ARM)),
+            "disarm": Row(nothing, partial(self._command, states.DISARM), stops=True),
+            "hold": Row(nothing, partial(self._command, states.HOLD), stops=True),
+            "reset": Row(nothing, partial(self._command, states.RESET)),
+            "learn_part_begin": Row(nothing, partial(self._command, states.BEGIN_PART)),
+            "learn_part_end": Row(nothing, partial(self._command, states.END_PART)),
+            "learn_reset": Row(fields.Forget, self._learn_reset),
+            "analyse_live": Row(
+                fields.Inject,
+                self._analyse_live,
+                look=_observing(fields.Look, lambda given: tuning.injected(given.number)),
+            ),
+            "move": Row(
+                fields.Moves,
+                self._move,
+                look=_observing(fields.MoveLook, lambda given: tuning.moved(given.number, stop=given.stop)),
+            ),
+        }
 
     def table(self) -> dict[str, Verb]:
         """Every verb by its name."""
-        tuning = self._tuning
-        operations: dict[str, Operation] = {
-            "set": _changing(fields.Set, lambda given: tuning.set(given.changes)),
-            "save": _changing(fields.Save, lambda given: tuning.save(force=given.force)),
-            "reload": _changing(fields.Nothing, lambda _: tuning.reload()),
-            "jog": self._jog,
-            "candidate_set": _changing(fields.Set, lambda given: tuning.candidate_set(given.changes)),
-            "candidate_promote": _given(fields.Nothing, lambda _: tuning.candidate_promote()),
-            "candidate_discard": _given(fields.Nothing, lambda _: tuning.candidate_discard()),
-            "recording_start": self._recording_start,
-            "recording_stop": self._recording_stop,
-            "recording_mark": self._recording_mark,
-            "arm": self._commanded(states.ARM),
-            "disarm": self._commanded(states.DISARM),
-            "hold": self._commanded(states.HOLD),
-            "reset": self._commanded(states.RESET),
-            "learn_part_begin": self._commanded(states.BEGIN_PART),
-            "learn_part_end": self._commanded(states.END_PART),
-            "learn_reset": _given(fields.Forget, self._learn_reset),
+        return {
+            name: Verb(partial(self._dispatch, row), Right.OPERATE if row.operates else Right.OBSERVE, row.stops)
+            for name, row in self._rows.items()
         }
-        stops = ("disarm", "hold")
-        verbs = {
-            "status": observing(_looking(fields.Nothing, lambda _: self._answer_status())),
-            "telemetry": observing(_looking(fields.Nothing, lambda _: telemetry(self._controller))),
-            "configuration": observing(_looking(fields.Nothing, lambda _: self._configuration())),
-            "get": observing(_given(fields.Get, lambda given: tuning.get(given.keys))),
-            "diff": observing(_given(fields.Nothing, lambda _: tuning.diff())),
-            "log": observing(_given(fields.Last, lambda given: asyncio.to_thread(self._trail.last, given.last))),
-            "learn_status": observing(_looking(fields.Nothing, lambda _: self._learning().status())),
-            "candidate_show": observing(_looking(fields.Nothing, lambda _: tuning.candidate_show())),
-            "analyse_live": operating(self._analyse_live),
-            "move": operating(self._move),
-            **{name: operating(noted(self._trail, act), stops=name in stops) for name, act in operations.items()},
-        }
-        return {name: verb if name.startswith("recording_") else self._heard(verb) for name, verb in verbs.items()}
 
-    def _heard(self, verb: Verb) -> Verb:
-        """The same; `operated` hears of it where it takes the right to operate. To record is not to operate a cell."""
-
-        async def act(request: Request) -> Any:
-            if verb.right(request) is Right.OPERATE:
-                self._operated(request)
-            return await verb.act(request)
-
-        return replace(verb, act=act)
+    async def _dispatch(self, row: Row, request: Request) -> Any:
+        """The answer; the trail gets what was changed, or what was asked for and why it was not done."""
+        if row.operates and not request.verb.startswith("recording_"):  # to record is not to operate a cell
+            self._operated(request)
+        if row.look is not None and "number" in request.fields:
+            row = row.look
+        try:
+            given, signed = request.read(row.given), [request.peer] * row.signed
+            done = row.do(*signed) if row.given is fields.Nothing else row.do(given, *signed)
+            done = await done if inspect.isawaitable(done) else done
+        except Exception as problem:
+            if row.operates:
+                why = str(problem)
+                why = why if isinstance(problem, MicromanipError) else f"bug: {type(problem).__name__}: {why}"
+                await self._trail.note(request.peer, request.verb, _asked(request.fields), why)
+            raise
+        if not row.operates:
+            return done
+        answer, changes = done if isinstance(done, tuple) else (done, done["changed"])
+        await self._trail.note(request.peer, request.verb, changes)
+        return answer
 
     async def ask(self, verb: str, peer: Peer) -> Any:
         """The answer to a verb without fields, asked in the name of `peer`, and noted as any other."""
@@ -197,7 +187,7 @@ class Verbs:
         source = self._controller.prepared.source
         return replies.RunningConfiguration(text=source.text, sha256=source.hash)
 
-    async def _learn_reset(self, given: fields.Forget) -> tuple[None, Sequence[Change]]:
+    async def _learn_reset(self, given: fields.Forget) -> Done:
         return None, await self._learning().reset(given.axes)
 
     def _learning(self) -> LearningService:
@@ -205,62 +195,37 @@ class Verbs:
             raise CheckFailed("nothing is learned: the configuration has no section learning")
         return self.learning
 
-    async def _jog(self, request: Request) -> tuple[replies.Jogged, Sequence[Change]]:
-        given = request.read(fields.JogTo)
-        jogged, moved = await self._tuning.jog(given.axis, by_um=given.by_um, to_um=given.to_um)
-        return jogged, [moved]
-
-    async def _analyse_live(self, request: Request) -> Any:
-        given = request.read(fields.Inject)
-        if given.number is not None:
-            return self._tuning.injected(given.number)
-        return await noted(self._trail, self._inject)(request)
-
-    async def _inject(self, request: Request) -> tuple[replies.Injected, Sequence[Change]]:
-        given = request.read(fields.Inject)
-        injected = await self._tuning.inject(str(given.axis), given.loop, given.amplitude_um, given.seed)
+    async def _analyse_live(self, given: fields.Inject) -> Done:
+        injected = await self._tuning.inject(given.axis, given.loop, given.amplitude_um, given.seed)
         what = f"{given.loop} loop measured with {given.amplitude_um:g} um rms"
         return injected, [Change(key=f"axes.{given.axis}", old=None, new=what)]
 
-    async def _move(self, request: Request) -> Any:
-        if "number" in request.fields:
-            look = request.read(fields.MoveLook)
-            return self._tuning.moved(look.number, stop=look.stop)
-        return await noted(self._trail, self._begin_move)(request)
-
-    async def _begin_move(self, request: Request) -> tuple[replies.Moved, Sequence[Change]]:
-        given = request.read(fields.Moves)
-        wanted = MoveRequest.model_validate(given.model_dump(exclude={"axis"}))
-        moved = await self._tuning.move(given.axis, wanted)
-        what = ", ".join(f"{name} {value}" for name, value in request.fields.items() if name != "axis")
+    async def _move(self, given: fields.Moves) -> Done:
+        wanted = given.model_dump(exclude={"axis"}, exclude_unset=True)
+        moved = await self._tuning.move(given.axis, MoveRequest.model_validate(wanted))
+        what = ", ".join(f"{name} {value}" for name, value in wanted.items())
         return moved, [Change(key=f"axes.{given.axis}", old=None, new=f"moved: {what}")]
 
-    async def _recording_start(self, request: Request) -> tuple[status_reply.Recorded, Sequence[Change]]:
-        given = request.read(fields.RecordStart)
+    async def _recording_start(self, given: fields.RecordStart) -> Done:
         extent = Extent(given.before_s, given.segment_s, given.quota_bytes)
         begun = await self._recordings.start(given.file, extent)
         return begun, [Change(key="recording", old=None, new=begun["file"])]
 
-    async def _recording_stop(self, request: Request) -> tuple[status_reply.Recorded, Sequence[Change]]:
-        request.read(fields.Nothing)
+    async def _recording_stop(self) -> Done:
         ended = await self._recordings.stop()
         return ended, [Change(key="recording", old=ended["file"], new=None)]
 
-    async def _recording_mark(self, request: Request) -> tuple[replies.Marked, Sequence[Change]]:
-        marked = self._recordings.mark(request.read(fields.RecordMark).text, request.peer.user)
+    def _recording_mark(self, given: fields.RecordMark, peer: Peer) -> Done:
+        marked = self._recordings.mark(given.text, peer.user)
         return marked, [Change(key="mark", old=None, new=marked["text"])]
 
-    def _commanded(self, command: int) -> Operation:
-        async def operation(request: Request) -> tuple[None, Sequence[Change]]:
-            request.read(fields.Nothing)
-            before = self._controller.state
-            if command == states.ARM:
-                self._tuning.require_at_rest("arm")
-            if command == states.HOLD:
-                self._tuning.let_rest()
-            if command == states.RESET:
-                await self._before_reset()
-            await self._controller.command(command)
-            return None, [Change(key="state", old=before, new=self._controller.state)]
-
-        return operation
+    async def _command(self, command: int) -> Done:
+        before = self._controller.state
+        if command == states.ARM:
+            self._tuning.require_at_rest("arm")
+        if command == states.HOLD:
+            self._tuning.let_rest()
+        if command == states.RESET:
+            await self._before_reset()
+        await self._controller.command(command)
+        return None, [Change(key="state", old=before, new=self._controller.state)]

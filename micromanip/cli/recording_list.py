@@ -27,7 +27,7 @@ def view(file: Path, listen: str, as_json: bool) -> None:
     """Show a recording of ours, MCAP or HDF5, as the scope shows a running cell.
 
     Zoom from 1 ms to the whole file, spectrum, x-y, states, faults and remarks. Of a long file it makes an overview
-    meanwhile, which is kept in the user's cache; browsers of this computer need no token. It needs the extra `gateway`.
+    meanwhile; browsers of this computer need no token. It needs the extra `gateway`.
     """
     with required("recording view", "gateway"):
         from micromanip.gateway.viewing import view as view_file

@@ -1,17 +1,12 @@
-"""A long recording as least and greatest values of blocks of cycles, in a file that fills as its pieces are read.
+"""A long recording as least and greatest values of blocks of cycles, in files that fill as its pieces are read.
 
-One process fills it, another shows what is there already. It lies in the user's cache, by the recording's path, size
-and time of change: whoever opens the same recording again finds it made.
+One process fills them, another shows what is there already.
 """
 
 from __future__ import annotations
 
-import fcntl
-import hashlib
 import json
 import os
-import shutil
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -19,18 +14,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.errors import CheckFailed, system_error
-from micromanip.files import own_temporary_folder
-from micromanip.recordings import Telemetry
+from micromanip.errors import system_error
 
 from .fields import Field
 from .history import Cycles, Values, extremes
 
 _FINE, _STEP = 32, 32
 """Cycles in a block of the fine level; blocks of it in one of the coarse level."""
-_MOST_BYTES, _KEPT_BYTES = 1_000_000_000, 5_000_000_000
-"""Of one overview, with longer blocks for a longer recording; of all that are kept."""
-_LAYOUT = 3
+_MOST_BYTES = 1_000_000_000
+"""With longer blocks for a longer recording."""
 
 
 class Level:
@@ -65,7 +57,7 @@ class Level:
 
 
 class Overview:
-    """The file: `levels`, fine first; `done` (pieces,), which of them are in it; `wanted`, cycles to read first."""
+    """That of a folder: `levels`, fine first; `done` (pieces,), which are in it; `wanted`, cycles to read first."""
 
     def __init__(self, folder: Path, about: dict[str, Any]) -> None:
         self.folder, self.about = folder, about
@@ -97,92 +89,36 @@ class Overview:
         with (self.folder / "notes").open("a") as notes:
             notes.write(f"{first} {last} {kind} {text.splitlines()[0]}\n")
 
-    def alone(self) -> Any | None:
-        """What keeps others from filling it, as long as it is held; None where somebody does."""
-        held = (self.folder / "lock").open("w")
-        try:
-            fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            held.close()
-            return None
-        return held
 
+def made_overview(folder: Path, fields: Sequence[Field], first: int, last: int, pieces: int) -> Overview:
+    """An empty one in `folder`, of a recording of the cycles `first` to `last` in so many pieces.
 
-def open_overview(telemetry: Telemetry, fields: Sequence[Field], first: int, last: int, pieces: int) -> Overview:
-    """That of a recording of the cycles `first` to `last` in so many pieces; a new one is empty.
-
-    Raises what `errors.system_error` makes of a cache without room.
+    Raises what `errors.system_error` makes of a folder without room.
     """
-    status = telemetry.file.stat()
     names = [field.name for field in fields]
-    about: dict[str, Any] = {
-        "layout": _LAYOUT, "file": str(telemetry.file.resolve()), "bytes": status.st_size,
-        "mtime_ns": status.st_mtime_ns, "first": first, "last": last, "pieces": pieces, "fields": names,
-    }  # fmt: skip
-    key = hashlib.sha256(json.dumps(about).encode()).hexdigest()[:24]
     per = _FINE
     while (last - first) // per * len(names) * 8 > _MOST_BYTES:
         per *= 2
-    about["levels"] = [[size, (last - first) // size + 1] for size in (per, per * _STEP)]
-    root = cache_folder()
+    levels = [[size, (last - first) // size + 1] for size in (per, per * _STEP)]
+    about = {"first": first, "last": last, "pieces": pieces, "fields": names, "levels": levels}
+    sizes = {"done": pieces, "wanted": 16}
+    for k, (_, blocks) in enumerate(levels):
+        values = 4 * blocks * len(names)
+        sizes |= {f"count-{k}": 4 * blocks, f"low-{k}": values, f"high-{k}": values}
     try:
-        folder = root / key
-        if not (folder / "about.json").exists():
-            _drop_oldest(root)
-            _make(folder, about)
-        os.utime(folder)
+        for file, size in sizes.items():
+            with (folder / file).open("wb") as made:
+                os.posix_fallocate(made.fileno(), 0, size)
+        (folder / "about.json").write_text(json.dumps(about))
     except OSError as problem:
-        raise system_error(problem, root) from problem
+        raise system_error(problem, folder) from problem
     return Overview(folder, about)
 
 
 def reopened(folder: Path) -> Overview:
-    """One that `open_overview` has made."""
+    """One that `made_overview` has made."""
     return Overview(folder, json.loads((folder / "about.json").read_text()))
 
 
-def cache_folder() -> Path:
-    """Where overviews are kept: they may be removed at any time."""
-    base = os.environ.get("XDG_CACHE_HOME")
-    try:
-        folder = (Path(base) if base else Path.home() / ".cache") / "micromanip" / "overviews"
-        folder.mkdir(parents=True, exist_ok=True)
-    except (RuntimeError, OSError):  # without a home, or one that can't be written to
-        folder = own_temporary_folder() / "overviews"
-        folder.mkdir(exist_ok=True)
-    return folder
-
-
-def _make(folder: Path, about: dict[str, Any]) -> None:
-    """All files of an overview at their size, and the room for them taken; then they are put there together."""
-    with tempfile.TemporaryDirectory(dir=folder.parent) as name:
-        draft = Path(name) / "overview"
-        draft.mkdir()
-        sizes = {"done": about["pieces"], "wanted": 16}
-        for k, (_, blocks) in enumerate(about["levels"]):
-            values = 4 * blocks * len(about["fields"])
-            sizes |= {f"count-{k}": 4 * blocks, f"low-{k}": values, f"high-{k}": values}
-        for file, size in sizes.items():
-            with (draft / file).open("wb") as made:
-                os.posix_fallocate(made.fileno(), 0, size)
-        (draft / "about.json").write_text(json.dumps(about))
-        if folder.exists():
-            shutil.rmtree(folder)
-        draft.rename(folder)
-
-
-def _drop_oldest(root: Path) -> None:
-    """Those not looked at for longest go, until the rest is within the bound."""
-    found = sorted((each for each in root.iterdir() if each.is_dir()), key=lambda each: -each.stat().st_mtime)
-    total = 0
-    for folder in found:
-        total += sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
-        if total > _KEPT_BYTES - _MOST_BYTES:
-            shutil.rmtree(folder, ignore_errors=True)
-
-
 def _mapped(file: Path, kind: Any, shape: tuple[int, ...]) -> NDArray[Any]:
-    try:
-        return np.memmap(file, kind, "r+", shape=shape)
-    except (OSError, ValueError) as problem:
-        raise CheckFailed(f"{file}: {problem}; remove the folder, it is made again") from problem
+    return np.memmap(file, kind, "r+", shape=shape)

@@ -113,18 +113,13 @@ def halving(count: int) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
 
 def main(file: Path, folder: Path) -> int:
     """Fill until it is whole, or the process that asked for it is gone; the exit code."""
-    overview = reopened(folder)
-    held = overview.alone()
-    if held is None:
-        return 0
-    parent = os.getppid()
-    with held:
-        try:
-            telemetry = open_telemetry(file)
-            fill(telemetry.pieces(), fields(telemetry.axes, telemetry.dtype), overview, lambda: os.getppid() == parent)
-        except MicromanipError as problem:
-            sys.stderr.write(f"micromanip: the overview stays as it is: {problem}\n")
-            return problem.exit_code
+    overview, parent = reopened(folder), os.getppid()
+    try:
+        telemetry = open_telemetry(file)
+        fill(telemetry.pieces(), fields(telemetry.axes, telemetry.dtype), overview, lambda: os.getppid() == parent)
+    except MicromanipError as problem:
+        sys.stderr.write(f"micromanip: the overview stays as it is: {problem}\n")
+        return problem.exit_code
     return 0
 
 

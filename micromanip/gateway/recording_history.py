@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from micromanip.recordings import Telemetry
 
 from .fields import Field
 from .history import Cycles, Values, Window, blocks_per_point, decimated
-from .overview import open_overview
+from .overview import made_overview
 
 _ROWS_READ = 10_000
 """Cycles of a window up to which its rows are read: twenty pieces of a recording, less than 100 ms."""
@@ -28,8 +29,8 @@ _GUESSES = 6
 class RecordedHistory:
     """A whole recording, whose `overview` somebody fills meanwhile."""
 
-    def __init__(self, telemetry: Telemetry, fields: Sequence[Field]) -> None:
-        """CheckFailed where it is damaged, or empty."""
+    def __init__(self, telemetry: Telemetry, fields: Sequence[Field], folder: Path) -> None:
+        """The overview goes to `folder`. CheckFailed where the recording is damaged, or empty."""
         self.fields = list(fields)
         self._index = {field.name: i for i, field in enumerate(fields)}
         self.pieces = telemetry.pieces()
@@ -45,7 +46,7 @@ class RecordedHistory:
         self.newest = int(newest)
         self.oldest = self.oldest_full = self._first(0)
         self.count = int(telemetry.end.get("rows") or self.newest - self.oldest + 1)
-        self.overview = open_overview(telemetry, fields, self.oldest, self.newest, len(self.pieces))
+        self.overview = made_overview(folder, fields, self.oldest, self.newest, len(self.pieces))
         self._remarks = [(int(m["cycle"]), "mark", f"{m['text']} ({m['by']})") for m in telemetry.marks]
 
     @property

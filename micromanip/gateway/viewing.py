@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -24,6 +25,8 @@ from .serving import is_local, listening, parsed_address, run, shown
 from .tokens import Token
 
 _FIRST_LOOK_S = 0.5
+_ROOMY = "/var/tmp"
+"""Not in memory, as /tmp may be: an overview has up to a gigabyte."""
 _YOU = Token("you", "observe", "")
 
 
@@ -38,13 +41,13 @@ class AnonymousTokens:
 class RecordedSource:
     """A recording where the gateway expects a source: nothing in it moves on."""
 
-    def __init__(self, telemetry: Telemetry) -> None:
-        """CheckFailed where it is damaged, empty, or without what the scope shows."""
+    def __init__(self, telemetry: Telemetry, folder: Path) -> None:
+        """Its overview goes to `folder`. CheckFailed where it is damaged, empty, or without what the scope shows."""
         names = telemetry.dtype.names or ()
         if lacking := [name for name in ("cycle", "state", "fault", "axis") if name not in names]:
             raise CheckFailed(f"{telemetry.file}: its rows have no {lacking[0]}: another version wrote it")
         self.fields = fields(telemetry.axes, telemetry.dtype)
-        self.history = RecordedHistory(telemetry, self.fields)
+        self.history = RecordedHistory(telemetry, self.fields, folder)
         self.reader = SimpleNamespace(lost=int(telemetry.end.get("lost", 0)))
         ranges = {
             axis: [float(limits["low_V"]), float(limits["high_V"])]
@@ -100,8 +103,8 @@ def view(file: Path, listen: str, say: Callable[[str], None]) -> None:
     if not is_local(host):
         raise UsageError(f"--listen {listen}: no token is asked for, so it is for this computer only: 127.0.0.1:PORT")
     telemetry = open_telemetry(file)
-    with listening(host, port, "--listen") as socket:
-        source = RecordedSource(telemetry)
+    with listening(host, port, "--listen") as socket, tempfile.TemporaryDirectory(dir=_ROOMY) as folder:
+        source = RecordedSource(telemetry, Path(folder))
         gateway = Gateway(RecordedCell(source), AnonymousTokens(), Origins(), lambda: None, home="scope")  # type: ignore[arg-type]  # as much of both as it asks for
         seconds = (source.recording["last"] - source.recording["first"] + 1) * telemetry.period_ns * 1e-9
         say(f"{file}: {source.recording['rows']} cycles, {seconds:g} s")

@@ -40,10 +40,8 @@ def written(file):
 
 
 def opened(file):
-    """With its overview beside it, not in the cache of whoever runs the tests."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_CACHE_HOME", str(file.parent))
-        return RecordedSource(open_telemetry(file))
+    """With its overview beside it."""
+    return RecordedSource(open_telemetry(file), file.parent)
 
 
 @pytest.fixture(scope="module")

@@ -276,7 +276,7 @@ class Daemon:
                 self._controller.kill(FaultReport(LOOP_STUCK, value=time.monotonic() - turned, limit=stuck_s))
                 return
             self._show(self._report())
-            for slow in self._gathered.rates.news():
+            for slow in self._gathered.signals.news():
                 self._say(f"WARNING: {slow}")
             self._boxes.announce()
             latched = "".join(f": {fault}" for fault in self._controller.faults()[-1:])

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from micromanip.host.statistics import Ages
+from micromanip.host.signal_statistics import Ages
 
 
 @given(

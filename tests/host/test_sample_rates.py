@@ -6,8 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from micromanip.host.sample_rates import SampleRates
 from micromanip.host.shared_memory import STATUS
+from micromanip.host.signal_statistics import SignalStatistics
 from micromanip.rt.telemetry import ROW
 from micromanip.settings.check import prepare
 
@@ -26,7 +26,7 @@ class Sensors:
 
     def __init__(self, prepared):
         self.status = np.zeros(1, STATUS)[0]
-        self.rates = SampleRates(SimpleNamespace(prepared=prepared, status=self.status))
+        self.rates = SignalStatistics(SimpleNamespace(prepared=prepared, status=self.status))
 
     def play(self, came, at_a_time=2000, bit=STRAIN):
         rows = np.zeros(len(came), ROW)
@@ -53,8 +53,8 @@ def test_a_gauge_at_a_third_of_its_rate_is_told_with_figures_and_the_next_step(s
     assert told.startswith("strain_x comes 3333 times a second, its driver cell states 10000: ")
     assert "acts by its calm gains as long as that lasts (W-217)" in told
     assert told.endswith("or state the rate that comes in drivers.cell and commission again")
-    assert sensors.rates.news() == [told]
-    assert sensors.rates.news() == []
+    assert list(sensors.rates.news()) == [told]
+    assert list(sensors.rates.news()) == []
     assert sensors.play(every(1)) == [], "it is no more"
 
 

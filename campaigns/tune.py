@@ -13,9 +13,8 @@ from micromanip.design.commission.closing import Options
 from micromanip.settings.check import prepare
 from micromanip.settings.schema.axis import Commissioned
 from micromanip.settings.schema.reference import Tracker
-from micromanip.settings.text.digits import rounded
 from micromanip.settings.tuning_hash import tuning_hash
-from micromanip.settings.write import edited, node, with_tuning, write_atomically
+from micromanip.settings.write import edited, node, with_tuning, write_atomically, written
 from micromanip.virtual.experiment import VirtualExperiment
 
 from .report import ROOT, Asked, Report
@@ -58,7 +57,7 @@ def text_of(name: str, found: CommissionedCell, tracker: Tracker, today: str) ->
         running = axis.model_copy(update={"mode": "stage", "coupling": coupling})
         note = Commissioned(hash=tuning_hash(running), report="report.html", date=today)
         axes[axis_name] = running.model_copy(update={"commissioned": note})
-    known = node(tracker.model_dump(exclude_defaults=True), rounded)
+    known = node(written(tracker, exclude_defaults=True))
     text = with_tuning((CONFIG / name).read_text(encoding="utf-8"), axes)
     text = edited(text, lambda document: document["reference"].update(known))
     return re.sub(r"(?<!\n)\naxes:", "\n\naxes:", text)  # a line that new keys before it take away

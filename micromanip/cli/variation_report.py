@@ -85,7 +85,7 @@ def _configuration(work: Trials, trial: Trial, out: Path, command: str) -> str:
     """The varied configuration with the values of a trial; ConfigError where `check` would refuse it as `out`."""
     from micromanip.settings.check import prepared
     from micromanip.settings.text.source import Source
-    from micromanip.settings.write_values import with_values
+    from micromanip.settings.write import with_values
 
     today = datetime.datetime.now(datetime.UTC).date().isoformat()
     heading = (

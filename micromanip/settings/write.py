@@ -1,4 +1,4 @@
-"""Writing fitted models back into a configuration file, its comments and order kept.
+"""Writing values into a configuration file: only their keys change, comments and order stay.
 
 A three-way merge of lines brings the program's changes into the text as somebody else wrote it (Khanna, Kunal and
 Pierce, "A Formal Investigation of Diff3", FSTTCS 2007): what lies between lines that all three have is somebody's own
@@ -8,8 +8,10 @@ where the program changed nothing there, else the program's.
 from __future__ import annotations
 
 import copy
+import functools
 import io
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from difflib import SequenceMatcher
 from pathlib import Path
 from typing import Any
@@ -19,11 +21,20 @@ from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
 from ruamel.yaml.error import YAMLError
 
+from micromanip.errors import ConfigError, system_error
 from micromanip.files import held, linked_file
 from micromanip.settings.schema.axis import Axis, Outer, SetPoint
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.schema.reference import Jog, Tracker
 from micromanip.settings.text.digits import rounded
+from micromanip.settings.text.place import Path as KeyPath
+from micromanip.settings.text.source import Source
+
+from .change import ABSENT, differing, leaves
+
+_WIDTH = 110
+_PASSES = 5
+"""A section that merged (``<<``) a changed one gets what it had back in the next pass, and one that is empty goes."""
 
 
 def with_lines_kept(own: str, before: str, after: str) -> str:
@@ -62,26 +73,16 @@ def _blocks(a: Sequence[str], b: Sequence[str]) -> Sequence[tuple[int, int, int]
     return SequenceMatcher(None, a, b, autojunk=False).get_matching_blocks()
 
 
-_WIDTH = 110
-
-
-def node(value: Any, number: Callable[[float], float] = float) -> Any:
-    """`value` as YAML shows it best: lists of plain values on one line; `number` says what is kept of one."""
-    if isinstance(value, float):
-        return number(value)
+def node(value: Any) -> Any:
+    """`value` as YAML shows it best: lists of plain values on one line."""
     if isinstance(value, dict):
-        return CommentedMap((key, node(item, number)) for key, item in value.items())
+        return CommentedMap((key, node(item)) for key, item in value.items())
     if isinstance(value, (list, tuple)):
-        items = CommentedSeq(node(item, number) for item in value)
+        items = CommentedSeq(map(node, value))
         if not any(isinstance(item, (CommentedMap, CommentedSeq)) for item in items):
             items.fa.set_flow_style()
         return items
     return value
-
-
-def _plain(value: Any) -> Any:
-    """The same with the digits that are written."""
-    return node(value, rounded)
 
 
 def edited(text: str, edit: Callable[[Any], None]) -> str:
@@ -107,60 +108,140 @@ def _dumped(yaml: YAML, document: Any) -> str:
     return stream.getvalue()
 
 
-def _own_section(axes: Any, axis: str) -> Any:
-    """Section of `axis`; where it was written once and meant for several axes (*alias), this one gets its own."""
-    if any(axes[other] is axes[axis] for other in axes if other != axis):
-        axes[axis] = copy.deepcopy(axes[axis])
-        axes[axis].yaml_set_anchor(None)
-    return axes[axis]
+def write_into(file: Source, document: Mapping[str, Any]) -> Source:
+    """`file` after `document` was written into it; errors of `with_values`, or of the system where it can't be."""
+    text = with_values(file, document)
+    try:
+        write_atomically(file.path, text)
+    except OSError as problem:
+        raise system_error(problem, f"{file.path} can't be written") from problem
+    return Source.parse(file.path, text)
+
+
+def with_values(source: Source, document: Mapping[str, Any]) -> str:
+    """Text of the file `source` edited to hold `document`.
+
+    Raises ConfigError where the file, as it is written, can't be edited to mean exactly that.
+    """
+    text, data = source.text, source.data
+    for _ in range(_PASSES):
+        if data == document:
+            return text
+        changes = differing(leaves(data), leaves(document))
+        text = edited(text, functools.partial(_apply, changes))
+        data = Source.parse(source.path, text).data
+    if data == document:
+        return text
+    raise ConfigError(f"{source.path}: its anchors or merge keys can't be kept with these values; edit it by hand")
+
+
+def _apply(changes: Mapping[KeyPath, tuple[Any, Any]], document: Any) -> None:
+    for path, (_, new) in changes.items():
+        if new is ABSENT:
+            _remove(document, path)
+    for path, (_, new) in changes.items():
+        if new is not ABSENT:
+            _put(document, path, new)
+
+
+def _remove(document: Any, path: KeyPath) -> None:
+    section = _descend(document, path[:-1], create=False)
+    if section is not None:
+        section.pop(path[-1], None)
+
+
+def _put(document: Any, path: KeyPath, value: Any) -> None:
+    section = _descend(document, path[:-1], create=True)
+    if path[-1] not in section:
+        section.fa.set_block_style()  # what grows has no room on one line
+    section[path[-1]] = node(value)
+
+
+def _descend(document: Any, path: KeyPath, *, create: bool) -> Any:
+    """The section at `path`, one that no other place of the document shares; None where it is not there."""
+    section = document
+    for part in path:
+        child = section.get(part)
+        if not isinstance(child, CommentedMap):
+            if not create:
+                return None
+            section[part] = CommentedMap()
+        elif _occurrences(document)[id(child)] > 1:  # written once, meant for several places (*alias)
+            section[part] = copy.deepcopy(child)
+            section[part].yaml_set_anchor(None)
+        section = section[part]
+    return section
+
+
+def _occurrences(document: Any) -> Counter[int]:
+    """How many places of the document each section stands in."""
+    return Counter(id(node) for node in _sections(document))
+
+
+def _sections(node: Any) -> Iterable[Any]:
+    if isinstance(node, CommentedMap):
+        yield node
+        for child in node.values():
+            yield from _sections(child)
+    elif isinstance(node, CommentedSeq):
+        for child in node:
+            yield from _sections(child)
+
+
+def written(model: BaseModel, **how: Any) -> Any:
+    """What a model says, with the digits that are written."""
+    return _rounded(model.model_dump(mode="json", **how))
+
+
+def _rounded(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _rounded(entry) for key, entry in value.items()}
+    if isinstance(value, list):
+        return [_rounded(entry) for entry in value]
+    return rounded(value) if isinstance(value, float) else value
+
+
+def _with(text: str, change: Callable[[Any], None]) -> str:
+    """Configuration file `text` after `change` has changed its plain data in place."""
+    source = Source.parse(Path(), text)
+    document = copy.deepcopy(source.data)
+    change(document)
+    return with_values(source, document)
 
 
 def with_hysteresis(text: str, axis: str, model: BaseModel) -> str:
     """Configuration file `text` with another hysteresis model in one axis."""
-
-    def edit(document: Any) -> None:
-        section = _own_section(document["axes"], axis)
-        section["hysteresis"] = _plain(model.model_dump(exclude_defaults=True))
-
-    return edited(text, edit)
+    return _with(text, lambda data: data["axes"][axis].update(hysteresis=written(model, exclude_defaults=True)))
 
 
 def with_outer(text: str, axis: str, outer: Outer) -> str:
     """Configuration file `text` with another outer loop in one axis."""
-
-    def edit(document: Any) -> None:
-        _own_section(document["axes"], axis)["outer"] = _plain(outer.model_dump(exclude_defaults=True))
-
-    return edited(text, edit)
+    return _with(text, lambda data: data["axes"][axis].update(outer=written(outer, exclude_defaults=True)))
 
 
 def with_tuning(text: str, axes: Mapping[str, Axis]) -> str:
     """Configuration file `text` with models, controllers and the note of their commissioning in each of `axes`."""
 
-    def edit(document: Any) -> None:
+    def tune(data: Any) -> None:
         for name, axis in axes.items():
-            section = _own_section(document["axes"], name)
-            section["inner"] = _plain(axis.inner.model_dump())
-            slew = axis.setpoint.slew_um_per_ms
+            section, slew = data["axes"][name], axis.setpoint.slew_um_per_ms
+            section["inner"] = written(axis.inner)
             if section["setpoint"].get("slew_um_per_ms", SetPoint.model_fields["slew_um_per_ms"].default) != slew:
-                section["setpoint"] = copy.deepcopy(section["setpoint"])  # several axes may share one
-                section["setpoint"].yaml_set_anchor(None)
                 section["setpoint"]["slew_um_per_ms"] = slew
-            section["hysteresis"] = _plain(axis.hysteresis.model_dump(exclude_defaults=True))
-            if axis.hysteresis_affine is not None:
-                section["hysteresis_affine"] = _plain(axis.hysteresis_affine.model_dump(exclude_defaults=True))
-            section.pop("outer", None)
-            if axis.outer is not None:
-                section["outer"] = _plain(axis.outer.model_dump())
-            if axis.actuator is not None:
-                section["actuator"] = _plain(axis.actuator.model_dump(exclude_none=True))
-            section.pop("coupling", None)
-            if axis.coupling is not None:
-                section["coupling"] = _plain(axis.coupling.model_dump())
-            if axis.commissioned is not None:
-                section["commissioned"] = _plain(axis.commissioned.model_dump(exclude_defaults=True))
+            section["hysteresis"] = written(axis.hysteresis, exclude_defaults=True)
+            for key in ("outer", "coupling"):
+                section.pop(key, None)
+            for key, model, how in (
+                ("hysteresis_affine", axis.hysteresis_affine, {"exclude_defaults": True}),
+                ("outer", axis.outer, {}),
+                ("actuator", axis.actuator, {"exclude_none": True}),
+                ("coupling", axis.coupling, {}),
+                ("commissioned", axis.commissioned, {"exclude_defaults": True}),
+            ):
+                if model is not None:
+                    section[key] = written(model, **how)
 
-    return edited(text, edit)
+    return _with(text, tune)
 
 
 def with_production(text: str, configuration: Configuration) -> str:
@@ -169,18 +250,17 @@ def with_production(text: str, configuration: Configuration) -> str:
     A tracker that the file describes itself stays as it is; a jog is written where it is another.
     """
 
-    def edit(document: Any) -> None:
+    def produce(data: Any) -> None:
         for name, axis in configuration.axes.items():
-            if document["axes"][name].get("mode", Axis.model_fields["mode"].default) != axis.mode:
-                _own_section(document["axes"], name)["mode"] = axis.mode
-        followed = document.get("reference", {}).get("source") == "signal"
-        if isinstance(configuration.reference, Tracker) and not followed:
-            document["reference"] = _plain(configuration.reference.model_dump(exclude_defaults=True))
-        jogged, here = configuration.reference, document.get("reference", {})
-        if isinstance(jogged, Jog) and list(here.get("range_um", jogged.range_um)) != list(jogged.range_um):
-            document["reference"] = _plain(jogged.model_dump(exclude_defaults=True))
+            if data["axes"][name].get("mode", Axis.model_fields["mode"].default) != axis.mode:
+                data["axes"][name]["mode"] = axis.mode
+        reference, here = configuration.reference, data.get("reference", {})
+        follows = isinstance(reference, Tracker) and here.get("source") != "signal"
+        jogs = isinstance(reference, Jog) and list(here.get("range_um", reference.range_um)) != list(reference.range_um)
+        if follows or jogs:
+            data["reference"] = written(reference, exclude_defaults=True)
 
-    return edited(text, edit)
+    return _with(text, produce)
 
 
 def write_atomically(file: Path, text: str) -> None:

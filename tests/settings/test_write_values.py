@@ -8,7 +8,7 @@ from micromanip.errors import ConfigError
 from micromanip.settings.load import validate_document
 from micromanip.settings.text.keys import assigned
 from micromanip.settings.text.source import Source
-from micromanip.settings.write_values import with_values
+from micromanip.settings.write import with_values
 
 SIMULATED = Path(__file__).parents[2] / "config" / "simulated.yaml"
 SHARED = """\

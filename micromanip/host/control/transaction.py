@@ -46,7 +46,7 @@ from micromanip.settings.text.keys import assigned
 from micromanip.settings.text.place import Path as KeyPath
 from micromanip.settings.text.source import Source, key_text
 from micromanip.settings.wiring.timing import age_is_computed, with_ages
-from micromanip.settings.write_values import write_into
+from micromanip.settings.write import write_into
 
 from ..controller import Controller
 from .answers import changes, differences, parameters, report

@@ -20,18 +20,12 @@ _MAX_DEPTH = 50
 _MAX_INTEGER = 2**63
 
 
-Span = tuple[int, int]
-"""Where the characters of a key or a value begin and end in the text."""
-
-
 @dataclass
 class Document:
-    """A parsed text: the data, the line and the span of every key in it, and what is wrong with the YAML itself."""
+    """A parsed text: the data, the line of every key in it, and what is wrong with the YAML itself."""
 
     data: Any = None
     lines: dict[Path, int] = field(default_factory=dict)
-    keys: dict[Path, Span] = field(default_factory=dict)
-    values: dict[Path, Span] = field(default_factory=dict)
     problems: list[Problem] = field(default_factory=list)
 
 
@@ -49,10 +43,6 @@ def parse(text: str) -> Document:
 
 def _line(node: Node) -> int:
     return int(node.start_mark.line) + 1
-
-
-def _span(node: Node) -> Span:
-    return int(node.start_mark.index), int(node.end_mark.index)
 
 
 def _is_text(value: str) -> bool:
@@ -105,8 +95,6 @@ class _Builder:
         data = {}
         for key, (key_node, value) in self._entries(node, path).items():
             self._document.lines[(*path, key)] = _line(key_node)
-            self._document.keys[(*path, key)] = _span(key_node)
-            self._document.values[(*path, key)] = _span(value)
             data[key] = self.build(value, (*path, key))
         return data
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from micromanip.errors import ConfigError
 from micromanip.settings.check import prepared
 from micromanip.settings.text.source import Source
-from micromanip.settings.write_values import write_into
+from micromanip.settings.write import write_into
 
 from .fit import Deviation
 

@@ -20,7 +20,7 @@ from micromanip.emulation.udp.device import emulate_udp
 from micromanip.errors import MicromanipError, UsageError
 from micromanip.settings.check import validate
 from micromanip.settings.text.source import Source
-from micromanip.settings.wiring.simulation import build_plant
+from micromanip.settings.wiring.places import build_plant
 from micromanip.testbus.event_loop import EventLoop
 
 from .amplifier import WATCHDOG_MS

@@ -23,8 +23,7 @@ from micromanip.settings.schema.reference import Tracker
 from micromanip.settings.text.place import Finding
 from micromanip.settings.text.source import Source
 from micromanip.settings.wiring.buses import bus_findings, rest_findings, simulated_findings
-from micromanip.settings.wiring.places import Wiring, driver_options, wire
-from micromanip.settings.wiring.simulation import build_plant
+from micromanip.settings.wiring.places import Wiring, build_plant, driver_options, wire
 from micromanip.settings.wiring.timing import with_ages
 
 from .checks.feedback import feedback_findings, feedback_warnings

@@ -25,26 +25,10 @@ from micromanip.rt.states import STOP
 from micromanip.settings.check import Prepared, prepared
 from micromanip.settings.schema.model import Loop
 from micromanip.settings.text.source import Source
+from micromanip.shipped import shipped
 
 _HEARTBEAT_S = 0.02
 _MOST_ROWS = 1 << 15
-_CELL = """
-schema_version: 2
-loop: {{rate_hz: {rate_hz}, cpu: {cpu}, priority: {priority}, spin_us: {spin_us}, limits: simulation}}
-drivers: {{cell: {{driver: simulated, seed: 1}}}}
-signals:
-{signals}
-outputs:
-{outputs}
-reference: {{source: hold, offset_um: 66}}
-axes:
-{axes}
-"""
-_AXIS = """  {axis}:
-    mode: strain
-    centre_um: 66
-    setpoint: {{range_um: [2, 128], slew_um_per_ms: 20}}
-    inner: {{mode: pid, K_V_per_um: 0.6, Ti_ms: 0.571, Td_ms: 0.167, filter_ms: 0.3}}"""
 
 
 @dataclass(frozen=True)
@@ -63,20 +47,9 @@ class LoopRun:
 
 def simulated_cell(loop: Loop) -> Prepared:
     """Three axes at one in-memory plant, to be run as `loop` says; whatever it is for, no wire is touched."""
-    signals = [f"  {role}_{axis}: {{driver: cell}}" for axis in "xyz" for role in ("strain", "stage")]
-    outputs = [
-        f"  voltage_{axis}: {{driver: cell, range_V: [-20, 150], slew_V_per_ms: 40, park_V: 0}}" for axis in "xyz"
-    ]
-    text = _CELL.format(
-        rate_hz=loop.rate_hz,
-        cpu="null" if loop.cpu is None else loop.cpu,
-        priority=loop.priority,
-        spin_us=loop.spin_us,
-        signals="\n".join(signals),
-        outputs="\n".join(outputs),
-        axes="\n".join(_AXIS.format(axis=axis) for axis in "xyz"),
-    )
-    return prepared(Source.parse(Path("the simulated cell of system check"), text))
+    example = Source.read(shipped("config") / "factory.yaml")
+    document = {**example.data, "loop": {**loop.model_dump(), "limits": "simulation"}, "arm_on_start": False}
+    return prepared(Source.of(document, example.path))
 
 
 async def run_in_ready(

@@ -14,7 +14,8 @@ from micromanip.bus.safe_state import LAST_SWITCH, SWITCH, UNUSED, VOLTAGE, Safe
 from micromanip.errors import ConfigError, did_you_mean
 from micromanip.rt.records import MAX_OUTPUTS, MAX_SIGNALS
 from micromanip.settings.load import validate_section
-from micromanip.settings.schema.model import Configuration, Driver, Output, Signal, Switch
+from micromanip.settings.schema.model import Configuration, Driver, Output, Signal, Simulation, Switch
+from micromanip.settings.text.place import Path
 from micromanip.settings.text.source import Source
 
 _SAFE_SWITCHES = {
@@ -107,13 +108,46 @@ def _channel(
     return entry.driver, channels.index(wanted)
 
 
+def kind_of(source: Source, path: Path, entry: Driver | Simulation) -> type[CyclicDriver] | type[BusDriver]:
+    """Class of the driver of the section at `path`; ConfigError where there is none."""
+    try:
+        return driver_class(entry.driver)
+    except ConfigError as problem:
+        raise source.error((*path, "driver"), str(problem)) from problem
+
+
 def driver_options(source: Source, name: str, entry: Driver) -> tuple[type[CyclicDriver] | type[BusDriver], BaseModel]:
     """Class and validated options of the driver called `name`; ConfigError where one of them is wrong."""
-    try:
-        kind = driver_class(entry.driver)
-    except ConfigError as problem:
-        raise source.error(("drivers", name, "driver"), str(problem)) from problem
+    kind = kind_of(source, ("drivers", name), entry)
     return kind, validate_section(source, ("drivers", name), kind.Options, entry.options)
+
+
+def _seeded(options: BaseModel, seed: int | None) -> BaseModel:
+    """The same with another seed, where that is asked for and they have one."""
+    has_seed = seed is not None and "seed" in type(options).model_fields
+    return options.model_copy(update={"seed": seed}) if has_seed else options
+
+
+def build_plant(configuration: Configuration, source: Source, period_ns: int, seed: int | None = None) -> CyclicDriver:
+    """The simulated cell that stands behind the devices that are played; `seed` replaces its own.
+
+    Raises ConfigError with file, line and key: also where there is no such section, or its driver moves a real stage.
+    """
+    section, path = configuration.simulation, ("simulation",)
+    if section is None:
+        raise source.error(
+            (),
+            "there is no section simulation, which says what plant stands behind the devices; "
+            "write `simulation: {}` for one with all its defaults",
+        )
+    kind = kind_of(source, path, section)
+    if not (issubclass(kind, CyclicDriver) and kind.simulated):
+        raise source.error((*path, "driver"), f"{section.driver} moves a real stage; the plant must be a simulation")
+    options = _seeded(validate_section(source, path, kind.Options, section.options), seed)
+    try:
+        return kind(options, period_ns)
+    except ConfigError as problem:
+        raise source.error(path, str(problem)) from problem
 
 
 def build_driver(
@@ -124,8 +158,7 @@ def build_driver(
     A bus counts as lost when its worker has been silent for `silent_ns`.
     """
     kind, options = driver_options(source, name, entry)
-    if seed is not None and "seed" in kind.Options.model_fields:
-        options = options.model_copy(update={"seed": seed})
+    options = _seeded(options, seed)
     try:
         if issubclass(kind, BusDriver):
             assert isinstance(options, BusOptions)

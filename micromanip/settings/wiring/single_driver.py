@@ -14,6 +14,8 @@ from micromanip.settings.load import validate_section
 from micromanip.settings.schema.model import Driver
 from micromanip.settings.text.source import Source
 
+from .places import kind_of
+
 _PERIOD_NS = 100_000
 """Of a cyclic driver that no loop is going to call."""
 
@@ -31,10 +33,7 @@ def driver_to_probe(file: Path, name: str) -> BusDriver | CyclicDriver:
     if name not in entries:
         raise UsageError(f"{file} has no driver called {name}; {did_you_mean(name, entries)}")
     entry = validate_section(source, ("drivers", name), Driver, entries[name])
-    try:
-        kind = driver_class(entry.driver)
-    except ConfigError as problem:
-        raise source.error(("drivers", name, "driver"), str(problem)) from problem
+    kind = kind_of(source, ("drivers", name), entry)
     if kind.probe is CyclicDriver.probe:
         raise UsageError(
             f"{name} is the cyclic driver {entry.driver}: it has no bus to look at; `micromanip run` and `status` show "

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import click
-from rich.console import Console
-from rich.table import Table
 
 from micromanip.client import Client
 from micromanip.errors import CheckFailed
@@ -24,9 +22,10 @@ def _show(candidate: Candidate) -> None:
     echo_changes(candidate["changed"])
     if candidate["reason"]:
         echo(candidate["reason"])
-    table = _comparison(candidate) if candidate["comparison"] else _trial(candidate) if candidate["trial"] else None
-    if table is not None:
-        Console(highlight=False).print(table)
+    from .tables import print_table
+
+    print_table(("axis", "innovation, um", "feedback, V"), _comparison(candidate), "rms: active -> candidate")
+    print_table(("axis", "before", "on trial", "limit"), _trial(candidate), "Error rms, um")
 
 
 def _standing_line(candidate: Candidate) -> str:
@@ -40,25 +39,16 @@ def _standing_line(candidate: Candidate) -> str:
     return line
 
 
-def _comparison(candidate: Candidate) -> Table:
-    table = Table("axis", title="rms: active -> candidate")
-    table.add_column("innovation, um")
-    table.add_column("feedback, V")
+def _comparison(candidate: Candidate) -> Iterator[tuple[str, ...]]:
     for axis, figures in candidate["comparison"].items():
         active, other = figures["active"], figures["candidate"]
-        table.add_row(
-            axis,
-            _pair(active["innovation_um"], other["innovation_um"]),
-            _pair(active["feedback_V"], other["feedback_V"]),
-        )
-    return table
+        innovation = _pair(active["innovation_um"], other["innovation_um"])
+        yield axis, innovation, _pair(active["feedback_V"], other["feedback_V"])
 
 
-def _trial(candidate: Candidate) -> Table:
-    table = Table("axis", "before", "on trial", "limit", title="Error rms, um")
+def _trial(candidate: Candidate) -> Iterator[tuple[str, ...]]:
     for axis, error in candidate["trial"].items():
-        table.add_row(axis, _number(error["before_um"]), _number(error["now_um"]), _number(error["limit_um"]))
-    return table
+        yield axis, _number(error["before_um"]), _number(error["now_um"]), _number(error["limit_um"])
 
 
 def _pair(active: float | None, candidate: float | None) -> str:

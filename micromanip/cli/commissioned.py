@@ -97,9 +97,6 @@ def document(found: CommissionedCell, axes: dict[str, Axis], folder: Path, run: 
 
 def print_found(found: CommissionedCell, folder: Path, run: Path, seconds: float) -> None:
     """What was found, to people, and what to do next."""
-    from rich.padding import Padding
-    from rich.text import Text
-
     from micromanip.design.report.model import Verdict, of_axis
 
     from .analyse_margins import print_criteria
@@ -113,7 +110,7 @@ def print_found(found: CommissionedCell, folder: Path, run: Path, seconds: float
         styled = f"[{colour.get(verdict, 'red')}]{verdict.value}[/]"
         out_console().print(f"axis {story.axis}: {styled}, {len(met)} of {len(story.criteria)} criteria are met")
         for criterion in met:
-            out_console().print(Padding(Text(f"{criterion.name}: {criterion.value}"), (0, 0, 0, 2)))
+            echo(f"  {criterion.name}: {criterion.value}")
     if found.proven:
         echo(f"{seconds:.0f} s; tuning in {folder / TUNED}, report in {folder / REPORT}; nothing was applied")
     else:

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any, NoReturn
 
+from .echo import echo
 from .options import emit_answer
 from .progress import show_compiling
 from .recording_options import open_recording
@@ -63,23 +64,14 @@ def predict_tuning(file: Path, config: Path, cut: tuple[float, float] | None, as
 
 
 def _show(document: dict[str, Any]) -> None:
-    from rich.text import Text
+    from .tables import print_table
 
-    from .tables import Figures, out_console
-
-    console, how = out_console(), "from its arming on" if document["armed"] else "from there on"
-    console.print(
-        Text(
-            f"{document['config']} on {document['seconds']:.1f} s of {document['file']}, tracking from "
-            f"{document['from_s']:.2f} s; in force {how}"
-        )
+    how = "from its arming on" if document["armed"] else "from there on"
+    echo(
+        f"{document['config']} on {document['seconds']:.1f} s of {document['file']}, tracking from "
+        f"{document['from_s']:.2f} s; in force {how}"
     )
-    table = Figures(
-        title="Path error, um",
-        caption="in brackets: where the stage is still as its model says, to 2 % of gain and 1 % of frequency",
-    )
-    for heading in ("axis", "rms recorded", "rms", "p99 recorded", "p99", "peak recorded", "peak"):
-        table.add_column(heading, justify="left" if heading == "axis" else "right")
+    rows = []
     for axis, error in document["errors"].items():
         cells = []
         for name in ("rms", "p99", "peak"):
@@ -88,42 +80,41 @@ def _show(document: dict[str, Any]) -> None:
                 _um(error["recorded"][f"{name}_um"]),
                 f"{_um(error['predicted'][f'{name}_um'])} ({_um(low)}..{_um(high, '')})",
             ]
-        table.add_row(axis, *cells)
-    console.print(table)
-    limits = Figures("axis", "limit", "at", "cycles", "first, s", "cycles as recorded", title="Limits it meets")
+        rows.append((axis, *cells))
+    columns = ("axis", "rms recorded", "rms", "p99 recorded", "p99", "peak recorded", "peak")
+    about = "in brackets: where the stage is still as its model says, to 2 % of gain and 1 % of frequency"
+    print_table(columns, rows, "Path error, um", about, numbers=True)
     before = {(met["axis"], met["limit"]): met["cycles"] for met in document["recorded_limits"]}
-    for met in document["limits"]:
-        was = before.get((met["axis"], met["limit"]), 0)
-        limits.add_row(met["axis"], met["limit"], met["value"], str(met["cycles"]), f"{met['first_s']:.4f}", str(was))
-    console.print(limits if document["limits"] else Text("It meets no limit."))
+    limits = [
+        (met["axis"], met["limit"], met["value"], str(met["cycles"]), f"{met['first_s']:.4f}",
+         str(before.get((met["axis"], met["limit"]), 0)))
+        for met in document["limits"]
+    ]  # fmt: skip
+    print_table(("axis", "limit", "at", "cycles", "first, s", "cycles as recorded"), limits, "Limits it meets")
+    if not limits:
+        echo("It meets no limit.")
     if document["stopped_s"] is not None:
-        console.print(Text(f"The cell would have stopped at {document['stopped_s']:.4f} s; figures are up to there."))
+        echo(f"The cell would have stopped at {document['stopped_s']:.4f} s; figures are up to there.")
     if 0.0 < document["stops_share"] < 1.0:
         share = 100 * document["stops_share"]
-        console.print(Text(f"With {share:.0f} % of the models that may be true the cell would have stopped."))
+        echo(f"With {share:.0f} % of the models that may be true the cell would have stopped.")
     for each in document["undecided"]:
-        console.print(
-            Text(
-                f"{each['axis']}: {each['what']} ({each['code']}) comes with {each['models']} of {each['of']} models "
-                "that may be true: the recording does not show whether it does, and the ranges hold both."
-            )
+        echo(
+            f"{each['axis']}: {each['what']} ({each['code']}) comes with {each['models']} of {each['of']} models that "
+            "may be true: the recording does not show whether it does, and the ranges hold both."
         )
     if document["outrun"]:
-        console.print(
-            Text(
-                f"{', '.join(document['outrun'])}: the set-point would be too slow (W-217); how far that takes an "
-                "axis no model tells, so its ranges have no upper end."
-            )
+        echo(
+            f"{', '.join(document['outrun'])}: the set-point would be too slow (W-217); how far that takes an axis no "
+            "model tells, so its ranges have no upper end."
         )
     if document["left_out_s"] > 0.0:
-        console.print(
-            Text(
-                f"Left out of all figures: {document['left_out_s']:.2f} s around missed cycles; what the other tuning "
-                "would have done there, or whether the cell had stopped, the recording does not show."
-            )
+        echo(
+            f"Left out of all figures: {document['left_out_s']:.2f} s around missed cycles; what the other tuning "
+            "would have done there, or whether the cell had stopped, the recording does not show."
         )
     for note in document["notes"]:
-        console.print(Text(f"note: {note}"))
+        echo(f"note: {note}")
 
 
 def _known(um: float) -> float | None:

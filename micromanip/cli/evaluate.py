@@ -86,31 +86,25 @@ def _print_rows(rows: list[dict[str, Any]]) -> None:
     """Sigma and maximum of each axis beside the paper's."""
     from micromanip.design.validate import paper
 
-    from .tables import Figures, out_console
+    from .tables import print_table
 
     configurations = ", ".join(f"{letter} {label}" for letter, label in paper.LABELS.items())
     if any(row["config"] not in paper.LABELS for row in rows):
         configurations += ", D own PID + tanh inverse, with what the section actuator undoes"
-    report = Figures(
-        title="Control error on the actuator side, um (the paper's figure in brackets)", caption=configurations
-    )
-    for heading in ("axis", "Hz", "", "sigma", "maximum", "with start", "true sigma", "true max"):
-        report.add_column(heading, justify="left" if heading in ("axis", "") else "right")
-    last = rows[-1]["config"]
+    found = []
     for row in rows:
         frequency, config = row["frequency_hz"], row["config"]
-        report.add_row(
-            row["axis"],
-            f"{frequency:g}",
-            config,
+        found.append((
+            row["axis"], f"{frequency:g}", config,
             _beside(f"{row['std_error_um']:.3f}", paper.SIGMA_UM.get(config, {}).get(frequency), 3),
             _beside(f"{row['max_error_um']:.2f}", paper.MAXIMUM_UM.get(config, {}).get(frequency), 2),
             f"{row['max_error_with_start_um']:.2f}",
             "-" if row["true_std_error_um"] is None else f"{row['true_std_error_um']:.3f}",
             "-" if row["true_max_error_um"] is None else f"{row['true_max_error_um']:.2f}",
-            end_section=config == last,
-        )
-    out_console().print(report)
+        ))  # fmt: skip
+    columns = ("axis", "Hz", "", "sigma", "maximum", "with start", "true sigma", "true max")
+    title = "Control error on the actuator side, um (the paper's figure in brackets)"
+    print_table(columns, found, title, configurations, numbers=True)
 
 
 def _in_words(row: dict[str, Any]) -> str:

@@ -81,19 +81,20 @@ def _accepted(order: Callable[[], None]) -> dict[str, bool]:
 
 def _print_status(told: Any) -> None:
     """The running cell's learning (of LearningStatus), a row for each axis."""
-    from .tables import Figures, out_console
+    from .tables import print_table
 
     echo(f"{told['state']}, {told['made']} parts made, memories in {told['folder']}")
-    shown = Figures("axis", "memory", "now", "off the path, um", "last part, um", "without, um", "was", "learned, Hz")
+    rows = []
     for name, axis in told["axes"].items():
         last: dict[str, Any] = axis["last"] or {}
         memory = "none" if axis["generation"] is None else f"state {axis['generation']}"
-        shown.add_row(
+        rows.append((
             name, memory if axis["may_play"] or axis["generation"] is None else f"{memory}, not played", axis["state"],
             f"{axis['apart_um']:.2f}", *(f"{last[key]:.3f}" if last else "" for key in ("error_um", "without_um")),
             last.get("verdict", ""), _bands(last["learned_Hz"]) if last else "",
-        )  # fmt: skip
-    out_console().print(shown)
+        ))  # fmt: skip
+    columns = ("axis", "memory", "now", "off the path, um", "last part, um", "without, um", "was", "learned, Hz")
+    print_table(columns, rows)
 
 
 def _bands(bands: Sequence[Sequence[float]]) -> str:

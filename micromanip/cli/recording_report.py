@@ -98,40 +98,38 @@ def compare(first: Path, second: Path, to: Path | None, as_json: bool) -> None:
 
 
 def _show_comparison(document: dict[str, Any]) -> None:
-    from rich.text import Text
+    from .tables import print_table
 
-    from .tables import Figures, out_console
-
-    console, a, b = out_console(), document["a"], document["b"]
-    console.print(Text(f"A {a['file']}, {a['tracking_s']:.1f} s of tracking"))
-    console.print(Text(f"B {b['file']}, {b['tracking_s']:.1f} s of tracking"))
-    errors = Figures("axis", "A rms", "B rms", "B to A", "95 %", "B is", "A max", "B max", title="Path error, um")
-    bands = [f"{low:g}-{high:g} Hz" for low, high in document["bands_Hz"]]
-    spectra = Figures("axis", "", *bands, "most at, Hz", "headroom, V", title="Path error by band, um rms")
+    a, b = document["a"], document["b"]
+    for name, run in (("A", a), ("B", b)):
+        echo(f"{name} {run['file']}, {run['tracking_s']:.1f} s of tracking")
+    errors, spectra, timing = [], [], []
     for axis, found in document["axes"].items():
         one, two = a["axes"][axis], b["axes"][axis]
         low, high = found["ratio_95"]
-        errors.add_row(
+        errors.append((
             axis, f"{one['rms_um']:.4f}", f"{two['rms_um']:.4f}", f"{found['ratio']:.3f}", f"{low:.3f} to {high:.3f}",
             found["verdict"], f"{one['max_um']:.2f}", f"{two['max_um']:.2f}",
-        )  # fmt: skip
+        ))  # fmt: skip
         for name, figures in (("A", one), ("B", two)):
             headroom = "-" if figures["headroom_V"] is None else f"{figures['headroom_V']:.1f}"
             in_bands = (f"{value:.4f}" for value in figures["bands_um"])
-            spectra.add_row(axis, name, *in_bands, f"{figures['peak_Hz']:.1f}", headroom)
-    timing = Figures("", "p50", "p99.9", "max", "skipped", "lost", "faults", title="Timing, us")
+            spectra.append((axis, name, *in_bands, f"{figures['peak_Hz']:.1f}", headroom))
     for name, run in (("A", a), ("B", b)):
         codes = ", ".join(run["faults"]) or "-"
         for kind in ("lateness", "compute"):
             values = (f"{value / 1e3:.2f}" for value in run[f"{kind}_ns"])
-            timing.add_row(f"{name} {kind}", *values, str(run["skipped"]), str(run["lost"]), codes)
-    console.print(errors, spectra, timing)
+            timing.append((f"{name} {kind}", *values, str(run["skipped"]), str(run["lost"]), codes))
+    print_table(("axis", "A rms", "B rms", "B to A", "95 %", "B is", "A max", "B max"), errors, "Path error, um")
+    bands = [f"{low:g}-{high:g} Hz" for low, high in document["bands_Hz"]]
+    print_table(("axis", "", *bands, "most at, Hz", "headroom, V"), spectra, "Path error by band, um rms")
+    print_table(("", "p50", "p99.9", "max", "skipped", "lost", "faults"), timing, "Timing, us")
     for change in document["configuration"]:
-        console.print(Text(f"{change['key']}: {change['old']} -> {change['new']}"))
+        echo(f"{change['key']}: {change['old']} -> {change['new']}")
     if not document["configuration"]:
-        console.print(Text("the configurations are the same"))
+        echo("the configurations are the same")
     if "report" in document:
-        console.print(Text(document["report"]))
+        echo(document["report"])
 
 
 def _warn(run: RecordedRun) -> None:

@@ -66,25 +66,19 @@ def _loop(config: Path | None) -> tuple[Loop, list[str]]:
 
 
 def _show(answer: Answer) -> None:
-    from .tables import Figures, out_console
+    from .tables import out_console, print_table
 
     console = out_console()
-    table = Figures("setting", "", "found")
-    for finding in answer.findings:
-        style = _STYLES[finding.verdict]
-        table.add_row(finding.name, f"[{style}]{finding.verdict}[/]", _plain(finding.found))
-    console.print(table)
+    rows = [(each.name, f"[{_STYLES[each.verdict]}]{each.verdict}[/]", _plain(each.found)) for each in answer.findings]
+    print_table(("setting", "", "found"), rows)
     for finding in answer.findings:
         if finding.mend is not None:
             console.print(f"[bold]{finding.name}[/]: {_plain(finding.why)}\n  {_plain(finding.mend)}")
     if answer.timed is not None:
         timed = answer.timed
-        table = Figures("us", "p50", "p99", "p99.9", "p99.99", "max", "overruns")
-        for name, run in (("at rest", timed.at_rest), ("under load", timed.under_load)):
-            for row in _rows(name, run):
-                table.add_row(*row)
-        console.print(table)
-        console.print(_plain(counted_line(timed.document())))
+        rows = [*_rows("at rest", timed.at_rest), *_rows("under load", timed.under_load)]
+        print_table(("us", "p50", "p99", "p99.9", "p99.99", "max", "overruns"), rows)
+        echo(counted_line(timed.document()))
     style = {True: "bold green", False: "bold red", None: "bold yellow"}[answer.ready]
     console.print(f"[{style}]{_plain(answer.verdict)}[/]")
 

@@ -24,11 +24,20 @@ def out_console() -> Console:
     return Console(highlight=False, width=None if fits else _WIDE)
 
 
-def print_table(columns: Sequence[str], rows: Iterable[Sequence[RenderableType]], title: str | None = None) -> None:
-    """A table on standard output; nothing where it has no rows."""
-    table = Figures(*columns, title=title)
+def print_table(
+    columns: Sequence[str],
+    rows: Iterable[Sequence[RenderableType]],
+    title: str | None = None,
+    caption: str | None = None,
+    *,
+    numbers: bool = False,
+) -> None:
+    """A table on standard output, nothing without rows; `numbers` are on the right, but for the first column."""
+    table = Figures(*columns, title=title, caption=caption)
     for row in rows:
         table.add_row(*row)
+    for column in table.columns[1:] if numbers else ():
+        column.justify = "right"
     if table.row_count:
         out_console().print(table)
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from micromanip.errors import CheckFailed
 
+from .echo import echo
 from .options import emit_answer
 from .progress import show_compiling
 from .recording_options import open_recording
@@ -105,22 +106,17 @@ def _document(trial: Trial, axes: list[str]) -> dict[str, Any]:
 
 
 def _show(document: dict[str, Any]) -> None:
-    from rich.text import Text
+    from .tables import print_table
 
-    from .tables import Figures, out_console
-
-    console, name = out_console(), document["objective"]
+    name, rows = document["objective"], []
     keys = list(dict.fromkeys(key for each in document["best"] for key in each["values"]))
-    table = Figures(title=f"Path error, um, {name}")
-    for heading in ("trial", "all axes", *document["axes"], *keys):
-        table.add_column(heading, justify="right")
     for each in [document["base"], *(best for best in document["best"] if best["number"])]:
         um = [each["cost_um"], *each.get(f"{name}_um", {}).values()]
         values = [f"{each['values'][key]:.4g}" if key in each["values"] else "as it is" for key in keys]
         figures = ["stops"] + ["-"] * len(document["axes"]) if um == [None] else [f"{error:.4f}" for error in um]
-        table.add_row(str(each["number"]), *figures, *values)
-    console.print(table)
+        rows.append((str(each["number"]), *figures, *values))
+    print_table(("trial", "all axes", *document["axes"], *keys), rows, f"Path error, um, {name}", numbers=True)
     refused, stopped = document["refused"], document["stopped"]
-    console.print(Text(f"{document['trials']} trials: `check` refuses {refused}, {stopped} would stop the cell."))
+    echo(f"{document['trials']} trials: `check` refuses {refused}, {stopped} would stop the cell.")
     if document["written"]:
-        console.print(Text(f"The best is {document['written']}."))
+        echo(f"The best is {document['written']}.")

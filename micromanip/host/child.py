@@ -19,7 +19,7 @@ from typing import Any
 
 from micromanip.bus.backoff import RestartLimit
 
-from .fd_passing import send_orders
+from .orders import send_orders
 
 
 class Child:

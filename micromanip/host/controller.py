@@ -29,10 +29,10 @@ from micromanip.settings.check import Prepared
 from micromanip.status_reply import Link
 
 from .child import Child, loop_process
-from .cpu_conflicts import cpu_conflicts
 from .loop_links import follow, loop_link
 from .loop_orders import loop_orders
 from .parameter_buffers import ParameterBuffers
+from .realtime import cpu_conflicts
 from .refusals import Refused, awaited, refusals
 from .shared_memory import CONTROL, RING, STATUS, Segments, context_layout
 

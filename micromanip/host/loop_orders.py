@@ -1,4 +1,4 @@
-"""What the loop process is to do: the document that the host hands it with the memory (``fd_passing.py``)."""
+"""What the loop process is to do: the document that the host hands it with the memory (``orders.py``)."""
 
 from __future__ import annotations
 

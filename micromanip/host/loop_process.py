@@ -1,7 +1,7 @@
 """The loop process: maps the memory, opens the drivers, warms up, goes real-time, runs the loop.
 
 Started by the host as ``python -m micromanip.host.loop_process`` in a session of its own, so that Ctrl-C
-reaches the host only. It imports before it gets its orders, with the shared memory (``fd_passing.py``).
+reaches the host only. It imports before it gets its orders, with the shared memory (``orders.py``).
 """
 
 # ruff: noqa: E402
@@ -37,7 +37,7 @@ from micromanip.rt.states import ARM, HOST_DEAD, RAMPS, READY
 from micromanip.rt.telemetry import ROW
 
 from .control.socket_file import remove_stale
-from .fd_passing import receive_orders
+from .orders import receive_orders
 from .realtime import enter_real_time, missing_rights
 from .shared_memory import CONTROL, RING, STATUS, Segments
 

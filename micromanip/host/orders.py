@@ -1,6 +1,10 @@
 """What the host and a process of its own tell each other: a JSON document a line.
 
 Its standard input brings orders, and the end of it is the end; its standard output says what became of them.
+
+One that runs already, and began to import before the host knew what to order, gets one document for good on a socket
+that is its standard input, with open files along (SCM_RIGHTS, unix(7)). Both ends have the very same open files then:
+shared memory, and locks that hold until the last of the two lets go.
 """
 
 from __future__ import annotations
@@ -9,11 +13,15 @@ import contextlib
 import json
 import os
 import select
+import signal
+import socket
 import sys
 from collections import deque
+from collections.abc import Sequence
 from typing import Any
 
-_BYTES = 65_536
+_BYTES, _DESCRIPTORS = 65_536, 253
+"""Read at once; and the most that Linux lets go along."""
 
 
 def send_message(**message: Any) -> None:
@@ -50,3 +58,31 @@ class Orders:
         self.ended = not some
         *lines, self._partial = (self._partial + some).split(b"\n")
         self._ready.extend(json.loads(line) for line in lines if line)
+
+
+def first_orders() -> tuple[Orders, Any]:
+    """Orders of the host on standard input, and the first of them: None where it died as it started this process.
+
+    What a service's processes are all sent does not end this one: the host does.
+    """
+    for number in (signal.SIGHUP, signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)
+    told = Orders(sys.stdin.fileno())
+    return told, told.next()
+
+
+def send_orders(wire: socket.socket, orders: Any, descriptors: Sequence[int]) -> None:
+    """All orders that there will ever be; raises OSError where nobody is there to take them."""
+    document = json.dumps(orders).encode()
+    sent = socket.send_fds(wire, [document], list(descriptors))
+    wire.sendall(document[sent:])
+    wire.shutdown(socket.SHUT_WR)
+
+
+def receive_orders(standard_input: int = 0) -> tuple[Any, list[int]]:
+    """What the host handed on, as soon as it does: orders and descriptors. None where it ended, or let go, before."""
+    with socket.socket(fileno=os.dup(standard_input)) as wire:
+        document, descriptors, _, _ = socket.recv_fds(wire, _BYTES, _DESCRIPTORS)
+        while more := wire.recv(_BYTES):
+            document += more
+    return (json.loads(document) if document else None), descriptors

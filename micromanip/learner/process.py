@@ -11,7 +11,6 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import os
-import signal
 import sys
 from collections import deque
 from pathlib import Path
@@ -21,7 +20,7 @@ import numpy as np
 
 from micromanip.design.learning.law import Update
 from micromanip.errors import MicromanipError
-from micromanip.host.orders import Orders, send_message
+from micromanip.host.orders import first_orders, send_message
 from micromanip.host.ring import RingReader
 from micromanip.host.shared_memory import RING, Segment
 from micromanip.settings.load import validate_document
@@ -118,14 +117,11 @@ def _as_message(found: Update) -> dict[str, Any]:
 
 def main() -> int:
     """Learn until standard input ends; 0, or 1 where this cell can't learn."""
-    for number in (signal.SIGHUP, signal.SIGINT, signal.SIGTERM):  # sent to all of a service; the host ends this one
-        signal.signal(number, signal.SIG_IGN)
     with contextlib.suppress(OSError):
         os.nice(_NICE)
-    lines = Orders(sys.stdin.fileno())
-    orders = lines.next()
+    lines, orders = first_orders()
     if orders is None:
-        return 0  # the host died as it started us
+        return 0
     reader = RingReader(Segment.attach(orders["ring"], writable=False).record(RING))
     try:
         learner = Learner(orders, reader)

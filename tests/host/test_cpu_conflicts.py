@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from micromanip.host.cpu_conflicts import cpu_conflicts
+from micromanip.host.realtime import cpu_conflicts
 
 HELD = "import os; os.sched_setaffinity(0, {%d}); %s; print(flush=True); input()"
 

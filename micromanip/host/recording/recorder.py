@@ -9,12 +9,11 @@ where the file was closed in order. What was opened and not begun leaves no file
 from __future__ import annotations
 
 import contextlib
-import signal
 import sys
 import time
 from typing import Any
 
-from micromanip.host.orders import Orders, send_message
+from micromanip.host.orders import Orders, first_orders, send_message
 from micromanip.host.ring import RingReader
 from micromanip.host.shared_memory import CONTROL, RING, STATUS, Segments
 
@@ -34,12 +33,9 @@ Recording = McapRecording | McapSeries
 
 def main() -> int:
     """Record until standard input ends; 0 where all of it is in the file, 69 where nothing, 1 where a part of it is."""
-    for number in (signal.SIGHUP, signal.SIGINT, signal.SIGTERM):  # sent to all of a service; the host ends this one
-        signal.signal(number, signal.SIG_IGN)
-    told = Orders(sys.stdin.fileno())
-    orders = told.next()
+    told, orders = first_orders()
     if orders is None:
-        return 0  # the host died as it started us
+        return 0
     segments = Segments.attach(orders["descriptors"], writable=False)
     reader = RingReader(segments.ring.record(RING))
     try:

@@ -8,10 +8,9 @@ standard output tells what became of each trip. It ends by itself once the loop 
 from __future__ import annotations
 
 import contextlib
-import signal
 import sys
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -21,7 +20,7 @@ from numpy.typing import NDArray
 
 from micromanip.errors import CheckFailed
 from micromanip.faults import BY_NAME, LOOP_DIED, FaultReport, latched
-from micromanip.host.orders import Orders, send_message
+from micromanip.host.orders import first_orders, send_message
 from micromanip.host.ring import RingReader
 from micromanip.host.shared_memory import CONTROL, RING, STATUS, Segments
 from micromanip.rt import mailbox as w
@@ -35,26 +34,20 @@ _COPIES = 50
 _SPARE_ROWS = 100
 _LOOK_S = 0.02
 _PAGE = 4096
-
-
-@dataclass(frozen=True)
-class Cell:
-    """What the orders say about the controller that is watched."""
-
-    configuration: str
-    sha256: str
-    path: str
-    axes: tuple[str, ...]
-    drivers: tuple[str, ...]
-    period_ns: int
+_CELL = ("configuration", "sha256", "path", "axes", "drivers", "period_ns")
+"""What the orders say about the controller that is watched: it goes into each box."""
 
 
 class Capture:
     """Reads control, status and ring; writes nothing."""
 
-    def __init__(self, cell: Cell, control: Any, status: Any, ring: Any) -> None:
-        self.cell = cell
+    def __init__(self, orders: dict[str, Any], control: Any, status: Any, ring: Any) -> None:
+        self.configured(orders)
         self._control, self._status, self._ring = control, status, ring
+
+    def configured(self, orders: dict[str, Any]) -> None:
+        """The controller runs the configuration of these `orders` now."""
+        self._cell = {key: orders[key] for key in _CELL}
 
     @property
     def cycles(self) -> int:
@@ -75,7 +68,7 @@ class Capture:
         """The box of the newest trip, with what the ring holds of the time before it."""
         state = self._state()
         rows = self._rows(since=int(state[0]["fault_cycle"]) - self._cycles(BEFORE_S))
-        report = latched(state[0], self.cell.axes, self.cell.drivers)[-1]
+        report = latched(state[0], self._cell["axes"], self._cell["drivers"])[-1]
         return self._box(report, rows, _first_faulty(rows, int(state[0]["fault"])), state)
 
     def died(self, report: FaultReport) -> TripRecord:
@@ -100,25 +93,20 @@ class Capture:
         )
 
     def _cycles(self, seconds: float) -> int:
-        return round(seconds * 1e9 / self.cell.period_ns)
+        return round(seconds * 1e9 / self._cell["period_ns"])
 
     def _box(self, report: FaultReport, rows: NDArray[Any], at: int, state: NDArray[Any]) -> TripRecord:
         """The box of a trip in the row `at`; without any row it has only the state."""
         monotonic_ns = int(rows["time_ns"][at]) if len(rows) else time.monotonic_ns()
         cycle = int(rows["cycle"][at]) if len(rows) else int(state[0]["cycle"])
         utc_ns = time.time_ns() - (time.monotonic_ns() - monotonic_ns)
-        meta = {
+        meta = self._cell | {
             "format": FORMAT,
             "trip": report.document() | {"cycle": cycle, "number": report.kind.number, "message": str(report)},
             "complete": False,
             "utc": datetime.fromtimestamp(utc_ns * 1e-9, UTC).isoformat(timespec="milliseconds"),
             "utc_ns": utc_ns,
             "monotonic_ns": monotonic_ns,
-            "period_ns": self.cell.period_ns,
-            "axes": list(self.cell.axes),
-            "configuration": self.cell.configuration,
-            "sha256": self.cell.sha256,
-            "path": self.cell.path,
         }
         rows = _between(rows, cycle - self._cycles(BEFORE_S), cycle + self._cycles(AFTER_S))
         return TripRecord(meta, rows, self._parameters(rows), state, _events(state))
@@ -226,15 +214,12 @@ class Watch:
 
 def main() -> int:
     """Watch until the loop has ended."""
-    for number in (signal.SIGHUP, signal.SIGINT, signal.SIGTERM):  # the loop's end is ours, too
-        signal.signal(number, signal.SIG_IGN)
-    told = Orders(sys.stdin.fileno())
-    orders = told.next()
+    told, orders = first_orders()
     if orders is None:
-        return 0  # the host died as it started us
+        return 0
     segments = Segments.attach(orders["descriptors"], writable=False)
     capture = Capture(
-        _cell(orders), segments.control.record(CONTROL), segments.status.record(STATUS), segments.ring.record(RING)
+        orders, segments.control.record(CONTROL), segments.status.record(STATUS), segments.ring.record(RING)
     )
     archive = TripArchive(Path(orders["folder"]), orders["kept"], send_message)
     watch = Watch(capture, archive, orders["known"], orders["stuck_s"])
@@ -247,24 +232,13 @@ def main() -> int:
             time.sleep(_LOOK_S)
         for message in told.within(_LOOK_S):
             if "configuration" in message:
-                capture.cell = _cell(message)
+                capture.configured(message)
             if "died" in message:
                 watch.died(FaultReport(BY_NAME[message["died"]], what=message["what"], value=message["value"]))
         if not watch.over:
             watch.look(host_lives=not told.ended)
     watch.close()
     return 0
-
-
-def _cell(orders: dict[str, Any]) -> Cell:
-    return Cell(
-        configuration=orders["configuration"],
-        sha256=orders["sha256"],
-        path=orders["path"],
-        axes=tuple(orders["axes"]),
-        drivers=tuple(orders["drivers"]),
-        period_ns=int(orders["period_ns"]),
-    )
 
 
 if __name__ == "__main__":

@@ -48,7 +48,7 @@ class TripRecord:
 
     `meta` has the keys ``format``, ``trip`` (`micromanip.status_reply.Fault` with its number and message),
     ``complete``, ``utc``, ``monotonic_ns`` and ``utc_ns`` (both of the trip), ``period_ns``, ``axes``,
-    ``configuration`` (its text), ``sha256``, ``path``.
+    ``drivers``, ``configuration`` (its text), ``sha256``, ``path``.
     """
 
     meta: dict[str, Any]

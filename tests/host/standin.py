@@ -105,7 +105,7 @@ class Cell:
         self.said.append("settled")
 
     def __call__(self, verb, **fields):
-        return asyncio.run(self.table[verb](Request(verb, fields, ALICE)))
+        return asyncio.run(self.table[verb].act(Request(verb, fields, ALICE)))
 
     def follow(self):
         """What the daemon does now and then."""

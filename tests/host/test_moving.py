@@ -41,7 +41,7 @@ class Playing(Cell):
                 self.fastest = max(self.fastest, abs(float(self.axis["move"]["speed_um"])))
 
     async def ask(self, verb, **fields):
-        return await self.table[verb](Request(verb, fields, ALICE))
+        return await self.table[verb].act(Request(verb, fields, ALICE))
 
     def play(self, scenario):
         async def whole():

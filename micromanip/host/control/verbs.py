@@ -160,7 +160,7 @@ class Verbs:
 
     async def ask(self, verb: str, peer: Peer) -> Any:
         """The answer to a verb without fields, asked in the name of `peer`, and noted as any other."""
-        return await self.table()[verb](Request(verb, {}, peer))
+        return await self._dispatch(self._rows[verb], Request(verb, {}, peer))
 
     async def follow_trials(self) -> None:
         """As long as it runs: notice what the loop has decided of a promoted tuning, tell it, and write it down."""

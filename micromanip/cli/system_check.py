@@ -76,8 +76,8 @@ def _show(answer: Answer) -> None:
             console.print(f"[bold]{finding.name}[/]: {_plain(finding.why)}\n  {_plain(finding.mend)}")
     if answer.timed is not None:
         timed = answer.timed
-        rows = [*_rows("at rest", timed.at_rest), *_rows("under load", timed.under_load)]
-        print_table(("us", "p50", "p99", "p99.9", "p99.99", "max", "overruns"), rows)
+        timings = [*_rows("at rest", timed.at_rest), *_rows("under load", timed.under_load)]
+        print_table(("us", "p50", "p99", "p99.9", "p99.99", "max", "overruns"), timings)
         echo(counted_line(timed.document()))
     style = {True: "bold green", False: "bold red", None: "bold yellow"}[answer.ready]
     console.print(f"[{style}]{_plain(answer.verdict)}[/]")

@@ -93,7 +93,7 @@ class Capture:
         )
 
     def _cycles(self, seconds: float) -> int:
-        return round(seconds * 1e9 / self._cell["period_ns"])
+        return round(seconds * 1e9 / int(self._cell["period_ns"]))
 
     def _box(self, report: FaultReport, rows: NDArray[Any], at: int, state: NDArray[Any]) -> TripRecord:
         """The box of a trip in the row `at`; without any row it has only the state."""

@@ -20,6 +20,7 @@ def command(config: Path, as_json: bool) -> None:
     from micromanip.host.state_directory import memory_folder
     from micromanip.settings.check import prepare
     from micromanip.settings.checks.feedback import strain_loops
+    from micromanip.settings.schema.model import ARMS_WITHIN_S
     from micromanip.settings.wiring.buses import budget as bus_budget
     from micromanip.virtual.cell import measured_cycle_ns
 
@@ -71,7 +72,7 @@ def command(config: Path, as_json: bool) -> None:
         },
     }
     if configuration.arm_on_start:
-        report["arm_on_start"] = True
+        report["arm_on_start"] = {"within_s": ARMS_WITHIN_S}
     for loop_found in strain_loops(configuration, wiring):
         report["axes"][loop_found.axis]["strain_loop"] = {
             "crossover_Hz": round(loop_found.crossover_Hz, 1),
@@ -100,8 +101,9 @@ def _print(report: dict[str, Any], config: Path) -> None:
                 f"    strain loop about {found['crossover_Hz']:.0f} Hz, {found['phase_margin_deg']:.0f} deg, over "
                 f"{found['slowest_path']}: {found['slowest_path_ms']:.2g} ms"
             )
-    if report.get("arm_on_start"):
-        echo("  arms by itself as soon as it is READY and every sensor is valid")
+    if by_itself := report.get("arm_on_start"):
+        within = f"READY, or within {by_itself['within_s']:g} s of it, once every sensor is valid"
+        echo(f"  arms by itself as soon as {within}")
     for name, driver in report["drivers"].items():
         kind = "simulated" if driver["simulated"] else f"real; watchdog: {driver['watchdog'] or 'NONE'}"
         echo(f"  driver {name}: {driver['driver']}, {kind}")

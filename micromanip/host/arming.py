@@ -10,6 +10,7 @@ from typing import Any
 from micromanip.errors import CheckFailed
 from micromanip.replies import Change
 from micromanip.rt import states
+from micromanip.settings.schema.model import ARMS_WITHIN_S
 
 from .control.request import Request
 from .controller import Controller
@@ -17,8 +18,6 @@ from .refusals import Refused
 
 _LOOK_S = 0.05
 """Nobody presses and releases an emergency stop, or opens and closes a guard, between two looks."""
-_WITHIN_S = 30.0
-"""So long the first samples of a device are waited for that boots more slowly than the controller."""
 
 
 class HostArming:
@@ -54,7 +53,7 @@ class HostArming:
 
         Raises CheckFailed where arming is refused for another reason than samples to come, or these do not come.
         """
-        end, told = time.monotonic() + _WITHIN_S, False
+        end, told = time.monotonic() + ARMS_WITHIN_S, False
         while not ends() and self._left_to is None:
             before = self._controller.state
             try:
@@ -63,8 +62,8 @@ class HostArming:
                 await self._judge(refusal, late=time.monotonic() >= end)
                 if not told:
                     self._say(
-                        f"WARNING: arms by itself as soon as it can, within {_WITHIN_S:g} s: `micromanip disarm` calls "
-                        f"it off. It waits: {'; '.join(refusal.awaits or ())}"
+                        f"WARNING: arms by itself as soon as it can, within {ARMS_WITHIN_S:g} s: `micromanip disarm` "
+                        f"calls it off. It waits: {'; '.join(refusal.awaits or ())}"
                     )
                 told = True
             else:
@@ -77,6 +76,6 @@ class HostArming:
     async def _judge(self, refusal: Refused, *, late: bool) -> None:
         """Raise CheckFailed where it is not to be waited any longer."""
         if late or refusal.awaits is None:
-            why = f"{refusal}" + f" (gave up after {_WITHIN_S:g} s)" * late
+            why = f"{refusal}" + f" (gave up after {ARMS_WITHIN_S:g} s)" * late
             await self._note([], why)
             raise CheckFailed(why)

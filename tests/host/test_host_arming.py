@@ -99,7 +99,7 @@ def test_a_late_sensor_is_waited_for_and_said(ready):
 
 
 def test_it_gives_up_for_good(ready, monkeypatch):
-    monkeypatch.setattr(module, "_WITHIN_S", 0.1)
+    monkeypatch.setattr(module, "ARMS_WITHIN_S", 0.1)
     cell = ready()
     cell.lack(x=states.REFERENCE_MISSING)
     with pytest.raises(CheckFailed, match=r"^arm refused: deviation_x is not fresh.*gave up after 0.1 s") as failed:

@@ -155,6 +155,8 @@ class Simulation(Settings):
         return dict(self.model_extra or {})
 
 
+ARMS_WITHIN_S = 30.0
+"""So long `arm_on_start` waits for the first samples of a device that boots more slowly than the controller."""
 PLAUSIBLE_UM = (-1000.0, 1000.0)
 """Strain and stage samples outside count as invalid where a signal has no range of its own."""
 
@@ -283,8 +285,8 @@ class Configuration(Settings):
     )
     arm_on_start: NewStart[Flag] = Field(
         default=False,
-        description="Arm once when READY, or within 30 s of it as soon as every sensor is valid; simulated drivers "
-        "only.",
+        description=f"Arm once when READY, or within {ARMS_WITHIN_S:g} s of it as soon as every sensor is valid; "
+        "simulated drivers only.",
     )
     simulation: NewStart[Simulation | None] = Field(
         default=None,

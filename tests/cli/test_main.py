@@ -182,7 +182,7 @@ def test_a_good_configuration(capsys):
     assert report["ok"] is True
     assert report["rate_hz"] == 10_000
     assert 0 < report["cycle_us"]
-    assert report["arm_on_start"] is True
+    assert report["arm_on_start"] == {"within_s": 30.0}
     assert set(report["axes"]) == {"x", "y", "z"}
 
 

@@ -6,64 +6,26 @@ and offsets are asserted by the C compiler once more.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from micromanip.rt import (
-    arming,
-    axis_order,
-    faults,
-    figures,
-    limit_cycle,
-    oscillation,
-    record,
-    records,
-    reference_blend,
-    states,
-    supervisor,
-    telemetry,
-    watch,
-)
-from micromanip.rt.laws import (
-    coordinate_transform,
-    digital_input,
-    estimator,
-    feedforward,
-    lqg,
-    pid,
-    reference,
-    sensor,
-    shaping,
-    steady,
-)
+from micromanip.rt import record, records, states, supervisor, telemetry
+from micromanip.rt.laws import estimator, reference, sensor
 
 _C_TYPES = {"float64": "double", "int64": "int64_t", "int32": "int32_t"}
 _ENUMERATIONS = (record, records, states, estimator)
-_REASONS = ("DEMAND_AHEAD", "MISSING", "GAUGE_LOST", "STAGE_LOST", "DEVICE_BEHIND", "INNER_CALM", "FOUND")
+_REASONS = ("MISSING", "GAUGE_LOST", "STAGE_LOST", "INNER_CALM", "FOUND")
 _SINGLE = (
-    (reference, ("SIGNAL", "JOG", "MAX_MODES", "REFERENCE_STATES", "STOOD_STILL")),
-    (steady, ("SURE_NATS", "LOST_NATS", "ANEW_NATS", "FAR_SIGMA")),
-    (supervisor, ("BEHIND", "FOLLOWED", "RELAPSED", "MANY", "AT_ONCE", "REMEMBERED", *_REASONS)),
+    (reference, ("MAX_MODES", "REFERENCE_STATES", "STOOD_STILL")),
+    (sensor, ("BELIEVED",)),
+    (supervisor, ("BEHIND", "MANY", "AT_ONCE", "REMEMBERED", *_REASONS)),
 )
-_LAWS = (digital_input, shaping, feedforward, pid, estimator, lqg, reference, sensor, coordinate_transform)
-_RECORDS = (
-    *_LAWS,
-    limit_cycle,
-    oscillation,
-    watch,
-    arming,
-    axis_order,
-    faults,
-    figures,
-    reference_blend,
-    supervisor,
-    records,
-    telemetry,
-)
-"""What is part of another record comes before it."""
+_WHOLE = (records.CELL_PARAMETERS, records.CELL_STATE, records.SIGNAL, telemetry.ROW)
+"""Every other record is a part of one of these."""
 
 
 def header() -> str:
@@ -71,11 +33,9 @@ def header() -> str:
     lines = ["/* Generated from micromanip.rt by benchmarks/layout.py. */", "#ifndef RECORDS_H", "#define RECORDS_H"]
     lines += ["#include <stddef.h>", "#include <stdint.h>", ""]
     lines += [f"#define {name} {value}" for name, value in _constants().items()]
-    known: dict[str, np.dtype[Any]] = {}
-    for name, value in (entry for module in _RECORDS for entry in vars(module).items()):
-        if isinstance(value, np.dtype) and value.names and name.lower() not in known:
-            lines += ["", *_structure(name.lower(), value, known)]
-            known[name.lower()] = value
+    names, known = _names(), set[str]()
+    for dtype in _WHOLE:
+        lines += _structures(dtype, names, known)
     return "\n".join([*lines, "", "#endif", ""])
 
 
@@ -96,22 +56,26 @@ def _constants() -> dict[str, float]:
     return found | {name: getattr(module, name) for module, names in _SINGLE for name in names}
 
 
-def _structure(name: str, dtype: np.dtype[Any], known: dict[str, np.dtype[Any]]) -> Iterator[str]:
-    assert dtype.names is not None
+def _names() -> dict[np.dtype[Any], str]:
+    """How the records are called where they stand: the constants of ``micromanip.rt``, in small letters."""
+    modules = [module for name, module in sys.modules.items() if name.startswith("micromanip.rt.")]
+    constants = [entry for module in modules for entry in vars(module).items()]
+    return {value: name.lower() for name, value in constants if isinstance(value, np.dtype) and value.names}
+
+
+def _structures(dtype: np.dtype[Any], names: dict[np.dtype[Any], str], known: set[str]) -> Iterator[str]:
+    """A record behind those that are part of it, but for what is `known` by then."""
+    if dtype.names is None or names[dtype] in known:
+        return
     assert dtype.fields is not None
-    yield f"struct {name} {{"
-    for field_name in dtype.names:
-        element = dtype.fields[field_name][0]
-        sizes = "".join(f"[{size}]" for size in element.shape)
-        yield f"    {_type_name(element.base, known)} {field_name}{sizes};"
-    yield "};"
-    yield f'_Static_assert(sizeof(struct {name}) == {dtype.itemsize}, "size of {name}");'
-    for field_name in dtype.names:
-        offset = dtype.fields[field_name][1]
-        yield f'_Static_assert(offsetof(struct {name}, {field_name}) == {offset}, "place of {name}.{field_name}");'
-
-
-def _type_name(dtype: np.dtype[Any], known: dict[str, np.dtype[Any]]) -> str:
-    if dtype.names is None:
-        return _C_TYPES[dtype.name]
-    return next(f"struct {name}" for name, other in known.items() if other == dtype)
+    name, places = names[dtype], {field: (dtype[field], dtype.fields[field][1]) for field in dtype.names}
+    known.add(name)
+    for element, _ in places.values():
+        yield from _structures(element.base, names, known)
+    yield from ("", f"struct {name} {{")
+    for field, (element, _) in places.items():
+        kind = _C_TYPES[element.base.name] if element.base.names is None else f"struct {names[element.base]}"
+        yield f"    {kind} {field}{''.join(f'[{size}]' for size in element.shape)};"
+    yield from ("};", f'_Static_assert(sizeof(struct {name}) == {dtype.itemsize}, "size of {name}");')
+    for field, (_, offset) in places.items():
+        yield f'_Static_assert(offsetof(struct {name}, {field}) == {offset}, "place of {name}.{field}");'

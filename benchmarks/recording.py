@@ -13,7 +13,7 @@ from numba import types
 from numpy.typing import NDArray
 
 from micromanip.rt.cell import cell_cycle
-from micromanip.rt.clock import now_ns
+from micromanip.rt.intrinsics import now_ns
 from micromanip.rt.jit import Compiler
 from micromanip.rt.records import CELL_STATE, MAX_AXES, MAX_OUTPUTS, MAX_SIGNALS, SIGNAL
 from micromanip.rt.signatures import OUTPUTS, PARAMETERS, ROWS, SAMPLES, STATES, WORDS
@@ -39,7 +39,6 @@ class Recording:
     state: NDArray[Any]
     signals: NDArray[Any]
     """(cycles, MAX_SIGNALS)"""
-    periods: NDArray[np.int64]
     samples: NDArray[np.float64] = field(default_factory=lambda: np.zeros((1, MAX_AXES)))
     """Own references and learned corrections, (rows, MAX_AXES)."""
     swept: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
@@ -67,14 +66,13 @@ Player = Callable[[Recording, Outcome, int], None]
 
 
 @_compiled.entry(
-    types.void(*(PARAMETERS, STATES, STATES, _SIGNAL_LOG, WORDS, OUTPUTS, SAMPLES, ROWS, types.int64), *(WORDS,) * 3)
+    types.void(*(PARAMETERS, STATES, STATES, _SIGNAL_LOG, OUTPUTS, SAMPLES, ROWS, types.int64), *(WORDS,) * 3)
 )
 def replay(
     parameters: Any,
     first: Any,
     state: Any,
     signals: Any,
-    periods: Any,
     outputs: Any,
     samples: Any,
     rows: Any,
@@ -94,10 +92,10 @@ def replay(
             for j in range(0, len(swept), LINE_WORDS):
                 swept[j] += 1
             begun_ns = now_ns(timespec) if len(swept) > 0 else 0
-            deadline_ns = (s["cycle"] + periods[k]) * p["period_ns"]
-            begin_cycle(s, periods[k] - 1)
+            deadline_ns = (s["cycle"] + 1) * p["period_ns"]
+            begin_cycle(s, 0)
             cell_cycle(p, s, signals[k], outputs, samples, NO_COMMAND, deadline_ns)
-            write_row(p, s, signals[k], rows[k], deadline_ns, 0, 0, periods[k])
+            write_row(p, s, signals[k], rows[k], deadline_ns, 0, 0, 1)
             if len(swept) > 0:
                 taken_ns[k] = now_ns(timespec) - begun_ns
 
@@ -112,7 +110,7 @@ def record_tracking(prepared: Prepared, seconds: float, cycles: int) -> Recordin
     for k in range(cycles):
         cell.run(period_s)
         log[k] = cell.signals
-    return Recording(cell.parameters, state, log, np.ones(cycles, np.int64))
+    return Recording(cell.parameters, state, log)
 
 
 def ours(recording: Recording, outcome: Outcome, repeats: int) -> None:
@@ -122,7 +120,6 @@ def ours(recording: Recording, outcome: Outcome, repeats: int) -> None:
         recording.state,
         outcome.state,
         recording.signals,
-        recording.periods,
         outcome.outputs,
         recording.samples,
         outcome.rows,
@@ -143,7 +140,6 @@ def twin_player(folder: Path) -> Player:
             recording.state.ctypes.data,
             outcome.state.ctypes.data,
             recording.signals.ctypes.data,
-            recording.periods.ctypes.data,
             outcome.outputs.ctypes.data,
             outcome.rows.ctypes.data,
             len(recording.signals),

@@ -1,17 +1,16 @@
 /* One tracking cycle of the cell in plain C: the yardstick of `micromanip system bench`, and an oracle for the laws.
  *
- * Same records, same algorithms, same telemetry rows as micromanip/rt, for what config/paper.yaml uses: stage control
- * after a tracker, with a Prandtl-Ishlinskii model and tanh shaping. It only tracks: no arming, no ramp, no
- * command, and no reaction to a fault. Lengths in um, voltages in V.
+ * Same records, same algorithms, same telemetry rows as micromanip/rt, for what config/paper.yaml does in each cycle:
+ * stage control after a tracker, with a Prandtl-Ishlinskii model and tanh shaping. What is rare is told by numbers that
+ * differ: a missed cycle, a sample that is refused, a demand that outruns the set-point, calm gains, a device that is
+ * behind, the reaction to a fault. Lengths in um, voltages in V.
  */
 #include <math.h>
 #include <stdbool.h>
-#include <stdlib.h>
 #include <time.h>
 
 #include "records.h"
 #define HISTORY_MASK (INPUT_HISTORY - 1)
-#define TURN 6.283185307179586
 
 /* Python's min and max: the first of two that do not compare. */
 static inline double least(double a, double b) { return b < a ? b : a; }
@@ -51,21 +50,10 @@ static void advance(const struct outer_parameters *p, const double *history, dou
         predict(p, x, history[cycle & HISTORY_MASK]);
 }
 
-static void predict_to(const struct outer_parameters *p, struct estimator_state *s, int64_t cycle)
-{
-    double held = s->history[s->cycle & HISTORY_MASK];
-    for (int64_t skipped = s->cycle + 1; skipped < earlier(cycle, s->cycle + INPUT_HISTORY); skipped++)
-        s->history[skipped & HISTORY_MASK] = held;
-    advance(p, s->history, s->x, later(s->cycle, cycle - INPUT_HISTORY + 1), cycle);
-    s->cycle = cycle;
-}
-
 /* No more of an innovation than is plausible at once; while more comes the limit opens, and closes slowly again. */
 static double believed(const struct outer_parameters *p, struct estimator_state *s, double innovation)
 {
-    double limit_um = p->innovation_um + s->opened_um;
-    if (s->repeated >= 2)
-        limit_um = p->repeated_um;
+    double limit_um = s->repeated < 2 ? p->innovation_um + s->opened_um : p->repeated_um;
     double applied = most(-limit_um, least(limit_um, innovation));
     s->opened_um = most(2.0 * fabs(applied), 0.9 * s->opened_um);
     return applied;
@@ -76,7 +64,6 @@ static void update(const struct outer_parameters *p, struct estimator_state *s, 
     int64_t now = s->cycle;
     int n = (int)p->states;
     int64_t passed = sample_cycle - s->filtered_cycle;
-    bool gap = passed > p->gap_cycles;
     if (sample_cycle <= s->filtered_cycle || sample_cycle > now || now - sample_cycle >= INPUT_HISTORY)
         return;
     s->repeated = y == s->reading_um ? s->repeated + 1 : 0;
@@ -90,13 +77,11 @@ static void update(const struct outer_parameters *p, struct estimator_state *s, 
     double applied = believed(p, s, s->innovation_um);
     const double *gain = p->gains[earlier(passed, GAPS) - 1];
     for (int i = 0; i < n; i++)
-        s->x[i] = s->filtered[i] += gain[i] * (gap && i < p->slow ? s->innovation_um : applied);
+        s->x[i] = s->filtered[i] += gain[i] * applied;
     advance(p, s->history, s->x, sample_cycle, now);
     s->filtered_cycle = sample_cycle;
 }
 
-enum { BELIEVED = 1000 };   /* consecutive unusable cycles after which a reading that jumped away is believed */
-static const double any_value[2] = {-INFINITY, INFINITY};
 
 static bool read_signal(const struct signal *signal, struct sensor_state *s, int64_t now_ns, int64_t max_age_ns,
                         const double *range_um, double rate_um_per_ns)
@@ -122,8 +107,6 @@ static bool read_signal(const struct signal *signal, struct sensor_state *s, int
             s->time_ns = taken_ns;
             s->fresh = 1;
             s->samples++;
-        } else {
-            s->refused++;
         }
     }
     s->silent_ns = now_ns - s->taken_ns;
@@ -138,15 +121,15 @@ static bool read_signal(const struct signal *signal, struct sensor_state *s, int
 static inline bool is_silent(const struct sensor_state *s, int64_t ns) { return s->sequence == 0 || s->silent_ns > ns; }
 
 /* Tracker: position, velocity, acceleration and oscillations, extrapolated in closed form. */
-static void extrapolate(const struct reference_parameters *p, const double *restrict detuning,
-                        const double *restrict from, double tau_s, double *restrict to)
+static void extrapolate(const struct reference_parameters *p, const double *restrict from, double tau_s,
+                        double *restrict to)
 {
     to[0] = from[0] + tau_s * (from[1] + 0.5 * tau_s * from[2]);
     to[1] = from[1] + tau_s * from[2];
     to[2] = from[2];
     for (int k = 0; k < p->modes; k++) {
         double omega = p->oscillator[k], left = p->decay[k] > 0.0 ? exp(-p->decay[k] * tau_s) : 1.0;
-        double angle = (omega + detuning[k]) * tau_s, sine = left * sin(angle), cosine = left * cos(angle);
+        double angle = omega * tau_s, sine = left * sin(angle), cosine = left * cos(angle);
         const double *o = from + 3 + 2 * k;
         to[3 + 2 * k] = cosine * o[0] + sine / omega * o[1];
         to[4 + 2 * k] = -omega * sine * o[0] + cosine * o[1];
@@ -161,145 +144,36 @@ static double position(const double *w)
     return total;
 }
 
-/* Joints that swing at another frequency: found from what each correction turns their oscillations by. */
-static void follow_joints(const struct reference_parameters *p, const double *gains, const double *pull,
-                          const double *floor_um2, double *detuning, const double *w, double innovation)
-{
-    for (int k = 0; k < p->modes; k++) {
-        if (!(p->detuning_high[k] > 0.0))
-            continue;
-        const double *o = w + 3 + 2 * k, *gain = gains + 3 + 2 * k;
-        double rate = o[1] / p->oscillator[k], square = o[0] * o[0] + rate * rate, slew = p->detuning_slew[k];
-        if (square > floor_um2[k]) {
-            double lead = innovation * (rate * gain[0] - o[0] * gain[1] / p->oscillator[k]) / square;
-            double found = detuning[k] + most(-slew, least(slew, pull[k] * lead));
-            detuning[k] = most(p->detuning_low[k], least(p->detuning_high[k], found));
-        }
-    }
-}
-
-static void as_rates(const struct reference_parameters *p, struct reference_state *s)
-{
-    for (int k = 0; k < p->modes; k++) {
-        double omega = p->oscillator[k], found = omega + s->detuning[k], *o = s->w + 3 + 2 * k;
-        if (s->detuning[k] != 0.0) {
-            s->w[2] -= (found * found - omega * omega) * o[0];
-            o[1] *= found / omega;
-        }
-    }
-}
-
 static bool foreseen(const struct reference_parameters *p, const struct reference_state *s, double gap_s)
 {
     return gap_s <= p->horizon_s || (s->silent <= p->horizon_cycles && gap_s <= STOOD_STILL * p->horizon_s);
 }
 
-/* A surer predictor beside it, believed as far as the samples have made it likelier. */
-static void narrow_anew(struct reference_state *s)
+static void tracker_sample(const struct reference_parameters *p, struct reference_state *s, double value, int64_t time_ns)
 {
-    for (int i = 0; i < REFERENCE_STATES; i++)
-        s->narrow[i] = s->wide[i];
-    for (int k = 0; k < MAX_MODES; k++)
-        s->narrow_detuning[k] = s->wide_detuning[k];
-    s->trust = ANEW_NATS;
-}
-
-static void follow_narrowly(const struct reference_parameters *p, struct reference_state *s, double value, double gap_s,
-                            double innovation)
-{
-    extrapolate(p, s->narrow_detuning, s->narrow, gap_s, s->w);
-    s->w[2] -= p->returning * gap_s * s->w[1];
-    double own = value - position(s->w);
-    double trust = s->trust + (innovation * innovation - own * own) / (2.0 * p->steady_um2);
-    if (!(own * own <= FAR_SIGMA * FAR_SIGMA * p->steady_um2 && trust > LOST_NATS)) {
-        narrow_anew(s);
+    double gap_s = (double)(time_ns - s->time_ns) * 1e-9;
+    if (!(isfinite(value) && p->low_um <= value && value <= p->high_um) || gap_s <= 0.0 || !foreseen(p, s, gap_s))
         return;
-    }
-    s->trust = least(SURE_NATS, trust);
-    for (int i = 0; i < REFERENCE_STATES; i++)
-        s->narrow[i] = s->w[i] + p->steady_gain[i] * own;
-    follow_joints(p, p->steady_gain, p->steady_pull, p->steady_floor_um2, s->narrow_detuning, s->w, own);
-}
-
-static void give_both(struct reference_state *s)
-{
-    double share = 1.0 / (1.0 + exp(-s->trust));
-    for (int i = 0; i < REFERENCE_STATES; i++)
-        s->filtered[i] = s->wide[i] + share * (s->narrow[i] - s->wide[i]);
-    for (int k = 0; k < MAX_MODES; k++)
-        s->detuning[k] = s->wide_detuning[k] + share * (s->narrow_detuning[k] - s->wide_detuning[k]);
-}
-
-static void tracker_sample(const struct reference_parameters *p, struct reference_state *s, double value, int64_t time_ns,
-                           bool followed)
-{
-    double gap_s = (double)(time_ns - s->time_ns) * 1e-9, innovation = NAN;
-    double *own = p->steady ? s->wide : s->filtered, *detuning = p->steady ? s->wide_detuning : s->detuning;
-    if (!(isfinite(value) && p->low_um <= value && value <= p->high_um)) {
-        s->rejected++;
+    extrapolate(p, s->filtered, gap_s, s->w);
+    double innovation = value - position(s->w);
+    if (fabs(innovation) > p->jump_um)
         return;
-    }
-    if (s->time_ns != 0 && gap_s <= 0.0)
-        return;
-    if (s->time_ns != 0 && foreseen(p, s, gap_s)) {
-        extrapolate(p, detuning, own, gap_s, s->w);
-        innovation = value - position(s->w);
-    }
-    bool lost = followed && !isfinite(innovation);
-    double jump_um = isfinite(innovation) ? innovation : lost ? value - s->sampled_um : 0.0;
-    if (fabs(jump_um) > p->jump_um || (lost && s->doubted)) {
-        s->rejected++;
-        s->doubted = 1;
-        return;
-    }
     s->silent = s->doubted = 0;
-    for (int i = 0; i < REFERENCE_STATES; i++)    /* anew from the first sample, and from the first after a gap */
-        own[i] = isfinite(innovation) ? s->w[i] + p->gain[i] * innovation : i == 0 ? value : 0.0;
-    if (isfinite(innovation))
-        follow_joints(p, p->gain, p->detuning_pull, p->swing_floor_um2, detuning, s->w, innovation);
-    else
-        for (int k = 0; k < MAX_MODES; k++)
-            detuning[k] = 0.0;
-    if (p->steady) {
-        if (isfinite(innovation))
-            follow_narrowly(p, s, value, gap_s, innovation);
-        else
-            narrow_anew(s);
-        give_both(s);
-    }
+    for (int i = 0; i < REFERENCE_STATES; i++)
+        s->filtered[i] = s->w[i] + p->gain[i] * innovation;
     s->sampled_um = value;
     s->time_ns = time_ns;
 }
 
-static void tracker_reference(const struct reference_parameters *p, struct reference_state *s, int64_t now_ns)
-{
-    double age_s = (double)(now_ns - s->time_ns) * 1e-9;
-    if (p->predict && s->time_ns > 0 && foreseen(p, s, age_s)) {
-        extrapolate(p, s->detuning, s->filtered, age_s, s->w);
-        as_rates(p, s);
-        return;
-    }
-    for (int i = 0; i < REFERENCE_STATES; i++)
-        s->w[i] = i == 0 ? s->sampled_um : 0.0;
-}
-
-/* Inverse hysteresis: creep taken off, play operators, the inverse of c0 tanh(c1 v + c2) + c3. */
-static double play(double x, double r, double w) { return most(x - r, least(x + r, w)); }
-
+/* Inverse hysteresis: play operators, the inverse of c0 tanh(c1 v + c2) + c3. */
 static double feedforward_voltage(const struct hysteresis_parameters *p, struct hysteresis_state *s, double setpoint_um)
 {
     const double *c = p->shaping.c, open_interval = 1.0 - 1e-12;
-    double y = most(p->low_um, least(p->high_um, setpoint_um));
-    double widening = p->alpha * p->rate_cycles * fabs(s->change_um);
-    for (int m = 0; m < p->creeps; m++)
-        y -= p->creep_gain[m] * s->creep_um[m];
-    double u = y / p->alpha;
+    double y = most(p->low_um, least(p->high_um, setpoint_um)), u = y / p->alpha;
     for (int i = 0; i < p->plays; i++) {
-        s->z[i] = play(y, p->r_hat[i] + widening, s->z[i]);
+        s->z[i] = most(y - p->r_hat[i], least(y + p->r_hat[i], s->z[i]));
         u += p->rho_hat[i] * s->z[i];
     }
-    for (int m = 0; m < p->creeps; m++)
-        s->creep_um[m] += p->creep_step[m] * (u - s->creep_um[m]);
     s->change_um = u - s->u_um;
     s->u_um = u;
     double ratio = most(-open_interval, least(open_interval, (u - c[3]) / c[0]));
@@ -325,18 +199,6 @@ static double limit(const struct limiter_parameters *p, double previous_V, doubl
     return most(p->low_V, least(p->high_V, target));
 }
 
-static void remember_wanted(struct axis_state *s, int64_t cycle)
-{
-    int64_t last = s->wanted_cycle;
-    for (int64_t skipped = later(last + 1, cycle - INPUT_HISTORY); skipped < cycle; skipped++) {
-        s->setpoints[skipped & HISTORY_MASK] = s->setpoints[last & HISTORY_MASK];
-        s->references[skipped & HISTORY_MASK] = s->references[last & HISTORY_MASK];
-    }
-    s->setpoints[cycle & HISTORY_MASK] = s->setpoint_um;
-    s->references[cycle & HISTORY_MASK] = position(s->reference.w);
-    s->wanted_cycle = cycle;
-}
-
 /* Where what was wanted when a sample was taken stands: of its cycle, or of the nearest one that is remembered. */
 static int64_t wanted_place(const struct axis_parameters *p, const struct axis_state *s, int64_t cycle, int64_t age_ns,
                             int64_t way)
@@ -354,32 +216,26 @@ static void measure_errors(const struct axis_parameters *p, struct axis_state *s
     s->error_fresh = s->strain.fresh;
 }
 
-static void measure(const struct axis_parameters *p, struct axis_state *s, const struct axis_order *order,
-                    const struct signal *signals, int64_t now_ns)
+static void measure(const struct axis_parameters *p, struct axis_state *s, const struct signal *signals, int64_t now_ns)
 {
     s->reference.silent++;
     read_signal(&signals[p->strain], &s->strain, now_ns, p->strain_age_ns, p->strain_range_um, p->strain_rate_um_per_ns);
     read_signal(&signals[p->stage], &s->stage, now_ns, p->stage_age_ns, p->stage_range_um, p->stage_rate_um_per_ns);
-    if (read_signal(&signals[p->deviation], &s->deviation, now_ns, p->reference_age_ns, any_value, INFINITY))
-        tracker_sample(&p->reference, &s->reference, s->deviation.value, s->deviation.time_ns, order->followed);
+    if (read_signal(&signals[p->deviation], &s->deviation, now_ns, p->reference_age_ns, (const double[]){-INFINITY, INFINITY}, INFINITY))
+        tracker_sample(&p->reference, &s->reference, s->deviation.value, s->deviation.time_ns);
 }
 
-/* What is missing, and why which gains act. */
+/* What is missing, and whether the PID makes a step. */
 static void supervise(const struct axis_parameters *p, struct axis_state *s, const struct axis_order *order)
 {
     struct supervisor_state *u = &s->supervisor;
-    int64_t reasons = order->reasons | (order->behind ? DEVICE_BEHIND : 0), late = 0;
-    bool waits = reasons & (DEVICE_BEHIND | GAUGE_LOST);
     u->passed++;
-    if (order->behind)
-        late = llabs(order->behind) <= AT_ONCE;
-    u->step = s->strain.fresh && !waits ? u->passed : 0;
-    if (u->step > 0)
-        late = later(0, earlier(u->step - p->pid.most_periods, AT_ONCE));
-    if (waits || u->step > 0)
+    u->step = s->strain.fresh && !(order->reasons & GAUGE_LOST) ? u->passed : 0;
+    int64_t late = u->step > 0 ? later(0, earlier(u->step - p->pid.most_periods, AT_ONCE)) : 0;
+    if (order->reasons & GAUGE_LOST || u->step > 0)
         u->passed = 0;
-    u->missing = (1.0 - 1.0 / REMEMBERED) * u->missing + (double)earlier(order->missed, AT_ONCE) + (double)late;
-    u->reasons = reasons | (u->missing > MANY ? MISSING : 0) | (u->calm_left > 0 ? DEMAND_AHEAD : 0);
+    u->missing = (1.0 - 1.0 / REMEMBERED) * u->missing + (double)late;
+    u->reasons = order->reasons | (u->missing > MANY ? MISSING : 0);
 }
 
 static double attainable(const struct axis_parameters *p, const struct axis_state *s, double demand_um)
@@ -394,86 +250,36 @@ static bool outruns(const struct axis_parameters *p, const struct axis_state *s,
     return fabs(attainable(p, s, demand_um) - s->setpoint_um) > BEHIND * p->setpoint_slew_um;
 }
 
-static double regulated(const struct axis_parameters *p, const struct axis_state *s, const double *feedback, const double *reference)
-{
-    double u = 0.0;
-    for (int i = 0; i < p->outer.reference_states; i++)
-        u += reference[i] * s->reference.w[i];
-    for (int i = 0; i < p->outer.states; i++)
-        u -= feedback[i] * s->estimator.x[i];
-    return p->centre_um + u;
-}
-
 static double demand(const struct axis_parameters *p, struct axis_state *s, const struct axis_order *order)
 {
-    struct supervisor_state *u = &s->supervisor;
+    const struct outer_parameters *outer = &p->outer;
     double *w = s->reference.w, step = p->authority_step;
     s->blend.authority += most(-step, least(step, order->authority - s->blend.authority));
     for (int i = 0; i < REFERENCE_STATES; i++)
         w[i] *= s->blend.authority;
-    double nominal_um = regulated(p, s, p->outer.feedback, p->outer.reference);
-    s->bridge_um *= p->blend_decay;
-    if (u->reasons & MISSING) {
-        u->calm_left = FOLLOWED;
-    } else if (u->calm_left == 0) {
-        u->nominal_cycles++;
-        if (!outruns(p, s, nominal_um + s->bridge_um))
-            return nominal_um + s->bridge_um;
-        if (u->relapses == 0 || u->nominal_cycles > RELAPSED) {
-            u->relapses = 0;
-            u->relapsed_cycle = s->estimator.cycle;
-        }
-        u->relapses++;
-        u->calm_left = FOLLOWED;
-    }
-    double calm_um = regulated(p, s, p->outer.far_feedback, p->outer.far_reference);
-    u->calm_left = outruns(p, s, calm_um) ? FOLLOWED : u->calm_left - 1;
-    u->nominal_cycles = 0;
-    u->reasons = u->calm_left > 0 ? u->reasons | DEMAND_AHEAD : u->reasons & ~DEMAND_AHEAD;
-    s->bridge_um = s->setpoint_um - nominal_um;
-    return calm_um;
+    double demand_um = p->centre_um + s->added_um + dot(outer->reference, w, outer->reference_states) -
+                       dot(outer->feedback, s->estimator.x, outer->states);
+    s->outer.bridge_um *= p->blend_decay;
+    demand_um += s->outer.bridge_um;
+    s->supervisor.nominal_cycles++;
+    return outruns(p, s, demand_um) || s->supervisor.reasons & MISSING ? NAN : demand_um;
 }
 
-/* Where the device had less (positive) or more than was asked for: no further than `before` in that direction. */
-static double hold_back(int64_t behind, double before, double value)
-{
-    if (behind == 0)
-        return value;
-    return behind > 0 ? least(before, value) : most(before, value);
-}
-
-static bool move_setpoint(const struct axis_parameters *p, struct axis_state *s, int64_t behind, double demand_um)
+static bool move_setpoint(const struct axis_parameters *p, struct axis_state *s, double demand_um)
 {
     double step = p->setpoint_slew_um;
     if (!isfinite(demand_um))
         return false;
-    double inside = most(s->setpoint_um - step, least(s->setpoint_um + step, attainable(p, s, demand_um)));
-    s->setpoint_um = hold_back(behind, s->setpoint_um, inside);
+    s->setpoint_um = most(s->setpoint_um - step, least(s->setpoint_um + step, attainable(p, s, demand_um)));
     return true;
 }
 
-/* The fallback gains while anything is away from its path or unseen; a change of gains makes no bump. */
-static const struct pid_parameters *pid_gains(const struct axis_parameters *p, struct axis_state *s)
-{
-    bool calm = s->supervisor.reasons & INNER_CALM;
-    const struct pid_parameters *old = s->supervisor.gain_set ? &p->fallback : &p->pid, *gains = calm ? &p->fallback : &p->pid;
-    if (calm != s->supervisor.gain_set) {
-        s->pid.integrator += (old->K_V_per_um - gains->K_V_per_um) * s->pid.error;
-        if (old->derivative != gains->derivative || old->filter_s != gains->filter_s) {
-            s->pid.integrator += s->pid.derivative;
-            s->pid.derivative = 0.0;
-        }
-        s->supervisor.gain_set = calm;
-    }
-    return gains;
-}
-
-static double request_voltage(const struct axis_parameters *p, struct axis_state *s, int64_t behind)
+static double request_voltage(const struct axis_parameters *p, struct axis_state *s)
 {
     double feedforward = feedforward_voltage(&p->hysteresis, &s->hysteresis, s->setpoint_um);
     if (s->supervisor.step > 0)
-        pid_step(pid_gains(p, s), &s->pid, s->strain_error_um, s->supervisor.step);
-    return hold_back(behind, s->voltage_V, feedforward + s->pid.output_V);
+        pid_step(s->supervisor.reasons & INNER_CALM ? &p->fallback : &p->pid, &s->pid, s->strain_error_um, s->supervisor.step);
+    return feedforward + s->pid.output_V;
 }
 
 /* Whether every stage of the law is finite: estimate, feedforward, feedback and its memory, requested voltage. */
@@ -489,31 +295,31 @@ static bool axis_cycle(const struct axis_parameters *p, struct axis_state *s, co
                        int64_t now_ns)
 {
     supervise(p, s, order);
-    predict_to(&p->outer, &s->estimator, cycle);
+    advance(&p->outer, s->estimator.history, s->estimator.x, s->estimator.cycle, cycle);
+    s->estimator.cycle = cycle;
     if (s->stage.fresh && !(s->supervisor.reasons & STAGE_LOST))
         update(&p->outer, &s->estimator, cycle - (int64_t)((double)s->stage.age_ns * p->cycles_per_ns + 0.5), s->stage.value);
-    tracker_reference(&p->reference, &s->reference, now_ns);
-    bool finite = move_setpoint(p, s, order->behind, demand(p, s, order));
-    remember_wanted(s, cycle);
+    double age_s = (double)(now_ns - s->reference.time_ns) * 1e-9;
+    if (p->reference.predict && s->reference.time_ns > 0 && foreseen(&p->reference, &s->reference, age_s))
+        extrapolate(&p->reference, s->reference.filtered, age_s, s->reference.w);
+    bool finite = move_setpoint(p, s, demand(p, s, order));
+    s->setpoints[cycle & HISTORY_MASK] = s->setpoint_um;
+    s->references[cycle & HISTORY_MASK] = position(s->reference.w);
+    s->wanted_cycle = cycle;
     measure_errors(p, s, cycle);
-    s->request_V = request_voltage(p, s, order->behind);
+    s->request_V = request_voltage(p, s);
     finite = finite && is_finite(p, s);
     s->voltage_V = limit(&p->limiter, s->voltage_V, s->request_V);
     s->pid.integrator -= p->pid.tracking * (s->request_V - s->voltage_V);
     s->pid.output_V -= p->pid.tracking * (s->request_V - s->voltage_V);
-    s->estimator.history[s->estimator.cycle & HISTORY_MASK] = s->setpoint_um - p->centre_um;
+    s->estimator.history[s->estimator.cycle & HISTORY_MASK] = s->setpoint_um - p->centre_um - s->added_um;
     return finite;
 }
 
-/* What is watched. Where a condition begins, the controller reacts and the twin does not: then the two disagree. */
+/* What is watched: a word with a bit for each condition. Where a fault begins, the controller reacts and the twin does not. */
 static inline int64_t lasting(int64_t count, bool active) { return active ? count + 1 : 0; }
 static inline double square(double x) { return x * x; }
-
-static inline void condition(struct watch_state *w, int64_t code, bool active)
-{
-    int64_t bit = INT64_C(1) << code;
-    w->raised = active ? w->raised | bit : w->raised & ~bit;
-}
+static inline int64_t condition(int64_t code, bool active) { return (int64_t)active << code; }
 
 static double section_output(const struct section *p, struct section_state *s, double x)
 {
@@ -545,41 +351,50 @@ static bool swings(const struct watch_parameters *p, struct swing *w, int64_t cy
     return w->times >= p->swings;
 }
 
-static void watch_axis(const struct axis_parameters *axis, struct axis_state *a, struct watch_state *w, int64_t cycle)
+static int64_t watch_sensors(const struct axis_parameters *axis, const struct axis_state *a, struct watch_state *w)
 {
     const struct watch_parameters *p = &axis->watch;
-    const struct limiter_parameters *limiter = &axis->limiter;
     bool bad = a->strain.bad >= p->strain_samples, stuck = a->strain.identical >= p->strain_identical;
+    bool silent = is_silent(&a->strain, axis->strain_age_ns);
     w->coast = lasting(w->coast, bad || stuck);
-    condition(w, COASTING, w->coast > 0);
-    condition(w, STRAIN_INVALID, w->coast > p->coast_cycles && bad);
-    condition(w, STRAIN_STUCK, w->coast > p->coast_cycles && stuck);
+    bool over = w->coast > p->coast_cycles;
+    int64_t found = condition(COASTING, w->coast > 0) | condition(STRAIN_STUCK, over && stuck);
+    found |= condition(STRAIN_SILENT, over && bad && silent) | condition(STRAIN_INVALID, over && bad && !silent);
     bad = a->stage.bad >= p->stage_samples;
     stuck = a->stage.identical >= p->stage_identical;
     w->degraded = lasting(w->degraded, bad || stuck);
-    condition(w, DEGRADED, w->degraded > 0);
-    condition(w, STAGE_INVALID, w->degraded > p->degraded_cycles && bad);
-    condition(w, STAGE_STUCK, w->degraded > p->degraded_cycles && stuck);
+    over = w->degraded > p->degraded_cycles;
+    return found | condition(DEGRADED, w->degraded > 0) | condition(STAGE_INVALID, over && bad) |
+           condition(STAGE_STUCK, over && stuck);
+}
 
+static int64_t watch_errors(const struct axis_parameters *axis, const struct axis_state *a, struct watch_state *w)
+{
+    const struct watch_parameters *p = &axis->watch;
+    const struct limiter_parameters *limiter = &axis->limiter;
     bool known = w->degraded == 0 && w->coast == 0;
     if (a->stage.fresh && w->degraded == 0)
         w->innovation += p->innovation_step * (square(a->estimator.innovation_um) / p->innovation_variance - w->innovation);
-    condition(w, DISAGREEMENT, w->innovation > p->innovation_ratio);
     if (a->stage.fresh && known) {
-        double answered_um = a->strain.value - axis->centre_um - a->decoupling.added_um;
-        double apart_um = a->stage.value - p->drift_gain * answered_um;
+        double apart_um = a->stage.value - p->drift_gain * (a->strain.value - axis->centre_um - a->added_um);
         if (p->drift_step * (double)w->settling < 1.0)
             w->apart_um += (apart_um - w->apart_um) / (double)++w->settling;
         else
             w->drift_um += p->drift_step * (apart_um - w->apart_um - w->drift_um);
     }
-    condition(w, STAGE_DRIFT, fabs(w->drift_um) > p->drift_um);
     w->following = lasting(w->following, known && fabs(a->stage_error_um) > p->following_um);
-    condition(w, FOLLOWING_ERROR, w->following >= p->following_cycles);
     w->saturated = lasting(w->saturated, a->request_V > limiter->high_V || a->request_V < limiter->low_V);
-    condition(w, SATURATING, w->saturated >= p->saturating_cycles);
-    condition(w, SATURATED, w->saturated >= p->saturated_cycles);
+    return condition(DISAGREEMENT, w->innovation > p->innovation_ratio) |
+           condition(STAGE_DRIFT, fabs(w->drift_um) > p->drift_um) |
+           condition(FOLLOWING_ERROR, w->following >= p->following_cycles) |
+           condition(SATURATING, w->saturated >= p->saturating_cycles) |
+           condition(SATURATED, w->saturated >= p->saturated_cycles);
+}
 
+static int64_t watch_swings(const struct axis_parameters *axis, const struct axis_state *a, struct watch_state *w, int64_t cycle)
+{
+    const struct watch_parameters *p = &axis->watch;
+    const struct limiter_parameters *limiter = &axis->limiter;
     if (a->error_fresh) {
         double error_um = section_output(&p->band_pass, &w->error_band, a->strain_error_um);
         double asked_um = section_output(&p->band_pass, &w->asked_band, a->setpoint_um);
@@ -588,48 +403,45 @@ static void watch_axis(const struct axis_parameters *axis, struct axis_state *a,
         w->band_energy += p->band_step * (square(error_um) - square(asked_um) - w->band_energy);
     }
     w->band_cycles = lasting(w->band_cycles, sqrt(fmax(0.0, w->band_energy)) > p->band_um);
-    condition(w, OSCILLATION, w->band_cycles >= p->band_cycles);
-
     bool up = a->voltage_V >= limiter->high_V || a->setpoint_um >= axis->setpoint_high_um;
     bool down = a->voltage_V <= limiter->low_V || a->setpoint_um <= axis->setpoint_low_um;
-    bool found = swings(p, &w->driven_swing, cycle, up - down);
-    found |= swings(p, &w->strain_swing, cycle, sensor_end(&a->strain, axis->strain_range_um));
-    found |= swings(p, &w->stage_swing, cycle, sensor_end(&a->stage, axis->stage_range_um));
-    found |= a->supervisor.relapses >= p->swings;
-    condition(w, OUTRUN, a->supervisor.calm_left > 0);
-    condition(w, LIMIT_CYCLE, found);
-    condition(w, REFERENCE_STALE, a->reference.silent >= p->stale_cycles);
-    condition(w, REFERENCE_LOST, a->reference.silent >= p->lost_cycles);
+    bool found = swings(p, &w->swing[0], cycle, up - down);
+    found |= swings(p, &w->swing[1], cycle, sensor_end(&a->strain, axis->strain_range_um));
+    found |= swings(p, &w->swing[2], cycle, sensor_end(&a->stage, axis->stage_range_um));
+    return condition(FALLBACK, w->band_cycles >= p->band_cycles) | condition(OUTRUN, a->supervisor.calm_left > 0) |
+           condition(LIMIT_CYCLE, found || a->supervisor.relapses >= p->swings);
+}
+
+static void watch_axis(const struct axis_parameters *axis, const struct axis_state *a, struct watch_state *w, int64_t cycle)
+{
+    const struct watch_parameters *p = &axis->watch;
+    w->raised = watch_sensors(axis, a, w) | watch_errors(axis, a, w) | watch_swings(axis, a, w, cycle);
+    w->raised |= condition(REFERENCE_STALE, a->reference.silent >= p->stale_cycles) |
+                 condition(REFERENCE_STUCK, a->deviation.identical >= p->reference_identical) |
+                 condition(REFERENCE_LOST, a->reference.silent >= p->lost_cycles);
 }
 
 static void score(struct figures *f, double error_um, double uncompensated_um)
 {
     f->errors++;
-    f->error_squares += error_um * error_um;
+    f->error_squares += square(error_um);
     f->error_max = most(f->error_max, fabs(error_um));
-    f->uncompensated_squares += uncompensated_um * uncompensated_um;
-}
-
-static void mean_squares(const struct cell_parameters *p, const struct axis_state *a, struct figures *f)
-{
-    f->error += p->figures_step * (square(a->stage_error_um) - f->error);
-    f->innovation += p->figures_step * (square(a->estimator.innovation_um) - f->innovation);
-    f->feedback += p->figures_step * (square(a->voltage_V - a->hysteresis.output_V) - f->feedback);
+    f->uncompensated_squares += square(uncompensated_um);
 }
 
 /* The checks of arming count no more where a sensor was away. */
 static void keep_checks(const struct cell_parameters *p, const struct axis_state *a, struct arming_state *arming)
 {
     int64_t away_ns = BELIEVED * p->period_ns;
-    arming->strain_check.passed &= a->strain.bad < BELIEVED && !is_silent(&a->strain, away_ns);
-    arming->stage_check.passed &= arming->strain_check.passed && !is_silent(&a->stage, away_ns);
+    arming->check[0].passed &= a->strain.bad < BELIEVED && !is_silent(&a->strain, away_ns);
+    arming->check[1].passed &= arming->check[0].passed && !is_silent(&a->stage, away_ns);
 }
 
-static void give_order(const struct cell_parameters *p, struct cell_state *s, int i, int64_t missed)
+static void give_order(const struct cell_parameters *p, struct cell_state *s, int i)
 {
     const struct watch_state *w = &s->watch[i];
     s->order[i] = (struct axis_order){
-        .phase = CLOSED, .missed = missed, .behind = s->order[i].behind, .level = 1.0, .held_share = 1.0, .followed = 1,
+        .phase = CLOSED, .level = 1.0, .held_share = 1.0, .followed = 1,
         .reasons = w->raised & FOUND,
         .held_since = s->order[i].held_since, .authority = p->axis[i].authority, .start_V = s->order[i].start_V,
         .time_s = (double)((s->cycle - s->tracking_cycle) * p->period_ns) * 1e-9, .part_begun = -1,
@@ -637,53 +449,28 @@ static void give_order(const struct cell_parameters *p, struct cell_state *s, in
 }
 
 static void cell_cycle(const struct cell_parameters *p, struct cell_state *s, const struct signal *signals, double *outputs,
-                       int64_t now_ns, int64_t periods)
+                       int64_t now_ns)
 {
-    s->cycle += periods;
+    s->cycle++;
     for (int i = 0; i < p->axes; i++)
-        measure(&p->axis[i], &s->axis[i], &s->order[i], signals, now_ns);
+        measure(&p->axis[i], &s->axis[i], signals, now_ns);
     for (int i = 0; i < p->axes; i++)
         watch_axis(&p->axis[i], &s->axis[i], &s->watch[i], s->cycle);
     for (int i = 0; i < p->axes; i++)
-        give_order(p, s, i, periods - 1);
+        give_order(p, s, i);
     for (int i = 0; i < p->axes; i++) {
         const struct axis_parameters *axis = &p->axis[i];
         struct axis_state *a = &s->axis[i];
-        condition(&s->watch[i], NOT_FINITE, !axis_cycle(axis, a, &s->order[i], s->cycle, now_ns));
+        s->watch[i].raised |= condition(NOT_FINITE, !axis_cycle(axis, a, &s->order[i], s->cycle, now_ns));
         outputs[axis->voltage] = a->voltage_V;
+        struct figures *f = &s->figures[i];
         if (s->cycle - s->tracking_cycle >= p->score_cycles)
-            score(&s->figures[i], signals[axis->path_error].value, signals[axis->uncompensated].value);
-        mean_squares(p, a, &s->figures[i]);
+            score(f, signals[axis->path_error].value, signals[axis->uncompensated].value);
+        f->error += p->figures_step * (square(a->stage_error_um) - f->error);
+        f->innovation += p->figures_step * (square(a->estimator.innovation_um) - f->innovation);
+        f->feedback += p->figures_step * (square(a->voltage_V - a->hysteresis.output_V) - f->feedback);
         keep_checks(p, a, &s->arming[i]);
     }
-}
-
-enum { OLDEST_NS = 2000000000 };
-
-enum { NO_NUMBER, LOW_END, BELOW, SAME, ABOVE, HIGH_END, INFINITE, MINUS_INFINITE };
-
-static int reading(const struct sensor_state *s, const double *range_um)
-{
-    if (!isfinite(s->reading))
-        return isnan(s->reading) ? NO_NUMBER : s->reading > 0.0 ? INFINITE : MINUS_INFINITE;
-    if (s->reading >= range_um[1])
-        return HIGH_END;
-    if (s->reading <= range_um[0])
-        return LOW_END;
-    return s->reading == s->value ? SAME : s->reading > s->value ? ABOVE : BELOW;
-}
-
-static int came(const struct sensor_state *s, const double *range_um, int64_t now_ns, int came, int repeated, int place)
-{
-    if (s->arrived_ns != now_ns)
-        return 0;
-    return came | (s->identical > 0 ? repeated : 0) | (s->fresh ? 0 : reading(s, range_um) << place);
-}
-
-static double joint_Hz(const struct reference_parameters *p, const struct reference_state *s, int k)
-{
-    int follows = p->predict && k < p->modes && p->detuning_high[k] > 0.0;
-    return follows ? (p->oscillator[k] + s->detuning[k]) / TURN : NAN;
 }
 
 static void write_axis(const struct axis_parameters *p, const struct axis_state *a, int64_t raised,
@@ -703,28 +490,24 @@ static void write_axis(const struct axis_parameters *p, const struct axis_state 
     row->true_stage_um = signals[p->true_stage].value;
     row->path_error_um = signals[p->path_error].value;
     row->uncompensated_um = signals[p->uncompensated].value;
-    row->tooth_Hz = NAN;    /* what `require_covered` has let in follows no tooth */
-    row->joint_1_Hz = joint_Hz(&p->reference, &a->reference, 0);
-    row->joint_2_Hz = joint_Hz(&p->reference, &a->reference, 1);
-    row->joint_3_Hz = joint_Hz(&p->reference, &a->reference, 2);
-    row->learned_um = 0.0;    /* it learns nothing */
+    row->tooth_Hz = row->joint_1_Hz = row->joint_2_Hz = row->joint_3_Hz = NAN;    /* it follows none of them, */
+    row->notch_um = row->learned_um = 0.0;    /* has no notch and learns nothing */
     row->conditions = raised;
-    row->strain_age_ns = (int32_t)earlier(a->strain.age_ns, OLDEST_NS);
-    row->stage_age_ns = (int32_t)earlier(a->stage.age_ns, OLDEST_NS);
-    row->deviation_age_ns = (int32_t)earlier(a->deviation.age_ns, OLDEST_NS);
+    row->strain_age_ns = (int32_t)earlier(a->strain.age_ns, INT64_C(2000000000));
+    row->stage_age_ns = (int32_t)earlier(a->stage.age_ns, INT64_C(2000000000));
+    row->deviation_age_ns = (int32_t)earlier(a->deviation.age_ns, INT64_C(2000000000));
     row->fresh = (int32_t)(a->strain.fresh + 2 * a->stage.fresh + 4 * a->deviation.fresh);
-    row->fresh |= came(&a->strain, p->strain_range_um, now_ns, 8, 64, 8);
-    row->fresh |= came(&a->stage, p->stage_range_um, now_ns, 16, 128, 11);
+    row->fresh |= a->strain.arrived_ns == now_ns ? a->strain.identical > 0 ? 72 : 8 : 0;
+    row->fresh |= a->stage.arrived_ns == now_ns ? a->stage.identical > 0 ? 144 : 16 : 0;
     row->fresh |= a->deviation.arrived_ns == now_ns ? 32 : 0;
 }
 
 static void write_row(const struct cell_parameters *p, const struct cell_state *s, const struct signal *signals,
-                      struct row *row, int64_t now_ns, int64_t periods)
+                      struct row *row, int64_t now_ns)
 {
     row->cycle = s->cycle;
     row->time_ns = now_ns;
-    row->lateness_ns = row->compute_ns = 0;
-    row->periods = (int32_t)periods;
+    row->periods = 1;
     row->state = (int32_t)s->state;
     row->fault = (int32_t)s->fault;
     row->version = (int32_t)s->version;
@@ -744,7 +527,7 @@ static int64_t clock_ns(void)
 /* Run `cycles` cycles on recorded signals, `repeats` times from the same state; a telemetry row each. Where words are to
  * be swept, as a neighbour on the core does, one of each cache line is written before each cycle, and that is timed. */
 void replay(const struct cell_parameters *p, const struct cell_state *first, struct cell_state *s,
-            const struct signal signals[][MAX_SIGNALS], const int64_t *periods, double *outputs, struct row *rows,
+            const struct signal signals[][MAX_SIGNALS], double *outputs, struct row *rows,
             int64_t cycles, int64_t repeats, int64_t *swept, int64_t words, int64_t *taken_ns)
 {
     for (int64_t r = 0; r < repeats; r++) {
@@ -753,9 +536,9 @@ void replay(const struct cell_parameters *p, const struct cell_state *first, str
             for (int64_t j = 0; j < words; j += 8)
                 swept[j]++;
             int64_t begun_ns = words > 0 ? clock_ns() : 0;
-            int64_t now_ns = (s->cycle + periods[k]) * p->period_ns;
-            cell_cycle(p, s, signals[k], outputs, now_ns, periods[k]);
-            write_row(p, s, signals[k], &rows[k], now_ns, periods[k]);
+            int64_t now_ns = (s->cycle + 1) * p->period_ns;
+            cell_cycle(p, s, signals[k], outputs, now_ns);
+            write_row(p, s, signals[k], &rows[k], now_ns);
             if (words > 0)
                 taken_ns[k] = clock_ns() - begun_ns;
         }

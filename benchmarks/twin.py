@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from micromanip.errors import CheckFailed
-from micromanip.rt.laws import feedforward, reference, shaping
+from micromanip.rt.laws import feedforward, hysteresis, reference
 from micromanip.rt.states import STAGE
 
 from .layout import write_header
@@ -36,7 +36,7 @@ def compile_twin(folder: Path) -> Any:
     write_header(folder)
     function = compile_c("twin.c", folder).replay
     function.argtypes = (
-        [ctypes.c_void_p] * 7 + [ctypes.c_int64] * 2 + [ctypes.c_void_p, ctypes.c_int64, ctypes.c_void_p]
+        [ctypes.c_void_p] * 6 + [ctypes.c_int64] * 2 + [ctypes.c_void_p, ctypes.c_int64, ctypes.c_void_p]
     )
     function.restype = None
     return function
@@ -56,9 +56,14 @@ def require_covered(parameters: Any) -> None:
             and a["outer"]["tooth"] == 0
             and a["hysteresis"]["resonances"] == 0
             and a["hysteresis"]["lead"] == 0.0
+            and a["hysteresis"]["creeps"] == 0
+            and a["hysteresis"]["rate_cycles"] == 0.0
             and a["reference"]["kind"] == reference.SIGNAL
+            and a["reference"]["steady"] == 0
+            and not a["reference"]["detuning_high"].any()
+            and a["decoupling"]["active"] == 0
             and a["hysteresis"]["kind"] == feedforward.PRANDTL_ISHLINSKII
-            and a["hysteresis"]["shaping"]["kind"] == shaping.TANH
+            and a["hysteresis"]["shaping"]["kind"] == hysteresis.TANH
             and all(a[role] >= 0 for role in roles)
             and not any(p[line]["signal"] >= 0 for line in ("enable", "interlock", "retracted"))
             and not any(a[line]["signal"] >= 0 for line in ("amplifier_ok", "temperature_ok"))
@@ -66,5 +71,5 @@ def require_covered(parameters: Any) -> None:
         ):
             raise CheckFailed(
                 "the C twin covers only stage control after a tracker, with a tanh Prandtl-Ishlinskii model, and "
-                "neither a notch, nor a tooth that is followed, nor digital inputs and outputs"
+                "nothing else: no frequency that is followed, no second predictor, no digital inputs and outputs"
             )

@@ -20,15 +20,14 @@ from micromanip_drivers.simulated.driver import SimulatedCell
 from micromanip.cli.progress import show_compiling
 from micromanip.replay.fitting import displacements
 from micromanip.replay.kernel import replay_rows
-from micromanip.rt.bumpless import swap_cell
 from micromanip.rt.cell import cell_cycle
+from micromanip.rt.cycle import run_virtual
 from micromanip.rt.jit import Compiled, prepare
 from micromanip.rt.loop import run_loop
 from micromanip.rt.record import MAX_AXES
 from micromanip.rt.records import CELL_PARAMETERS, CELL_STATE, MAX_OUTPUTS, MAX_SIGNALS, SIGNAL
-from micromanip.rt.shadow import shadow_cycle, start_shadow, takes_back
+from micromanip.rt.shadow import shadow_cycle, start_shadow, swap_cell, takes_back
 from micromanip.rt.states import NO_COMMAND
-from micromanip.rt.virtual import run_virtual
 
 
 def main(only: str = "") -> None:

@@ -1,4 +1,4 @@
-"""The schedule of a worker's tasks (``rt/io/schedule.py``) for Python."""
+"""The schedule of a worker's tasks (``rt/io/worker_records.py``) for Python."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Collection, Sequence
 
 import numpy as np
 
-from micromanip.rt.io import schedule as law
+from micromanip.rt.io import worker_records as law
 from micromanip.rt.jit import plain
 from micromanip.rt.record import fields
 

@@ -1,6 +1,6 @@
 """What following the joints' frequencies takes: the gains of its loops, and whether the predictor bears the ranges.
 
-The law is ``micromanip/rt/laws/joints.py``.
+The law is ``micromanip/rt/laws/frequency_lock.py``.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ Backward Euler over a step h, which is the loop's period or the time from one sa
 
     I+ = I + K h/Ti e,   D+ = (Tf D + K Td (e - e_before)) / (Tf + h),   u = K e + I+ + D+
 
-Errors in um, u in V. It is stable for every Tf >= 0 and h. The notch (``rt/laws/notch.py``) is that of s, warped so
+Errors in um, u in V. It is stable for every Tf >= 0 and h. The notch (``rt/laws/resonance.py``) is that of s, warped so
 that its centre is exact: ``s -> tan(w h / 2) / tan(w0 h / 2)``.
 """
 
@@ -139,7 +139,7 @@ def _notch_response(p: PidGains, omega: Array) -> Complex:
 
 
 def _notch_system(p: PidGains) -> System:
-    """The step of ``rt/laws/notch.py`` as matrices over its two integrators."""
+    """The step of ``rt/laws/resonance.py`` as matrices over its two integrators."""
     g, k = p.notch_tangent, p.notch_width
     band = np.array([1.0, -g, g]) / (1.0 + g * (g + k))  # of both states and the input
     low = np.array([0.0, 1.0, 0.0]) + g * band

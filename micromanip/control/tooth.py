@@ -1,6 +1,6 @@
 """What following the tooth's frequency takes: its loop's gains, the filter without the tooth, poles over the range.
 
-The law is ``micromanip/rt/laws/tooth.py``. Matrices are those of ``outer_gains``, whose last two states are the
+The law is ``rt/laws/frequency_lock.py``. Matrices are those of ``outer_gains``, whose last two states are the
 oscillator's.
 """
 

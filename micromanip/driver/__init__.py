@@ -55,21 +55,20 @@ from micromanip.rt.records import SIGNAL
 
 if TYPE_CHECKING:
     from micromanip.recordings.path_deviation import read_path_deviation
-    from micromanip.rt.clock import now_ns, sleep_until
     from micromanip.rt.entries import entries
-    from micromanip.rt.intrinsics import CONTEXT_SIGNATURE, EXCHANGE_SIGNATURE
+    from micromanip.rt.intrinsics import CONTEXT_SIGNATURE, EXCHANGE_SIGNATURE, now_ns, sleep_until
     from micromanip.rt.jit import Compiler
-    from micromanip.rt.laws.motion import minimum_jerk
+    from micromanip.rt.laws.move import minimum_jerk
 
 _LATE = {
     "CONTEXT_SIGNATURE": "micromanip.rt.intrinsics",
     "EXCHANGE_SIGNATURE": "micromanip.rt.intrinsics",
     "Compiler": "micromanip.rt.jit",
     "entries": "micromanip.rt.entries",
-    "minimum_jerk": "micromanip.rt.laws.motion",
-    "now_ns": "micromanip.rt.clock",
+    "minimum_jerk": "micromanip.rt.laws.move",
+    "now_ns": "micromanip.rt.intrinsics",
     "read_path_deviation": "micromanip.recordings.path_deviation",
-    "sleep_until": "micromanip.rt.clock",
+    "sleep_until": "micromanip.rt.intrinsics",
 }
 """What imports numba, or readers of files, and where it stands."""
 

@@ -17,8 +17,7 @@ from prometheus_client.exposition import CONTENT_TYPE_PLAIN_0_0_4, generate_late
 from prometheus_client.registry import Collector
 
 from micromanip.faults import BY_NAME
-from micromanip.rt.histogram import BINS, lower_edge
-from micromanip.rt.mailbox import TRIPS
+from micromanip.rt.mailbox import BINS, TRIPS, lower_edge
 from micromanip.rt.states import STATE_NAMES
 from micromanip.status_reply import Status
 

@@ -28,13 +28,11 @@ from micromanip.bus.cyclic import CyclicDriver, call_context
 from micromanip.bus.errors import BusError
 from micromanip.bus.registry import driver_class
 from micromanip.errors import DeviceUnavailable, MicromanipError, PermissionDenied
-from micromanip.rt.histogram import BINS
 from micromanip.rt.jit import Compiler, compiled, prepare
 from micromanip.rt.loop import run_loop
-from micromanip.rt.mailbox import COMMAND, COMMAND_NUMBER, FINISHED, HEARTBEAT_NS, RIGHTS, WORDS
-from micromanip.rt.records import CELL_STATE, DRIVER
+from micromanip.rt.mailbox import COMMAND, COMMAND_NUMBER, FINISHED, HEARTBEAT_NS, RIGHTS
+from micromanip.rt.records import DRIVER
 from micromanip.rt.states import ARM, HOST_DEAD, RAMPS, READY
-from micromanip.rt.telemetry import ROW
 
 from .control.socket_file import remove_stale
 from .orders import receive_orders
@@ -47,9 +45,9 @@ _WARM_CYCLES, _WARM_PERIOD_NS = 3000, 20_000
 def _drivers(orders: dict[str, Any], segments: Segments) -> tuple[Any, list[tuple[str, int, int]], Any]:
     """Driver records with addresses of this process, what to close again (name, function, context), what steers."""
     base, steering_ns = segments.contexts.bytes().ctypes.data, np.zeros(1, np.int64)
-    records = np.zeros(max(1, len(orders["drivers"])), DRIVER)
+    records = np.zeros(len(orders["drivers"]), DRIVER)
     opened = []
-    for record, entry in zip(records, orders["drivers"], strict=False):
+    for record, entry in zip(records, orders["drivers"], strict=True):
         driver = _driver(entry, orders["period_ns"])
         functions = bridge_functions() if driver is None else driver.functions()
         context = base + entry["context"]
@@ -82,32 +80,24 @@ def _begin(name: str, driver: CyclicDriver, context: Any) -> None:
         raise DeviceUnavailable(f"driver {name} could not be opened: {problem}") from problem
 
 
-def _warm(control: Any, status: Any, samples: Any, spin_ns: int) -> None:
-    """Run the loop on copies, so that its code and the machine's caches are hot before the first deadline.
+def _warm(control: Any, samples: Any, spin_ns: int) -> None:
+    """Run the loop on memory of its own, so that its code and the machine's caches are hot before the first deadline.
 
     It arms without drivers, in short periods that may be missed; once the sign of life is over it parks and ends.
     """
-    state, shadow = np.zeros(1, CELL_STATE), np.zeros(1, CELL_STATE)
-    state[0]["state"] = READY
-    signals = np.zeros_like(status["signals"])
-    signals["sequence"] = 1
-    parameters = control["parameters"][:1].copy()
-    parameters["axis"]["strain_age_ns"] = parameters["axis"]["stage_age_ns"] = np.iinfo(np.int64).max
-    parameters["period_ns"] = _WARM_PERIOD_NS
-    parameters["overruns_in_a_row"], parameters["overrun_level"] = np.iinfo(np.int64).max, np.inf
-    parameters["heartbeat_ns"] = parameters["hold_cycles"] = 0
-    parameters["ramp_cycles"] = 1
-    parameters["reaction"][0][HOST_DEAD] = RAMPS
-    words = np.zeros(WORDS, np.int64)
+    own, status, ring = np.zeros(1, CONTROL), np.zeros(1, STATUS), np.zeros(1, RING)
+    status[0]["state"]["state"], status[0]["signals"]["sequence"] = READY, 1
+    own["parameters"][0, 0] = control["parameters"][0]
+    p, words = own["parameters"][0, 0], own["words"][0]
+    p["axis"]["strain_age_ns"] = p["axis"]["stage_age_ns"] = np.iinfo(np.int64).max
+    p["period_ns"] = _WARM_PERIOD_NS
+    p["overruns_in_a_row"], p["overrun_level"] = np.iinfo(np.int64).max, np.inf
+    p["heartbeat_ns"] = p["hold_cycles"] = 0
+    p["ramp_cycles"] = 1
+    p["reaction"][HOST_DEAD] = RAMPS
     words[COMMAND], words[COMMAND_NUMBER] = ARM, 1
     words[HEARTBEAT_NS] = time.monotonic_ns() + _WARM_CYCLES * _WARM_PERIOD_NS
-    arguments = (
-        *(words, parameters, np.zeros(WORDS, np.int64), state, shadow, np.zeros(1, CELL_STATE)),
-        *(np.zeros(1, DRIVER), 0, signals, status["outputs"].copy(), samples, np.zeros(WORDS, np.int64)),
-        *(np.zeros(16, ROW), np.zeros(BINS, np.int64), np.zeros(BINS, np.int64), np.zeros(2, np.int64), spin_ns),
-        np.zeros(1, np.int64),
-    )
-    run_loop(*arguments)
+    run_loop(own, status, ring, np.zeros(0, DRIVER), samples, spin_ns, np.zeros(1, np.int64))
 
 
 @contextlib.contextmanager
@@ -165,7 +155,11 @@ def main() -> int:
     if orders is None:  # there will be no loop
         return 0
     segments = Segments.attach(descriptors, writable=True)
-    control, status, ring = segments.control.record(CONTROL), segments.status.record(STATUS), segments.ring.record(RING)
+    control, memory, ring = (
+        np.frombuffer(segment.memory, kind)
+        for segment, kind in ((segments.control, CONTROL), (segments.status, STATUS), (segments.ring, RING))
+    )
+    status, parameters = memory[0], control[0]["parameters"][0]
     samples = segments.sample_table()
     Compiler.tell = staticmethod(lambda name: _print(f"compiling {name} for this processor, once after an update"))
     Compiler.tell_left = staticmethod(lambda name, seconds: _print(f"compiling {name}: {seconds:.0f} s left"))
@@ -173,7 +167,7 @@ def main() -> int:
         with contextlib.nullcontext() if _may_call_blas(orders) else without_blas():
             _compile(orders)
             drivers, opened, steering_ns = _drivers(orders, segments)
-        _warm(control, status, samples, orders["spin_ns"])
+        _warm(control[0], samples, orders["spin_ns"])
         segments.ring.bytes()[::4096] = 0
         rights = enter_real_time(orders["cpu"], orders["priority"])
         if rights and orders["refuse_without_rights"]:
@@ -185,29 +179,10 @@ def main() -> int:
     words = status["words"]
     words[RIGHTS] = rights
     status["state"][0]["state"] = READY
-    for i in range(control["parameters"][0]["axes"]):
-        status["state"][0]["axis"][i]["voltage_V"] = control["parameters"][0]["axis"][i]["limiter"]["park_V"]
-        status["outputs"][control["parameters"][0]["axis"][i]["voltage"]] = status["state"][0]["axis"][i]["voltage_V"]
-    run_loop(
-        control["words"],
-        control["parameters"],
-        words,
-        status["state"],
-        status["shadow"],
-        status["snapshot"],
-        drivers,
-        len(opened),
-        status["signals"],
-        status["outputs"],
-        samples,
-        ring["words"],
-        ring["rows"],
-        status["lateness"],
-        status["compute"],
-        status["timespec"],
-        orders["spin_ns"],
-        steering_ns,
-    )
+    for i in range(parameters["axes"]):
+        axis = parameters["axis"][i]
+        status["state"][0]["axis"][i]["voltage_V"] = status["outputs"][axis["voltage"]] = axis["limiter"]["park_V"]
+    run_loop(control, memory, ring, drivers, samples, orders["spin_ns"], steering_ns)
     for _name, close, context in opened:
         call_context(close, context)
     words[FINISHED] = 1

@@ -14,36 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.errors import DeviceUnavailable
-from micromanip.rt.histogram import BINS
-from micromanip.rt.mailbox import WORDS
-from micromanip.rt.records import CELL_PARAMETERS, CELL_STATE, MAX_AXES, MAX_OUTPUTS, MAX_SIGNALS, SIGNAL
+from micromanip.rt.mailbox import CONTROL as CONTROL
+from micromanip.rt.mailbox import RING as RING
+from micromanip.rt.mailbox import SLOTS as SLOTS
+from micromanip.rt.mailbox import STATUS as STATUS
+from micromanip.rt.records import MAX_AXES
 from micromanip.rt.telemetry import ROW
-
-RING_ROWS = 1 << 16
-"""At 20 kHz 3.3 s: the black box of a trip needs 2.5 s, and time to fetch them."""
-
-SLOTS = 64
-"""Two would do for the loop; the recorder finds the sets of a burst of swaps here."""
-
-CONTROL = np.dtype([("words", "i8", (WORDS,)), ("parameters", CELL_PARAMETERS, (SLOTS,))], align=True)
-"""Written by the host only."""
-STATUS = np.dtype(
-    [
-        ("words", "i8", (WORDS,)),
-        ("state", CELL_STATE, (1,)),
-        ("shadow", CELL_STATE, (1,)),
-        ("snapshot", CELL_STATE, (1,)),
-        ("lateness", "i8", (BINS,)),
-        ("compute", "i8", (BINS,)),
-        ("timespec", "i8", (2,)),
-        ("signals", SIGNAL, (MAX_SIGNALS,)),
-        ("outputs", "f8", (MAX_OUTPUTS,)),
-    ],
-    align=True,
-)
-"""Written by the loop only."""
-RING = np.dtype([("words", "i8", (WORDS,)), ("rows", ROW, (RING_ROWS,))], align=True)
-"""Telemetry, written by the loop only; any number of readers, none of which the loop waits for."""
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from micromanip.rt import mailbox as w
-from micromanip.rt.histogram import percentile
+from micromanip.rt.mailbox import lower_edge
 from micromanip.rt.states import SHADOW_NAMES
 from micromanip.settings.schema.reference import Tracker
 from micromanip.status_reply import AxisValues, Durations, LearningStatus, Link, PathError, Recorded, Status
@@ -21,6 +22,14 @@ from .signal_statistics import SignalStatistics
 
 _MOST_ROWS = 1 << 15
 _PERCENTILES = (0.5, 0.99, 0.999, 0.9999)
+
+
+def percentile(histogram: Any, fraction: float) -> int:
+    """Smallest bin edge (ns) that at least `fraction` of all values do not exceed by a bin; 0 when empty."""
+    seen = np.cumsum(histogram)
+    if seen[-1] == 0:
+        return 0
+    return lower_edge(int(np.searchsorted(seen, max(1, math.ceil(fraction * seen[-1])))))
 
 
 class Gathered:

@@ -22,8 +22,7 @@ from micromanip.control.pid import pid_system
 from micromanip.errors import CheckFailed
 from micromanip.rt.jit import Compiler
 from micromanip.rt.laws.feedforward import PRANDTL_ISHLINSKII
-from micromanip.rt.laws.hysteresis import model_output
-from micromanip.rt.laws.shaping import IDENTITY
+from micromanip.rt.laws.hysteresis import IDENTITY, model_output
 from micromanip.rt.record import MAX_AXES
 from micromanip.rt.signatures import array_of
 from micromanip.rt.telemetry import STRAIN_FRESH

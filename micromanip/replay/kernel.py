@@ -14,11 +14,10 @@ from typing import Any
 import numpy as np
 from numba import types
 
-from micromanip.rt.bumpless import swap_cell
-from micromanip.rt.cycle import run_cycle
-from micromanip.rt.exchange import ALL_FOLLOW, FIRST_TAKEN
+from micromanip.rt.cycle import ALL_FOLLOW, FIRST_TAKEN, run_cycle
 from micromanip.rt.jit import Compiler
 from micromanip.rt.record import MAX_AXES, Record
+from micromanip.rt.shadow import swap_cell
 from micromanip.rt.signatures import OUTPUTS, PARAMETERS, ROWS, SAMPLES, SIGNALS, STATES, WORDS, array_of
 from micromanip.rt.states import HOST_DEAD, TRACKING
 from micromanip.rt.telemetry import (

@@ -16,10 +16,9 @@ from micromanip.rt.laws.coordinate_transform import MAX_FRAME
 from micromanip.rt.laws.estimator import MAX_STATES
 from micromanip.rt.laws.excitation import MAX_LINES
 from micromanip.rt.laws.feedforward import MAX_CREEP
-from micromanip.rt.laws.hysteresis import MAX_PLAYS
+from micromanip.rt.laws.hysteresis import MAX_PLAYS, MAX_TABLE
 from micromanip.rt.laws.network import MAX_NEURONS
 from micromanip.rt.laws.reference import MAX_SINES, SAMPLES
-from micromanip.rt.laws.shaping import MAX_TABLE
 from micromanip.rt.records import CELL_PARAMETERS, CELL_STATE, MAX_AXES, MAX_OUTPUTS, MAX_SIGNALS
 from micromanip.rt.telemetry import ROW
 

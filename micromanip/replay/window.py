@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from micromanip.errors import CheckFailed, UsageError
 from micromanip.recordings import Telemetry
-from micromanip.rt.laws.tooth import FOLLOWS
+from micromanip.rt.laws.frequency_lock import FOLLOWS
 from micromanip.rt.states import READY, STAGE, TRACKING
 from micromanip.rt.supervisor import AT_ONCE, MANY, REMEMBERED
 from micromanip.settings.check import validate

@@ -12,12 +12,12 @@ from __future__ import annotations
 
 import math
 
-from micromanip.rt.laws.digital_input import is_missing
-from micromanip.rt.laws.motion import minimum_jerk
+from micromanip.rt.laws.move import minimum_jerk
 from micromanip.rt.laws.reference import SIGNAL
 from micromanip.rt.laws.sensor import is_silent, may_be_at_end
 
 from . import states
+from .digital_io import is_missing
 from .jit import compiled
 from .record import Record, record
 from .states import CHECKING_GAUGE, CHECKING_STAGE, CLOSED, LIFTING, PARKED, SWEEPING
@@ -45,10 +45,13 @@ ARMING_STATE = record(
     ("refused", "i8"),
     ("lift_turn", "i8"),
     ("lifted", "i8"),
-    ("strain_check", CHECK_STATE),
-    ("stage_check", CHECK_STATE),
+    ("check", CHECK_STATE, (2,)),
 )
 """Of an axis: why arming was refused; its place in the lift, and whether that has come; its checks."""
+OF_GAUGE, OF_STAGE = range(2)
+"""The check of the inner loop, and that of the outer one."""
+_COURSE = (PARKED, CHECKING_GAUGE, LIFTING, CHECKING_STAGE, SWEEPING, LIFTING)
+"""What the axes do until all are at their working points, and stay there until they have settled."""
 _SHOWS = 3.0
 """A lift that is so many times as far as its gauge may stray shows whether the gauge follows the voltage."""
 
@@ -105,25 +108,23 @@ def stage_loss(axis: Record, a: Record, samples: int, usable: bool) -> int:
 @compiled
 def plan_checks(p: Record, s: Record) -> None:
     """Give each loop that is to be closed, and whose check does not count (any more), its turn in this arming."""
-    s["probes"] = s["bumps"] = s["lifts"] = 0
+    s["checks"][OF_GAUGE] = s["checks"][OF_STAGE] = s["lifts"] = 0
     for i in range(p["axes"]):
         axis, own = p["axis"][i], s["arming"][i]
         mode, own["lifted"], own["lift_turn"] = axis["mode"], 0, 0
-        start_check(own["strain_check"])
-        start_check(own["stage_check"])
+        start_check(own["check"][OF_GAUGE])
+        start_check(own["check"][OF_STAGE])
         if p["check_cycles"] == 0 or mode == states.VOLTAGE:
             continue
         own["lift_turn"] = s["lifts"]
         s["lifts"] += 1
         far_um = abs(lift_target(axis, s["axis"][i]) - s["axis"][i]["strain"]["value"])
-        if far_um < _SHOWS * axis["strain_check"]["slack"]:
-            own["strain_check"]["passed"] = 0
-        if own["strain_check"]["passed"] == 0:
-            s["probes"] += 1
-            own["strain_check"]["turn"] = s["probes"]
-        if mode == states.STAGE and own["stage_check"]["passed"] == 0:
-            s["bumps"] += 1
-            own["stage_check"]["turn"] = s["bumps"]
+        if far_um < _SHOWS * axis["check"][OF_GAUGE]["slack"]:
+            own["check"][OF_GAUGE]["passed"] = 0
+        for kind in range(2 if mode == states.STAGE else 1):
+            if own["check"][kind]["passed"] == 0:
+                s["checks"][kind] += 1
+                own["check"][kind]["turn"] = s["checks"][kind]
 
 
 @compiled
@@ -154,39 +155,28 @@ def planned_cycles(p: Record, s: Record) -> int:
 
 
 @compiled
+def course(p: Record, s: Record) -> tuple[int, int, int, int, int, int]:
+    """How many cycles each part of ``_COURSE`` takes, as it was planned."""
+    gauges, stages = p["check_cycles"] * s["checks"][OF_GAUGE], p["check_cycles"] * s["checks"][OF_STAGE]
+    return p["enable_cycles"], gauges, lifting_cycles(p, s), stages, p["sweep_cycles"], p["settle_cycles"]
+
+
+@compiled
 def arming_cycles(p: Record, s: Record) -> int:
     """Length of the whole sequence as planned; what resumes a hold needs only its authority back."""
-    if s["resumed"] != 0:
-        return p["authority_cycles"]
-    checking = p["check_cycles"] * (s["probes"] + s["bumps"])
-    moving = lifting_cycles(p, s) + p["sweep_cycles"] + p["settle_cycles"]
-    return p["enable_cycles"] + checking + moving + p["authority_cycles"]
+    return p["authority_cycles"] + (sum(course(p, s)) if s["resumed"] == 0 else 0)
 
 
 @compiled
 def arming_phase(p: Record, s: Record, passed: float) -> tuple[int, float]:
     """What the axes do so many cycles after arming began, and how far they are with it (0..1)."""
     if s["resumed"] == 0:
-        probing, bumping = p["check_cycles"] * s["probes"], p["check_cycles"] * s["bumps"]
-        passed -= p["enable_cycles"]
-        if passed < 0.0:
-            return PARKED, 0.0
-        if passed < probing:
-            return CHECKING_GAUGE, passed / probing
-        passed -= probing
-        lifting = lifting_cycles(p, s)
-        if passed < lifting:
-            return LIFTING, passed / lifting
-        passed -= lifting
-        if passed < bumping:
-            return CHECKING_STAGE, passed / bumping
-        passed -= bumping
-        if passed < p["sweep_cycles"]:
-            return SWEEPING, passed / p["sweep_cycles"]
-        passed -= p["sweep_cycles"]
-        if passed < p["settle_cycles"]:
-            return LIFTING, 1.0
-        passed -= p["settle_cycles"]
+        cycles = course(p, s)
+        for k in range(len(_COURSE)):
+            if passed < cycles[k]:
+                settles = k == len(_COURSE) - 1
+                return _COURSE[k], 1.0 if settles else passed / cycles[k] if k > 0 else 0.0
+            passed -= cycles[k]
     return CLOSED, minimum_jerk(passed / p["authority_cycles"])
 
 
@@ -241,14 +231,13 @@ def judge(c: Record, limits: Record, found: float) -> bool:
 
 
 @compiled
-def forget_checks(a: Record, gauge: bool) -> None:
-    """The loops of an axis must be checked before they are closed again: the outer one, with `gauge` both.
+def forget_checks(a: Record, first: int) -> None:
+    """The loops of an axis must be checked before they are closed again: both, or the outer one where that is `first`.
 
     The answer of the stage is one to a set-point that the gauge measures.
     """
-    a["stage_check"]["passed"] = 0
-    if gauge:
-        a["strain_check"]["passed"] = 0
+    for kind in range(first, 2):
+        a["check"][kind]["passed"] = 0
 
 
 @compiled
@@ -258,9 +247,8 @@ def carry_checks(old: Record, new: Record, a: Record) -> None:
     others = old["mode"] != new["mode"] or old["strain"] != new["strain"] or old["stage"] != new["stage"]
     others = others or old["voltage"] != new["voltage"] or was["low_V"] != now["low_V"]
     if others or was["high_V"] != now["high_V"] or was["slew_V"] != now["slew_V"] or was["park_V"] != now["park_V"]:
-        forget_checks(a, True)
-    gauge, stage = a["strain_check"], a["stage_check"]
-    if gauge["passed"] != 0 and not judge(gauge, new["strain_check"], gauge["found"]):
-        forget_checks(a, True)
-    if stage["passed"] != 0:
-        judge(stage, new["stage_check"], stage["found"])
+        forget_checks(a, OF_GAUGE)
+    for kind in range(2):
+        c = a["check"][kind]
+        if c["passed"] != 0 and not judge(c, new["check"][kind], c["found"]):
+            forget_checks(a, kind)

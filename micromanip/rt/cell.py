@@ -9,19 +9,17 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from micromanip.rt.laws.decoupling import EASED, add_part, forget
-from micromanip.rt.laws.digital_input import is_missing, is_on, read_line
-from micromanip.rt.laws.motion import minimum_jerk
+from micromanip.rt.laws.coordinate_transform import owed_um
+from micromanip.rt.laws.move import minimum_jerk
 
 from . import states
 from .arming import lift_fraction
 from .axis import axis_cycle, measure
 from .checks import advance_arming, keep_checks
 from .commands import apply_command
-from .digital_io import follow_part, follow_tool, is_enabled, switch
-from .exchange import ALL_FOLLOW, FIRST_TAKEN
+from .digital_io import follow_part, follow_tool, is_enabled, is_missing, is_on, read_line, switch
+from .errors import mean_squares, path_error, score
 from .faults import axis_fault, cell_fault
-from .figures import mean_squares, path_error, score
 from .jit import compiled
 from .record import Record
 from .states import CLOSED, LIFTING, PARKED
@@ -41,25 +39,6 @@ def watch_cell(p: Record, s: Record) -> None:
     cell_fault(p, s, states.INTERLOCK_OPEN, closed and is_missing(p["interlock"], s["interlock"]), 0.0, 1.0)
     for i in range(p["axes"]):
         watch_axis(p, s, i, closed, enabled)
-
-
-@compiled
-def watch_drivers(p: Record, s: Record, code: int) -> None:
-    """Judge what the exchange of this cycle returned.
-
-    A failure is a fault in any state, a link that is down in use. Outputs that do not follow the loop are one while the
-    axes are moved by it: not before the first voltage of arming, and not on a ramp, which goes where they go too.
-    """
-    taken = ALL_FOLLOW < code <= FIRST_TAKEN
-    s["link_down"] = 1 if FIRST_TAKEN < code < 0 else 0
-    s["outputs_taken"] = 1 if taken else 0
-    s["outputs_away"] = 1 if code != 0 else 0
-    state = s["state"]
-    parks = (state == states.RAMPING and s["soft"] == 0) or (state == states.ARMING and s["phase"] == PARKED)
-    moves = is_enabled(s) and not parks
-    cell_fault(p, s, states.DRIVER_ERROR, code > 0, float(code), 0.0)
-    cell_fault(p, s, states.LINK_LOST, s["link_down"] != 0 and is_enabled(s), float(-1 - code), 0.0)
-    cell_fault(p, s, states.OUTPUTS_TAKEN, taken and moves, float(FIRST_TAKEN - code), 0.0)
 
 
 @compiled
@@ -97,22 +76,13 @@ def give_orders(p: Record, s: Record, phase: int, fraction: float) -> None:
 
 @compiled
 def decouple(p: Record, s: Record) -> None:
-    """What the next set-point of each axis owes to the references of the others, as they were followed in this cycle.
-
-    A frozen axis stays where it is, and so does what the others owe to it.
-    """
+    """What the set-point of each axis owes to the references of the others, as they were followed last."""
     for i in range(p["axes"]):
         law, a = p["axis"][i]["decoupling"], s["axis"][i]
-        own = a["decoupling"]
-        if law["active"] == 0 and own["active"] == 0:
-            continue
-        if s["order"][i]["phase"] != CLOSED or a["estimator"]["running"] == 0:
-            forget(own)
-            continue
-        own["active"], own["added_um"] = 0, 0.0
-        for j in range(p["axes"]):
-            w, follows = s["axis"][j]["reference"]["w"], s["order"][j]["phase"] == CLOSED
-            add_part(law, own, j, EASED * p["axis"][i]["authority_step"], w, follows)
+        a["added_um"] = 0.0
+        if law["active"] != 0 and s["order"][i]["phase"] == CLOSED and a["estimator"]["running"] != 0:
+            for j in range(p["axes"]):
+                a["added_um"] += owed_um(law, j, s["axis"][j]["reference"]["w"])
 
 
 @compiled
@@ -131,6 +101,7 @@ def cell_cycle(p: Record, s: Record, signals: Any, outputs: Any, samples: Any, c
     follow_tool(p, s, signals, now_ns)
     s["phase"] = phase
     give_orders(p, s, phase, fraction)
+    decouple(p, s)
     scored = s["state"] == states.TRACKING and s["cycle"] - s["tracking_cycle"] >= p["score_cycles"]
     for i in range(p["axes"]):
         axis, a = p["axis"][i], s["axis"][i]
@@ -141,8 +112,7 @@ def cell_cycle(p: Record, s: Record, signals: Any, outputs: Any, samples: Any, c
             error, uncompensated = path_error(axis, a, signals)
             score(s["figures"][i], error, uncompensated)
         if s["state"] == states.TRACKING and axis["mode"] != states.VOLTAGE:
-            mean_squares(p, axis, a, s["figures"][i])
-    decouple(p, s)
+            mean_squares(p["figures_step"], axis, a, s["figures"][i])
     keep_checks(p, s)
     switch(p, s, outputs)
     return accepted

@@ -11,8 +11,19 @@ from micromanip.rt.laws.reference import SIGNAL
 from micromanip.rt.laws.sensor import BELIEVED, is_silent
 
 from . import states
-from .arming import answer, check_step, forget_checks, gather, judge, lift_fraction, stage_loss, sweep_offset
-from .bumpless import start_axis
+from .arming import (
+    OF_GAUGE,
+    OF_STAGE,
+    answer,
+    check_step,
+    forget_checks,
+    gather,
+    judge,
+    lift_fraction,
+    stage_loss,
+    sweep_offset,
+)
+from .axis import start_axis
 from .faults import axis_fault, raise_fault
 from .jit import compiled
 from .record import Record
@@ -47,27 +58,25 @@ def arming_step(p: Record, s: Record, phase: int, fraction: float) -> float:
 
     In a check the axes have their turn one after the other, `fraction` is the place in all of them together.
     """
-    checking = phase in (CHECKING_GAUGE, CHECKING_STAGE)
-    place = fraction * (s["probes"] if phase == CHECKING_GAUGE else s["bumps"]) if checking else 0.0
+    checking, kind = phase in (CHECKING_GAUGE, CHECKING_STAGE), int(phase == CHECKING_STAGE)
+    place = fraction * s["checks"][kind] if checking else 0.0
     turn = int(place)
     for i in range(p["axes"]):
         axis, a, own, order = p["axis"][i], s["axis"][i], s["arming"][i], s["order"][i]
         if phase == LIFTING and own["lifted"] == 0 and lift_fraction(p, s, i, fraction) >= 0.0:
             order["start_V"] = a["voltage_V"]
             start_axis(axis, a)
-            own["strain_check"]["shown_V"], own["strain_check"]["outside"] = a["voltage_V"], 0
+            own["check"][OF_GAUGE]["shown_V"], own["check"][OF_GAUGE]["outside"] = a["voltage_V"], 0
             own["lifted"] = 1
         order["offset"] = 0.0
         if phase == SWEEPING and axis["mode"] != states.VOLTAGE:
             follows = axis["mode"] == states.STAGE or axis["reference"]["kind"] == SIGNAL
             target_um = axis["centre_um"] if follows else a["reference"]["w"][0]
             order["offset"] = sweep_offset(p, axis, target_um, fraction)
-        if phase == CHECKING_GAUGE and own["strain_check"]["turn"] == turn + 1:
-            order["offset"] = axis["strain_check"]["step"] * check_step(place - turn)
-            gather(own["strain_check"], place - turn, a["strain"]["value"])
-        elif phase == CHECKING_STAGE and own["stage_check"]["turn"] == turn + 1:
-            order["offset"] = axis["stage_check"]["step"] * check_step(place - turn)
-            gather(own["stage_check"], place - turn, a["stage"]["value"])
+        if checking and own["check"][kind]["turn"] == turn + 1:
+            order["offset"] = axis["check"][kind]["step"] * check_step(place - turn)
+            value = a["stage"]["value"] if kind == OF_STAGE else a["strain"]["value"]
+            gather(own["check"][kind], place - turn, value)
     if phase == CHECKING_GAUGE:
         return 0.0
     return 1.0 if checking or phase == SWEEPING else fraction
@@ -77,13 +86,12 @@ def arming_step(p: Record, s: Record, phase: int, fraction: float) -> float:
 def judge_checks(p: Record, s: Record, phase: int) -> None:
     """Where the polarity and scale checks of a kind have ended: every answer inside what is expected, or a fault."""
     was = s["phase"]
-    if s["state"] != states.ARMING or phase == was or was not in (CHECKING_GAUGE, CHECKING_STAGE):
+    if phase == was or was not in (CHECKING_GAUGE, CHECKING_STAGE):
         return
+    kind = int(was == CHECKING_STAGE)
+    code = states.STAGE_CHECK if kind == OF_STAGE else states.STRAIN_CHECK
     for i in range(p["axes"]):
-        axis, own = p["axis"][i], s["arming"][i]
-        code, limits, c = states.STRAIN_CHECK, axis["strain_check"], own["strain_check"]
-        if was == CHECKING_STAGE:
-            code, limits, c = states.STAGE_CHECK, axis["stage_check"], own["stage_check"]
+        limits, c = p["axis"][i]["check"][kind], s["arming"][i]["check"][kind]
         if c["turn"] > 0:
             found = answer(c, limits["step"])
             good = judge(c, limits, found)
@@ -126,8 +134,8 @@ def watch_lift(p: Record, s: Record) -> None:
     if s["resumed"] != 0 or p["check_cycles"] == 0 or s["phase"] not in (LIFTING, CHECKING_STAGE):
         return
     for i in range(p["axes"]):
-        limits, a = p["axis"][i]["strain_check"], s["axis"][i]
-        c, start_V = s["arming"][i]["strain_check"], s["order"][i]["start_V"]
+        limits, a = p["axis"][i]["check"][OF_GAUGE], s["axis"][i]
+        c, start_V = s["arming"][i]["check"][OF_GAUGE], s["order"][i]["start_V"]
         gone_V = a["voltage_V"] - start_V
         if s["arming"][i]["lifted"] == 0 or p["axis"][i]["mode"] == states.VOLTAGE:
             continue
@@ -163,6 +171,6 @@ def keep_checks(p: Record, s: Record) -> None:
         a = s["axis"][i]
         raised, strain = s["watch"][i]["raised"], a["strain"]
         if changed or raised & _GAUGE_CHANGED != 0 or strain["bad"] >= BELIEVED or is_silent(strain, away_ns):
-            forget_checks(s["arming"][i], True)
+            forget_checks(s["arming"][i], OF_GAUGE)
         elif raised & _STAGE_CHANGED != 0 or is_silent(a["stage"], away_ns):
-            forget_checks(s["arming"][i], False)
+            forget_checks(s["arming"][i], OF_STAGE)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from . import states
 from .arming import plan_checks, refuse
+from .axis import start_axis
 from .axis_order import hold_here
-from .bumpless import start_axis
 from .digital_io import begin_part, end_part
 from .faults import forget
 from .jit import compiled

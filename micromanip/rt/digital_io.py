@@ -1,5 +1,7 @@
 """Digital signals of the machine: amplifier, feed-hold, heartbeat; which part it makes, and with which tool.
 
+Each is a line, or a whole number that the machine says.
+
 The signal ``part`` is 0 while none is, and any other number while one is: a line that is 1 meanwhile, or a counter. A
 part begins in the cycle in which the number changes, and ends with it; a signal that is not usable counts as 0. Without
 that signal a part begins and ends by command, and ends where the cell does not track any more.
@@ -10,17 +12,61 @@ counts as 0. Without it the tool is 0.
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
-from micromanip.rt.laws.digital_input import digital_value, read_line
-
 from .jit import compiled
-from .record import Record
+from .record import Record, record
 from .states import ARMING, HOLDING, NO_FAULT, RAMPING, READY, TRACKING
+
+LINE_PARAMETERS = record(("signal", "i8"), ("age_ns", "i8"))
+"""Its place in the image (-1: not wired), and how old it may be."""
+LINE_STATE = record(("value", "f8"), ("time_ns", "i8"), ("sequence", "i8"), ("bad", "i8"))
+"""The last good sample; ``bad`` is 0 while that may be trusted."""
 
 _MOST = 2**31 - 1
 _MOST_TOOLS = 2**16 - 1
 """Its number stands in 16 bits of a row."""
+
+
+@compiled
+def read_line(line: Record, s: Record, signals: Any, now_ns: int) -> None:
+    """Update the state `s`; an input that is not wired is left alone."""
+    if line["signal"] >= 0:
+        take_sample(line, s, signals[line["signal"]], now_ns)
+
+
+@compiled.called
+def take_sample(line: Record, s: Record, signal: Record, now_ns: int) -> None:
+    """Not trusted is one that is not finite, flagged by its driver, older than it may be, or that never came."""
+    arrived, good = signal["sequence"] != s["sequence"], signal["status"] == 0 and math.isfinite(signal["value"])
+    if arrived and good:
+        s["value"], s["time_ns"] = signal["value"], min(signal["time_ns"], now_ns)
+    s["sequence"] = signal["sequence"]
+    if (arrived and not good) or s["sequence"] == 0 or now_ns - s["time_ns"] > line["age_ns"]:
+        s["bad"] = 1
+    elif arrived:
+        s["bad"] = 0
+
+
+@compiled
+def is_on(line: Record, s: Record) -> bool:
+    """Whether it says 1, by a sample that may be trusted."""
+    return line["signal"] >= 0 and s["bad"] == 0 and s["value"] > 0.5
+
+
+@compiled
+def is_missing(line: Record, s: Record) -> bool:
+    """Whether one that is wired does not say 1: a broken wire counts as 0."""
+    return line["signal"] >= 0 and not is_on(line, s)
+
+
+@compiled
+def digital_value(s: Record, most: int) -> int:
+    """The whole number that it says, `most` where it says more; 0 where that is not to be trusted."""
+    if s["bad"] != 0:
+        return 0
+    return int(min(float(most), max(0.0, s["value"])) + 0.5)
 
 
 @compiled

@@ -53,15 +53,8 @@ def begins(w: Record, code: int, active: bool) -> bool:
 
 
 @compiled
-def warn(s: Record, axis: int, code: int, active: bool, value: float, limit: float) -> None:
-    """Tell of a condition of an axis that begins; it is told again once it has been away."""
-    if begins(s["watch"][axis], code, active):
-        note(s, code, axis, value, limit, WARN)
-
-
-@compiled
 def axis_fault(p: Record, s: Record, axis: int, code: int, active: bool, value: float, limit: float) -> None:
-    """Raise a fault of an axis where its condition begins."""
+    """Raise a fault or a warning of an axis where its condition begins; again once that has been away."""
     if begins(s["watch"][axis], code, active):
         raise_fault(p, s, code, axis, value, limit, p["axis"][axis]["watch"]["reaction"][code])
 

@@ -1,4 +1,4 @@
-"""Atomic words and calls by address: the few operations numba has no notation for.
+"""Atomic words, calls by address and of the system, its clock: the few operations numba has no notation for.
 
 Plain loads from shared memory are hoisted out of loops by the compiler; whatever another process
 writes is read with ``load_acquire`` and published with ``store_release``. With the JIT disabled
@@ -16,6 +16,8 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
+from .jit import compiled
+
 EXCHANGE_SIGNATURE = types.int32(types.intp, types.intp, types.intp, types.int64, types.int64)
 """int32_t exchange(void *context, double *outputs, struct mm_signal *inputs, int64_t now_ns, int64_t periods)"""
 CONTEXT_SIGNATURE = types.int32(types.intp)
@@ -26,7 +28,21 @@ _EXCHANGE_C = ctypes.CFUNCTYPE(
 )
 
 
+_MONOTONIC, _REALTIME, _ABSOLUTE = 1, 0, 1
+_SECOND_NS = 1_000_000_000
+
+
+def system_call(name: str, result: Any, *arguments: Any) -> Any:
+    """A function of the C library by numba's types, an address being an ``intp``; its errno is ``last_error``."""
+    if not numba.config.DISABLE_JIT:
+        return types.ExternalFunction(name, result(*arguments))
+    function = ctypes.CDLL(None, use_errno=True)[name]
+    function.restype, *function.argtypes = [getattr(ctypes, f"c_{kind}") for kind in (result, *arguments)]
+    return function
+
+
 if numba.config.DISABLE_JIT:
+    last_error = ctypes.get_errno
 
     def load_acquire(words: Any, index: int) -> int:
         """Element of an int64 array, read before everything that follows."""
@@ -105,3 +121,49 @@ else:
             return builder.call(builder.inttoptr(args[0], prototype.as_pointer()), args[1:])
 
         return signature, codegen
+
+
+_clock_gettime = system_call("clock_gettime", types.int32, types.int32, types.intp)
+_clock_nanosleep = system_call("clock_nanosleep", types.int32, types.int32, types.int32, types.intp, types.intp)
+
+
+@compiled
+def clock_ns(clock: int, timespec: Any) -> int:
+    """Nanoseconds of a clock of the system; `timespec` is scratch, int64 (2,)."""
+    _clock_gettime(clock, timespec.ctypes.data)
+    return timespec[0] * _SECOND_NS + timespec[1]
+
+
+@compiled
+def now_ns(timespec: Any) -> int:
+    """Nanoseconds of CLOCK_MONOTONIC."""
+    return clock_ns(_MONOTONIC, timespec)
+
+
+@compiled
+def wall_ns(timespec: Any) -> int:
+    """Nanoseconds of CLOCK_REALTIME, which may be stepped."""
+    return clock_ns(_REALTIME, timespec)
+
+
+@compiled
+def sleep_until(timespec: Any, wake_ns: int) -> None:
+    """Sleep to the absolute time `wake_ns`; returns early only at a signal."""
+    timespec[0], timespec[1] = wake_ns // _SECOND_NS, wake_ns % _SECOND_NS
+    _clock_nanosleep(_MONOTONIC, _ABSOLUTE, timespec.ctypes.data, 0)
+
+
+@compiled
+def wait_until(timespec: Any, deadline_ns: int, spin_ns: int) -> int:
+    """Sleep to `spin_ns` before `deadline_ns`, spin the rest; returns the time it then is.
+
+    The kernel's wake-up is tens of microseconds late; the spin absorbs that, at the price of a CPU
+    that is busy for that share of the period.
+    """
+    now = now_ns(timespec)
+    if deadline_ns - now > spin_ns:
+        sleep_until(timespec, deadline_ns - spin_ns)
+        now = now_ns(timespec)
+    while now < deadline_ns:
+        now = now_ns(timespec)
+    return now

@@ -31,8 +31,6 @@ from typing import Any, ClassVar, TypeVar
 
 from micromanip.files import strangers
 
-from .progress import Progress
-
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 _KEPT_CACHES = 24
@@ -290,16 +288,15 @@ class Compiler:
 
     def _cached(self, function: Any, build: Callable[[bool], Any], *, tell: bool) -> Any:
         """What `build(cache)` makes; whether there is a cache is found out once."""
-        is_kept = self.keeps(function)
-        outer = Progress.current
-        if tell and not is_kept:
-            Compiler.tell(function.__name__)
-            Progress.current = outer or Progress(function, Compiler.tell_left)
-        with self._cache_folder():
-            try:
-                return build(bool(self._caches))
-            finally:
-                Progress.current = outer
+        told = not self.keeps(function) and tell
+        with contextlib.ExitStack() as stack:
+            stack.enter_context(self._cache_folder())
+            if told:
+                from .built_in import Progress  # imports numba
+
+                Compiler.tell(function.__name__)
+                stack.enter_context(Progress.of(function, Compiler.tell_left))
+            return build(bool(self._caches))
 
     def keeps(self, function: Any) -> bool:
         """Whether machine code of `function` is in the cache."""

@@ -13,15 +13,12 @@ from typing import Any
 from numba import types
 
 from . import mailbox
-from .bumpless import swap_cell
-from .clock import now_ns, wait_until
-from .cycle import run_cycle
-from .exchange import exchange_all
-from .histogram import count
-from .intrinsics import load_acquire, store_release
+from .cycle import exchange_all, run_cycle
+from .intrinsics import load_acquire, now_ns, store_release, wait_until
 from .jit import compiled
-from .shadow import shadow_cycle, start_shadow, takes_back
-from .signatures import DRIVERS, OUTPUTS, PARAMETERS, ROWS, SAMPLES, SIGNALS, STATES, WORDS
+from .mailbox import CONTROL, RING, STATUS, count
+from .shadow import shadow_cycle, start_shadow, swap_cell, takes_back
+from .signatures import DRIVERS, SAMPLES, WORDS, array_of
 from .states import NO_COMMAND, NO_SHADOW, OFF, PROMOTE
 from .telemetry import write_row
 
@@ -41,39 +38,20 @@ def publish(words: Any, s: Any) -> None:
     store_release(words, mailbox.CYCLE, s["cycle"])
 
 
-@compiled.entry(
-    types.void(
-        *(WORDS, PARAMETERS, WORDS, STATES, STATES, STATES, DRIVERS, types.int64, SIGNALS, OUTPUTS, SAMPLES),
-        *(WORDS, ROWS, WORDS, WORDS, WORDS, types.int64, WORDS),
-    )
-)
+@compiled.entry(types.void(array_of(CONTROL), array_of(STATUS), array_of(RING), DRIVERS, SAMPLES, types.int64, WORDS))
 def run_loop(
-    control: Any,
-    parameters: Any,
-    status: Any,
-    states: Any,
-    shadows: Any,
-    snapshots: Any,
-    drivers: Any,
-    driver_count: int,
-    signals: Any,
-    outputs: Any,
-    samples: Any,
-    ring: Any,
-    rows: Any,
-    lateness: Any,
-    compute: Any,
-    timespec: Any,
-    spin_ns: int,
-    steering_ns: Any,
+    control_segment: Any, status_segment: Any, ring: Any, drivers: Any, samples: Any, spin_ns: int, steering_ns: Any
 ) -> None:
-    """Run until the state is OFF; `states`, `shadows` and `snapshots` have one element, `parameters` one a slot.
+    """Run until the state is OFF, on the segments of shared memory, each an array of one record (``mailbox.py``).
 
     `steering_ns` has one, by which the next deadline is to come later: a driver's, written in ``exchange``, or 0.
     """
-    s = states[0]
+    control, parameters = control_segment[0]["words"], control_segment[0]["parameters"]
+    own, rows, heads = status_segment[0], ring[0]["rows"], ring[0]["words"]
+    status, signals, outputs, timespec = own["words"], own["signals"], own["outputs"], own["timespec"]
+    s, shadow = own["state"][0], own["shadow"][0]
     p = parameters[load_acquire(control, mailbox.SLOT)]
-    before, candidate, shadow = p, p, shadows[0]
+    before, candidate = p, p
     candidate_number = 0
     taken = s["version"] = p["version"]
     compute_ns = 0
@@ -85,7 +63,7 @@ def run_loop(
         deadline += missed * p["period_ns"]
         periods = 1 + missed
 
-        code = exchange_all(drivers, driver_count, outputs, signals, deadline, periods)
+        code = exchange_all(drivers, outputs, signals, deadline, periods)
         version = load_acquire(control, mailbox.VERSION)
         if version != taken:
             taken = version
@@ -111,21 +89,21 @@ def run_loop(
             p = before
         shadow_cycle(p, candidate, s, shadow, samples, deadline)
 
-        head = ring[mailbox.RING_HEAD]
+        head = heads[mailbox.RING_HEAD]
         write_row(p, s, signals, rows[head % len(rows)], deadline, late, compute_ns, periods)
-        store_release(ring, mailbox.RING_HEAD, head + 1)
+        store_release(heads, mailbox.RING_HEAD, head + 1)
         publish(status, s)
         if number != status[mailbox.COMMAND_DONE]:
             store_release(status, mailbox.COMMAND_ACCEPTED, 1 if accepted else 0)
             store_release(status, mailbox.COMMAND_DONE, number)
         wanted = load_acquire(control, mailbox.SNAPSHOT_NUMBER)
         if wanted != status[mailbox.SNAPSHOT_DONE]:
-            snapshots[0] = s
+            own["snapshot"][0] = s
             store_release(status, mailbox.SNAPSHOT_DONE, wanted)
-        count(lateness, late)
+        count(own["lateness"], late)
         status[mailbox.LATENESS_MAX_NS] = max(status[mailbox.LATENESS_MAX_NS], late)
         compute_ns = now_ns(timespec) - now
-        count(compute, compute_ns)
+        count(own["compute"], compute_ns)
         status[mailbox.COMPUTE_MAX_NS] = max(status[mailbox.COMPUTE_MAX_NS], compute_ns)
         status[mailbox.CYCLES_RUN] += 1
         most_ns = p["period_ns"] // STEERED_SHARE

@@ -9,16 +9,15 @@ from __future__ import annotations
 
 from .arming import ARMING_STATE, CHECK_PARAMETERS
 from .axis_order import AXIS_ORDER
+from .digital_io import LINE_PARAMETERS, LINE_STATE
+from .errors import FIGURES
 from .faults import EVENT, EVENTS
-from .figures import FIGURES
-from .laws.coordinate_transform import FRAME, MAX_FRAME
-from .laws.decoupling import DECOUPLING_PARAMETERS, DECOUPLING_STATE
-from .laws.digital_input import LINE_PARAMETERS, LINE_STATE
+from .laws.coordinate_transform import DECOUPLING_PARAMETERS, FRAME, MAX_FRAME
 from .laws.estimator import ESTIMATOR_STATE, INPUT_HISTORY
 from .laws.excitation import EXCITATION_PARAMETERS, EXCITATION_STATE
 from .laws.feedforward import HYSTERESIS_PARAMETERS, HYSTERESIS_STATE
 from .laws.learned import LEARNED_PARAMETERS, LEARNED_STATE
-from .laws.lqg import OUTER_PARAMETERS
+from .laws.lqg import OUTER_PARAMETERS, OUTER_STATE
 from .laws.move import MOVE_PARAMETERS, MOVE_STATE
 from .laws.pid import PID_PARAMETERS, PID_STATE
 from .laws.reference import REFERENCE_PARAMETERS, REFERENCE_STATE
@@ -79,8 +78,7 @@ AXIS_PARAMETERS = record(
     ("learned", LEARNED_PARAMETERS),
     ("decoupling", DECOUPLING_PARAMETERS),
     ("move", MOVE_PARAMETERS),
-    ("strain_check", CHECK_PARAMETERS),
-    ("stage_check", CHECK_PARAMETERS),
+    ("check", CHECK_PARAMETERS, (2,)),
     ("excitation", EXCITATION_PARAMETERS),
     ("hysteresis", HYSTERESIS_PARAMETERS),
     ("outer", OUTER_PARAMETERS),
@@ -95,7 +93,7 @@ AXIS_STATE = record(
     ("preview_s", "f8"),
     ("blend", BLEND_STATE),
     ("supervisor", SUPERVISOR_STATE),
-    ("bridge_um", "f8"),
+    ("outer", OUTER_STATE),
     ("setpoint_um", "f8"),
     ("request_V", "f8"),
     ("voltage_V", "f8"),
@@ -105,7 +103,7 @@ AXIS_STATE = record(
     ("pid", PID_STATE),
     ("reference", REFERENCE_STATE),
     ("learned", LEARNED_STATE),
-    ("decoupling", DECOUPLING_STATE),
+    ("added_um", "f8"),
     ("move", MOVE_STATE),
     ("hysteresis", HYSTERESIS_STATE),
     ("estimator", ESTIMATOR_STATE),
@@ -163,8 +161,7 @@ CELL_STATE = record(
     ("stopping", "i8"),
     ("soft", "i8"),
     ("resumed", "i8"),
-    ("probes", "i8"),
-    ("bumps", "i8"),
+    ("checks", "i8", (2,)),
     ("lifts", "i8"),
     ("entered_cycle", "i8"),
     ("cycle", "i8"),

@@ -1,4 +1,4 @@
-"""Shadow tuning: a candidate computes beside the active tuning, is promoted without a bump, and taken back if worse.
+"""Tunings: one takes the place of another; a shadow computes beside it, is promoted, and taken back if worse.
 
 The shadow sees the same samples and the set-points that were really given, so that its innovation says how well its
 model knows the plant; its integrator follows the voltage that was really written, so that it never winds up. Once
@@ -15,16 +15,26 @@ from micromanip.rt.laws.estimator import remember
 from micromanip.rt.laws.pid import unwind
 
 from . import states
-from .axis import axis_cycle
-from .bumpless import swap_cell
+from .arming import carry_checks
+from .axis import axis_cycle, change_axis
+from .errors import following_error, mean_squares
 from .faults import note
 from .jit import compiled
 from .record import Record
-from .watch import following_error
 
 _WITHDRAWN = -1
 _PATIENCE = 3
 """So many times its length a trial may take; a tuning that can't be judged by then is taken back."""
+
+
+@compiled.rare
+def swap_cell(old: Record, new: Record, s: Record) -> None:
+    """Carry the whole cell over; the caller uses `new` from this cycle on."""
+    for i in range(new["axes"]):
+        change_axis(old["axis"][i], new["axis"][i], s["axis"][i])
+        carry_checks(old["axis"][i], new["axis"][i], s["arming"][i])
+        s["watch"][i]["fallback"] = s["watch"][i]["band_cycles"] = 0
+    s["version"] = new["version"]
 
 
 @compiled.rare
@@ -117,11 +127,9 @@ def shadow_cycle(p: Record, candidate: Record, s: Record, shadow: Record, sample
         if axis["mode"] == states.VOLTAGE:
             continue
         b["strain"], b["stage"], b["reference"] = a["strain"], a["stage"], a["reference"]
-        b["decoupling"], b["voltage_V"] = a["decoupling"], a["voltage_V"]
+        b["added_um"], b["voltage_V"] = a["added_um"], a["voltage_V"]
         axis_cycle(axis, b, s["order"][i], s["cycle"], now_ns, samples)
         unwind(axis["pid"], b["pid"], b["voltage_V"] - a["voltage_V"])
-        remember(b["estimator"], a["setpoint_um"] - axis["centre_um"] - a["decoupling"]["added_um"])
-        figures, step = shadow["figures"][i], candidate["figures_step"]
-        added_V = a["voltage_V"] - b["hysteresis"]["output_V"]
-        figures["innovation"] += step * (b["estimator"]["innovation_um"] ** 2 - figures["innovation"])
-        figures["feedback"] += step * (added_V * added_V - figures["feedback"])
+        remember(b["estimator"], a["setpoint_um"] - axis["centre_um"] - a["added_um"])
+        b["voltage_V"] = a["voltage_V"]
+        mean_squares(candidate["figures_step"], axis, b, shadow["figures"][i])

@@ -1,13 +1,6 @@
 """Which gains an axis acts by, what of its law runs, and why: looked at once a cycle, before the laws.
 
-    reason         holds while                                      outer   PID     besides
-    DEMAND_AHEAD   a demand is far ahead of the set-point, and      calm    calm    no move, excitation
-                   until it has been followed for a while                           or learned correction
-    MISSING        many cycles or samples were missing lately       calm    calm
-    SWINGING       the inner loop has swung (``watch.py``)                  calm    no move, ..
-    GAUGE_LOST     the gauge is unusable, for a few ms                      waits   no move, ..
-    STAGE_LOST     the capacitive sensor is, for a while                            no move, .., no correction
-    DEVICE_BEHIND  the device has less, or more, than was asked             waits
+What each reason does stands in the manual, ``docs/architecture.md``.
 
 A set-point that runs at its slew limit comes later than it is demanded, the more so the larger the error: after a
 stall, a burst of missed cycles or a push of the tool, nominal gains then swing the stage from end to end, whatever
@@ -33,7 +26,8 @@ DEMAND_AHEAD, SWINGING, GAUGE_LOST, STAGE_LOST = 1 << OUTRUN, 1 << FALLBACK, 1 <
 MISSING, DEVICE_BEHIND = 1 << EVENT_CODES, 2 << EVENT_CODES
 FOUND = SWINGING | GAUGE_LOST | STAGE_LOST
 """What the watch has found, by the bits of its conditions."""
-OUTER_CALM, INNER_CALM = DEMAND_AHEAD | MISSING, DEMAND_AHEAD | MISSING | SWINGING
+OUTER_CALM = DEMAND_AHEAD | MISSING
+INNER_CALM = OUTER_CALM | SWINGING
 INNER_WAITS = GAUGE_LOST | DEVICE_BEHIND
 UNSTEADY = DEMAND_AHEAD | SWINGING | GAUGE_LOST | STAGE_LOST
 
@@ -73,11 +67,10 @@ def start_supervisor(s: Record) -> None:
 def supervise(p: Record, s: Record, order: Record) -> None:
     """Count what is missing; note the reasons of this cycle, and whether the PID makes a step in it."""
     u, reasons = s["supervisor"], order["reasons"] | (DEVICE_BEHIND if order["behind"] != 0 else 0)
-    late, waits = 0, p["feedback"] == 0 or order["phase"] not in DRIVEN
+    idle = p["feedback"] == 0 or order["phase"] not in DRIVEN
+    waits = idle or reasons & INNER_WAITS != 0
+    late = int(not idle and 0 < abs(order["behind"]) <= AT_ONCE)  # of one wait the first cycles count, as of any gap
     u["passed"] += 1
-    if not waits and order["behind"] != 0:  # of one wait the first cycles count, as those of any gap do
-        late, waits = int(abs(order["behind"]) <= AT_ONCE), True
-    waits = waits or reasons & GAUGE_LOST != 0
     u["step"] = u["passed"] if s["strain"]["fresh"] != 0 and not waits else 0
     if u["step"] > 0:
         late = max(0, min(u["step"] - p["pid"]["most_periods"], AT_ONCE))
@@ -126,22 +119,22 @@ def outer_demand(p: Record, s: Record, anew: bool) -> float:
     Where it begins `anew`, or with nominal gains again, it goes on from where it is: ``bridge_um`` fades.
     """
     outer, x, w, u = p["outer"], s["estimator"]["x"], s["reference"]["w"], s["supervisor"]
-    rest = p["centre_um"] + s["decoupling"]["added_um"]
+    rest = p["centre_um"] + s["added_um"]
     nominal_um = rest + outer_setpoint(outer, outer["feedback"], outer["reference"], x, w)
     if anew:
-        s["bridge_um"] = s["setpoint_um"] - nominal_um
-    s["bridge_um"] *= p["blend_decay"]
+        s["outer"]["bridge_um"] = s["setpoint_um"] - nominal_um
+    s["outer"]["bridge_um"] *= p["blend_decay"]
     if u["reasons"] & MISSING != 0:
         u["calm_left"] = FOLLOWED
     elif u["calm_left"] == 0:
         u["nominal_cycles"] += 1
-        if not outruns(p, s, nominal_um + s["bridge_um"]):
-            return nominal_um + s["bridge_um"]
+        if not outruns(p, s, nominal_um + s["outer"]["bridge_um"]):
+            return nominal_um + s["outer"]["bridge_um"]
         if u["relapses"] == 0 or u["nominal_cycles"] > RELAPSED:
             u["relapses"], u["relapsed_cycle"] = 0, s["estimator"]["cycle"]
         u["relapses"] += 1
         u["calm_left"] = FOLLOWED
-    s["bridge_um"] = s["setpoint_um"] - nominal_um
+    s["outer"]["bridge_um"] = s["setpoint_um"] - nominal_um
     return calm_demand(p, s, rest)
 
 

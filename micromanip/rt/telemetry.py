@@ -5,15 +5,13 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from micromanip.rt.laws.digital_input import is_on
 from micromanip.rt.laws.estimator import output
-from micromanip.rt.laws.joints import joint_Hz
-from micromanip.rt.laws.motion import position
+from micromanip.rt.laws.frequency_lock import FOLLOWS, joint_Hz, tooth_Hz
+from micromanip.rt.laws.predictor import position
 from micromanip.rt.laws.reference import SIGNAL
-from micromanip.rt.laws.tooth import FOLLOWS, tooth_Hz
 
-from .digital_io import asks_feed_hold, is_enabled
-from .figures import path_error
+from .digital_io import asks_feed_hold, is_enabled, is_on
+from .errors import path_error
 from .jit import compiled
 from .record import MAX_AXES, Record, record
 from .states import DRIVER_ERROR, STAGE

@@ -13,28 +13,13 @@ A cell that was told to stop (``stopping``) ends in OFF whatever happens on the 
 
 from __future__ import annotations
 
-from micromanip.rt.laws.motion import minimum_jerk
+from micromanip.rt.laws.move import minimum_jerk
 
+from . import states
 from .arming import arming_cycles, arming_phase
 from .axis_order import hold_here
 from .jit import compiled
 from .record import Record
-from .states import (
-    ARMING,
-    CLOSED,
-    FAULT,
-    FROZEN,
-    HOLDING,
-    LIFTING,
-    NO_FAULT,
-    OFF,
-    PARKED,
-    PARKING,
-    RAMPING,
-    READY,
-    STAGE,
-    TRACKING,
-)
 
 
 @compiled
@@ -49,28 +34,28 @@ def begin_hold(p: Record, s: Record) -> None:
     """Freeze the correction: every axis stays where it is, its loops closed."""
     for i in range(p["axes"]):
         hold_here(s, i)
-    enter(s, HOLDING)
+    enter(s, states.HOLDING)
 
 
 @compiled
 def begin_soft_stop(p: Record, s: Record) -> None:
     """Fade the correction out with the loops closed; the ramp follows."""
     for i in range(p["axes"]):
-        if p["axis"][i]["mode"] != STAGE:
+        if p["axis"][i]["mode"] != states.STAGE:
             hold_here(s, i)
     s["soft"] = 1
-    enter(s, RAMPING)
+    enter(s, states.RAMPING)
 
 
 @compiled.rare
 def begin_ramp(p: Record, s: Record) -> None:
     """Start the smooth way to the park voltage of all axes; one under way is not started anew."""
-    if s["state"] == RAMPING and s["soft"] == 0:
+    if s["state"] == states.RAMPING and s["soft"] == 0:
         return
     for i in range(p["axes"]):
         s["order"][i]["start_V"] = s["axis"][i]["voltage_V"]
     s["soft"] = 0
-    enter(s, RAMPING)
+    enter(s, states.RAMPING)
 
 
 @compiled
@@ -86,7 +71,7 @@ def is_parked(p: Record, s: Record) -> bool:
 @compiled
 def ends_hold(p: Record, s: Record, retracted: bool) -> bool:
     """Whether a hold that can't be resumed is over: the tool is out of the cut, or the time is up."""
-    waits_for_nobody = s["fault"] != NO_FAULT or s["stopping"] != 0
+    waits_for_nobody = s["fault"] != states.NO_FAULT or s["stopping"] != 0
     return waits_for_nobody and (retracted or s["cycle"] - s["entered_cycle"] >= p["hold_cycles"])
 
 
@@ -95,37 +80,37 @@ def finish_phase(p: Record, s: Record, retracted: bool) -> None:
     """Go on to the next state where arming, a hold or a ramp has come to its end."""
     passed = s["cycle"] - s["entered_cycle"]
     state = s["state"]
-    if state == ARMING and passed >= arming_cycles(p, s):
+    if state == states.ARMING and passed >= arming_cycles(p, s):
         s["tracking_cycle"] = s["cycle"]
-        enter(s, TRACKING)
-    elif (state == HOLDING and ends_hold(p, s, retracted)) or (
-        state == RAMPING and s["soft"] != 0 and passed >= p["authority_cycles"]
+        enter(s, states.TRACKING)
+    elif (state == states.HOLDING and ends_hold(p, s, retracted)) or (
+        state == states.RAMPING and s["soft"] != 0 and passed >= p["authority_cycles"]
     ):
         begin_ramp(p, s)
-    elif state == RAMPING and s["soft"] == 0 and passed >= p["ramp_cycles"] and is_parked(p, s):
-        if s["fault"] != NO_FAULT:
-            enter(s, FAULT)
+    elif state == states.RAMPING and s["soft"] == 0 and passed >= p["ramp_cycles"] and is_parked(p, s):
+        if s["fault"] != states.NO_FAULT:
+            enter(s, states.FAULT)
         elif s["outputs_away"] == 0 or s["stopping"] != 0:
-            enter(s, READY)
-    if s["stopping"] != 0 and s["state"] in (READY, FAULT) and is_parked(p, s):
-        enter(s, OFF)
+            enter(s, states.READY)
+    if s["stopping"] != 0 and s["state"] in (states.READY, states.FAULT) and is_parked(p, s):
+        enter(s, states.OFF)
 
 
 @compiled
 def phase_of(p: Record, s: Record) -> tuple[int, float]:
     """What the axes do in this cycle, and how far they are with it (0..1)."""
     passed = float(s["cycle"] - s["entered_cycle"])
-    if s["state"] == ARMING:
+    if s["state"] == states.ARMING:
         return arming_phase(p, s, passed)
-    if s["state"] == TRACKING:
-        return CLOSED, 1.0
-    if s["state"] == HOLDING:
-        return CLOSED, 0.0
-    if s["state"] == RAMPING and s["soft"] != 0:
-        return CLOSED, 1.0 - minimum_jerk(passed / p["authority_cycles"])
-    if s["state"] == RAMPING:
-        return PARKING, minimum_jerk(passed / p["ramp_cycles"])
-    return PARKED, 0.0
+    if s["state"] == states.TRACKING:
+        return states.CLOSED, 1.0
+    if s["state"] == states.HOLDING:
+        return states.CLOSED, 0.0
+    if s["state"] == states.RAMPING and s["soft"] != 0:
+        return states.CLOSED, 1.0 - minimum_jerk(passed / p["authority_cycles"])
+    if s["state"] == states.RAMPING:
+        return states.PARKING, minimum_jerk(passed / p["ramp_cycles"])
+    return states.PARKED, 0.0
 
 
 @compiled
@@ -133,9 +118,9 @@ def phase_of_axis(s: Record, i: int, phase: int) -> int:
     """The cell's phase, but for an axis `i` whose turn in the lift has yet to come, and for one in a hold whose sensors
     are not to be trusted: its voltage is frozen.
     """
-    if phase == LIFTING and s["arming"][i]["lifted"] == 0:
-        return PARKED
-    return FROZEN if s["state"] == HOLDING and s["watch"][i]["frozen"] != 0 else phase
+    if phase == states.LIFTING and s["arming"][i]["lifted"] == 0:
+        return states.PARKED
+    return states.FROZEN if s["state"] == states.HOLDING and s["watch"][i]["frozen"] != 0 else phase
 
 
 @compiled
@@ -146,5 +131,5 @@ def begin_cycle(s: Record, missed: int) -> None:
     """
     s["cycle"] += 1 + missed
     s["missed"] = missed
-    if s["state"] == ARMING or s["state"] == RAMPING:
+    if s["state"] == states.ARMING or s["state"] == states.RAMPING:
         s["entered_cycle"] += missed

@@ -10,22 +10,22 @@ from __future__ import annotations
 
 import math
 
-from micromanip.rt.laws.digital_input import is_missing
+from micromanip.rt.laws.frequency_lock import FOLLOWS, tooth_Hz
 from micromanip.rt.laws.reference import SAMPLES, SIGNAL
 from micromanip.rt.laws.saturation import beyond
 from micromanip.rt.laws.sensor import is_silent
-from micromanip.rt.laws.tooth import FOLLOWS, tooth_Hz
 
 from . import states
-from .faults import axis_fault, warn
+from .digital_io import is_missing
+from .errors import following_error
+from .faults import axis_fault
 from .jit import compiled
-from .limit_cycle import SWING, swings_for, watch_swing
-from .oscillation import SECTION, SECTION_STATE, swing_um, watch_oscillation
+from .oscillation import SECTION, SECTION_STATE, SWING, swing_um, swings_for, watch_oscillation, watch_swings
 from .record import Record, record
 from .states import CHECKING_STAGE, CLOSED, LIFTING, SWEEPING
 
 WATCH_PARAMETERS = record(
-    ("reaction", "i8", (states.FAULTS,)),
+    ("reaction", "i8", (states.EVENT_CODES,)),
     ("strain_samples", "i8"),
     ("strain_identical", "i8"),
     ("coast_cycles", "i8"),
@@ -56,7 +56,7 @@ WATCH_PARAMETERS = record(
     ("swings", "i8"),
     ("swing_cycles", "i8"),
 )
-"""Limits of the fault detection of one axis; times in cycles."""
+"""Limits of the fault detection of one axis; times in cycles. The reaction to a warning is WARN."""
 WATCH_STATE = record(
     ("raised", "i8"),
     ("frozen", "i8"),
@@ -76,9 +76,7 @@ WATCH_STATE = record(
     ("band_cycles", "i8"),
     ("fallback", "i8"),
     ("hot", "i8"),
-    ("driven_swing", SWING),
-    ("strain_swing", SWING),
-    ("stage_swing", SWING),
+    ("swing", SWING, (3,)),
 )
 
 _WATCHED_BITS = sum(1 << code for code in states.WATCHED)
@@ -140,7 +138,7 @@ def watch_apart(axis: Record, a: Record, w: Record, active: bool) -> int:
         square = a["estimator"]["innovation_um"] ** 2 / limits["innovation_variance"]
         w["innovation"] += limits["innovation_step"] * (square - w["innovation"])
         if w["coast"] == 0:
-            answered_um = a["strain"]["value"] - axis["centre_um"] - a["decoupling"]["added_um"]
+            answered_um = a["strain"]["value"] - axis["centre_um"] - a["added_um"]
             apart_um = a["stage"]["value"] - limits["drift_gain"] * answered_um
             if limits["drift_step"] * w["settling"] < 1.0:
                 w["settling"] += 1
@@ -153,12 +151,6 @@ def watch_apart(axis: Record, a: Record, w: Record, active: bool) -> int:
     if holds or (drifts and reaction[states.STAGE_DRIFT] == states.HOLDS):
         w["frozen"] = 1
     return condition(states.DISAGREEMENT, disagree) | condition(states.STAGE_DRIFT, drifts)
-
-
-@compiled
-def following_error(p: Record, a: Record) -> float:
-    """How far (um) the stage was from the reference, or the gauge from the set-point, by the newest sample."""
-    return a["stage_error_um"] if p["mode"] == states.STAGE else a["strain_error_um"]
 
 
 @compiled
@@ -245,7 +237,7 @@ def watch_axis(p: Record, s: Record, i: int, moving: bool, enabled: bool) -> Non
     found |= watch_voltage(axis, a, w, inner)
     found |= watch_inner(axis, a, w, inner and axis["feedback"] != 0)
     found |= condition(states.OUTRUN, outer and a["supervisor"]["calm_left"] > 0)
-    found |= condition(states.LIMIT_CYCLE, watch_swing(axis, a, w, s["cycle"], driven))
+    found |= condition(states.LIMIT_CYCLE, watch_swings(axis, a, w, s["cycle"], driven))
     found |= watch_reference(axis, a, tracking)
     found |= watch_amplifier(axis, a, w, enabled)
     if (found ^ w["raised"]) & _WATCHED_BITS != 0:
@@ -256,12 +248,15 @@ def watch_axis(p: Record, s: Record, i: int, moving: bool, enabled: bool) -> Non
 def tell_changes(p: Record, s: Record, i: int, found: int) -> None:
     """Tell of each condition that begins on axis `i`, of those that stand by now."""
     for code in states.WATCHED:
-        active = found >> code & 1 != 0
         value, limit = measured(p, s, i, code)
-        if code >= states.FAULTS:
-            warn(s, i, code, active, value, limit)
-        else:
-            axis_fault(p, s, i, code, active, value, limit)
+        axis_fault(p, s, i, code, found >> code & 1 != 0, value, limit)
+
+
+@compiled
+def loss(sensor: Record, samples: int, identical: int, patience: int, stuck: bool) -> tuple[float, float]:
+    """How many samples of a sensor were unusable, or identical, and of how many it is `stuck`, or was waited for."""
+    lost = sensor["bad"] if sensor["bad"] >= samples else sensor["identical"]
+    return float(lost), float(identical if stuck else samples + patience)
 
 
 @compiled
@@ -270,13 +265,11 @@ def measured(p: Record, s: Record, i: int, code: int) -> tuple[float, float]:
     axis, a = p["axis"][i], s["axis"][i]
     limits, w = axis["watch"], s["watch"][i]
     if code in (states.COASTING, states.STRAIN_SILENT, states.STRAIN_INVALID, states.STRAIN_STUCK):
-        sensor, samples, identical = a["strain"], limits["strain_samples"], limits["strain_identical"]
-        lost = sensor["bad"] if sensor["bad"] >= samples else sensor["identical"]
-        return float(lost), float(identical if code == states.STRAIN_STUCK else samples + limits["coast_cycles"])
+        samples, identical, stuck = limits["strain_samples"], limits["strain_identical"], code == states.STRAIN_STUCK
+        return loss(a["strain"], samples, identical, limits["coast_cycles"], stuck)
     if code in (states.DEGRADED, states.STAGE_INVALID, states.STAGE_STUCK):
-        sensor, samples, identical = a["stage"], limits["stage_samples"], limits["stage_identical"]
-        lost = sensor["bad"] if sensor["bad"] >= samples else sensor["identical"]
-        return float(lost), float(identical if code == states.STAGE_STUCK else samples + limits["degraded_cycles"])
+        samples, identical, stuck = limits["stage_samples"], limits["stage_identical"], code == states.STAGE_STUCK
+        return loss(a["stage"], samples, identical, limits["degraded_cycles"], stuck)
     if code == states.DISAGREEMENT:
         return w["innovation"], limits["innovation_ratio"]
     if code == states.STAGE_DRIFT:

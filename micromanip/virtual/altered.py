@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.errors import UsageError
-from micromanip.rt.laws.steady import NEVER_DOUBTED_UM2
+from micromanip.rt.laws.predictor import NEVER_DOUBTED_UM2
 from micromanip.rt.states import TRACKING
 from micromanip.settings.check import Prepared
 from micromanip.settings.schema.model import Configuration
@@ -100,8 +100,8 @@ def trusted(cell: VirtualCell) -> NDArray[np.float64]:
 def trust(cell: VirtualCell, nats: NDArray[np.float64]) -> None:
     """Let an armed `cell` whose tracker has no noise believe its predictors as one with noise has come to do.
 
-    Which of two is believed is told by the noise that they let through (``rt/laws/steady.py``): without any it would be
-    another cell.
+    Which of two is believed is told by the noise that they let through (``rt/laws/predictor.py``): without any it
+    would be another cell.
     """
     cell.parameters["axis"]["reference"]["steady_um2"] = NEVER_DOUBTED_UM2
     cell.state["axis"]["reference"]["trust"] = nats

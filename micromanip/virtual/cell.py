@@ -13,10 +13,10 @@ from micromanip.bus.cyclic import call_context
 from micromanip.errors import CheckFailed
 from micromanip.faults import FaultReport, latched
 from micromanip.rt.arming import planned_cycles
+from micromanip.rt.cycle import run_virtual
 from micromanip.rt.records import CELL_STATE, DRIVER, MAX_AXES, MAX_OUTPUTS, MAX_SIGNALS, SIGNAL
 from micromanip.rt.states import ARM, NO_COMMAND, READY, TRACKING
 from micromanip.rt.telemetry import ROW
-from micromanip.rt.virtual import run_virtual
 from micromanip.settings.check import Prepared
 from micromanip.settings.wiring.places import Wiring
 
@@ -76,7 +76,6 @@ class VirtualCell:
             self.parameters,
             self.state,
             self._drivers,
-            len(self._drivers),
             self.signals,
             self.outputs,
             self.samples,

@@ -4,8 +4,7 @@ import numpy as np
 
 from micromanip.rt.jit import Compiler
 from micromanip.rt.laws.feedforward import HYSTERESIS_PARAMETERS, MAX_CREEP
-from micromanip.rt.laws.hysteresis import MAX_PLAYS, play
-from micromanip.rt.laws.shaping import shape
+from micromanip.rt.laws.hysteresis import MAX_PLAYS, play, shape
 from micromanip.settings.compile.hysteresis import fill_hysteresis
 
 compiled = Compiler(__file__, allocates=True)

@@ -5,8 +5,7 @@ import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
 from micromanip.gateway.metrics import Metrics
-from micromanip.rt.histogram import bin_of
-from micromanip.rt.mailbox import TRIPS
+from micromanip.rt.mailbox import TRIPS, bin_of
 from tests.cli.played import FAULT
 
 from .rings import Played, rows, status

@@ -11,7 +11,7 @@ from virtual.protected import Protected, text
 
 from micromanip.errors import CheckFailed
 from micromanip.replay import replay
-from micromanip.rt.bumpless import swap_cell
+from micromanip.rt.shadow import swap_cell
 from micromanip.rt.states import ARM, DISARM, FAULT, HOLD, RESET, STOP, TRACKING
 from micromanip.settings.check import prepare
 from micromanip.virtual.cell import VirtualCell

@@ -3,7 +3,7 @@
 import numpy as np
 from hypothesis import strategies as st
 
-from micromanip.rt.laws import shaping
+from micromanip.rt.laws import hysteresis as law
 from micromanip.rt.laws.feedforward import HYSTERESIS_PARAMETERS, PRANDTL_ISHLINSKII
 from micromanip.rt.laws.hysteresis import MAX_PLAYS, inverse_parameters
 from micromanip.rt.laws.pid import PID_PARAMETERS, PID_STATE
@@ -84,17 +84,17 @@ def courses(values=VOLTS, most=40):
 @st.composite
 def shapes(draw):
     """Every kind of shaping function, with parameters for -20..150 V."""
-    kind = draw(st.sampled_from([shaping.IDENTITY, shaping.AFFINE, shaping.TANH, shaping.TABLE]))
-    if kind == shaping.AFFINE:
+    kind = draw(st.sampled_from([law.IDENTITY, law.AFFINE, law.TANH, law.TABLE]))
+    if kind == law.AFFINE:
         return {"kind": kind, "c": [draw(st.floats(0.2, 3.0)), draw(st.floats(-50.0, 50.0))]}
-    if kind == shaping.TANH:
+    if kind == law.TANH:
         sign = draw(st.sampled_from([1.0, -1.0]))
         steepness, offset = draw(st.floats(0.002, 0.01)), draw(st.floats(-1.0, 0.5))
         return {
             "kind": kind,
             "c": [sign * draw(st.floats(40.0, 200.0)), sign * steepness, sign * offset, draw(st.floats(-50.0, 50.0))],
         }
-    if kind == shaping.TABLE:
+    if kind == law.TABLE:
         steps = draw(st.lists(st.tuples(st.floats(2.0, 30.0), st.floats(1.0, 30.0)), min_size=1, max_size=10))
         v = np.cumsum([draw(st.floats(-30.0, 0.0)), *(dv for dv, _ in steps)])
         u = np.cumsum([draw(st.floats(-30.0, 0.0)), *(du for _, du in steps)])

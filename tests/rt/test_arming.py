@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from micromanip.rt.arming import (
+    OF_GAUGE,
+    OF_STAGE,
     arming_cycles,
     carry_checks,
     forget_checks,
@@ -47,35 +49,34 @@ def cell(*modes):
     for i, mode in enumerate(modes):
         axis, a, own = p["axis"][i], s["axis"][i], s["arming"][i]
         axis["mode"], axis["cycles_per_ns"] = mode, 1.0 / PERIOD_NS
-        for sensor in ("strain", "stage"):
-            a[sensor]["sequence"] = 5
-            axis[f"{sensor}_check"]["low"], axis[f"{sensor}_check"]["high"] = 0.5, 2.0
-            assert judge(own[f"{sensor}_check"], axis[f"{sensor}_check"], 1.0)
+        a["strain"]["sequence"] = a["stage"]["sequence"] = 5
+        axis["check"]["low"], axis["check"]["high"] = 0.5, 2.0
+        assert all(judge(own["check"][kind], axis["check"][kind], 1.0) for kind in (OF_GAUGE, OF_STAGE))
     return p, s
 
 
 def passed(s, axes=3):
-    return [(int(a["strain_check"]["passed"]), int(a["stage_check"]["passed"])) for a in s["arming"][:axes]]
+    return [(int(a["check"][OF_GAUGE]["passed"]), int(a["check"][OF_STAGE]["passed"])) for a in s["arming"][:axes]]
 
 
 def turns(s, axes=3):
-    return [(int(a["strain_check"]["turn"]), int(a["stage_check"]["turn"])) for a in s["arming"][:axes]]
+    return [(int(a["check"][OF_GAUGE]["turn"]), int(a["check"][OF_STAGE]["turn"])) for a in s["arming"][:axes]]
 
 
 def test_a_new_cell_is_checked_as_far_as_its_modes_close_loops():
     p, s = cell(STAGE, VOLTAGE, STRAIN)
     for axis in range(3):
-        forget_checks(s["arming"][axis], True)
+        forget_checks(s["arming"][axis], OF_GAUGE)
     assert planned_cycles(p, s) == 3 * 100 + 1010
     assert turns(s) == [(1, 1), (0, 0), (2, 0)]
-    assert (s["probes"], s["bumps"]) == (2, 1)
+    assert tuple(s["checks"]) == (2, 1)
 
 
 def test_what_counts_is_not_checked_again():
     p, s = cell(STAGE, STAGE, STAGE)
     assert planned_cycles(p, s) == 1010
-    forget_checks(s["arming"][1], False)
-    forget_checks(s["arming"][2], True)
+    forget_checks(s["arming"][1], OF_STAGE)
+    forget_checks(s["arming"][2], OF_GAUGE)
     assert planned_cycles(p, s) == 3 * 100 + 1010
     assert turns(s) == [(0, 0), (0, 1), (1, 2)]
     s["resumed"] = 1
@@ -85,7 +86,7 @@ def test_what_counts_is_not_checked_again():
 def test_without_a_time_for_it_nothing_is_checked():
     p, s = cell(STAGE, STAGE, STAGE)
     p["check_cycles"] = 0
-    forget_checks(s["arming"][0], True)
+    forget_checks(s["arming"][0], OF_GAUGE)
     plan_checks(p, s)
     assert turns(s) == [(0, 0)] * 3
 
@@ -152,7 +153,7 @@ def axis(mode=STAGE):
 def test_the_same_parameters_keep_both_checks():
     old, a = axis()
     carry_checks(old, old.copy(), a)
-    assert (a["strain_check"]["passed"], a["stage_check"]["passed"]) == (1, 1)
+    assert (a["check"][OF_GAUGE]["passed"], a["check"][OF_STAGE]["passed"]) == (1, 1)
 
 
 @pytest.mark.parametrize("name", ["mode", "strain", "stage", "voltage", "low_V", "high_V", "slew_V", "park_V"])
@@ -161,19 +162,19 @@ def test_another_mode_signal_or_output_is_checked(name):
     new = old.copy()
     (new["limiter"] if name.endswith("_V") else new)[name] += 1
     carry_checks(old, new, a)
-    assert (a["strain_check"]["passed"], a["stage_check"]["passed"]) == (0, 0)
+    assert (a["check"][OF_GAUGE]["passed"], a["check"][OF_STAGE]["passed"]) == (0, 0)
 
 
-@pytest.mark.parametrize(("check", "after"), [("strain_check", (0, 0)), ("stage_check", (1, 0))])
+@pytest.mark.parametrize(("check", "after"), [(OF_GAUGE, (0, 0)), (OF_STAGE, (1, 0))])
 def test_what_was_found_is_judged_by_what_is_expected_now(check, after):
     old, a = axis()
     new = old.copy()
-    new[check]["high"] = 1.1
+    new["check"][check]["high"] = 1.1
     carry_checks(old, new, a)
-    assert (a["strain_check"]["passed"], a["stage_check"]["passed"]) == (1, 1)
-    new[check]["high"] = 0.9
+    assert (a["check"][OF_GAUGE]["passed"], a["check"][OF_STAGE]["passed"]) == (1, 1)
+    new["check"][check]["high"] = 0.9
     carry_checks(old, new, a)
-    assert (a["strain_check"]["passed"], a["stage_check"]["passed"]) == after
+    assert (a["check"][OF_GAUGE]["passed"], a["check"][OF_STAGE]["passed"]) == after
 
 
 def sensor(**fields):

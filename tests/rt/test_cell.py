@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from micromanip.rt.faults import axis_fault, cell_fault
-from micromanip.rt.laws.motion import minimum_jerk
+from micromanip.rt.laws.move import minimum_jerk
 from micromanip.rt.laws.saturation import limit
 from micromanip.rt.states import (
     ARM,

@@ -10,8 +10,8 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, precondition, rule
 
-from micromanip.rt.bumpless import swap_cell
 from micromanip.rt.faults import cell_fault
+from micromanip.rt.shadow import swap_cell
 from micromanip.rt.states import (
     ARM,
     ARMING,

@@ -6,11 +6,11 @@ import pytest
 from numba import types
 
 from micromanip.rt.cell import cell_cycle
+from micromanip.rt.cycle import run_virtual
 from micromanip.rt.loop import run_loop
 from micromanip.rt.records import CELL_PARAMETERS, CELL_STATE, MAX_OUTPUTS, MAX_SIGNALS, SIGNAL
 from micromanip.rt.signatures import OUTPUTS, SAMPLES, SIGNALS
 from micromanip.rt.telemetry import ROW, write_row
-from micromanip.rt.virtual import run_virtual
 
 from .native import HARMLESS, llvm_of, llvm_that_runs, reach
 

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from micromanip.rt.figures import path_error
+from micromanip.rt.errors import path_error
 from micromanip.rt.states import FOLLOWING_ERROR, HOLDS
 
 from .bench_cell import X, Y, tracking

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from micromanip.rt.faults import EVENTS, axis_fault, begins, cell_fault, forget, note, raise_fault, react, warn
+from micromanip.rt.faults import EVENTS, axis_fault, begins, cell_fault, forget, note, raise_fault, react
 from micromanip.rt.records import CELL_PARAMETERS, CELL_STATE
 from micromanip.rt.states import (
     ARMING,
@@ -141,15 +141,15 @@ def test_a_condition_begins_once(bits, code, active, began, after):
 
 
 def test_a_warning_is_told_each_time_it_begins():
-    _, s = cell()
+    p, s = cell()
     before = s.copy()
-    warn(s, 2, 22, True, 3.0, 4.0)
+    axis_fault(p, s, 2, 22, True, 3.0, 4.0)
     expect(s, before, raised(22, 2), event(0, 22, 2, 3.0, 4.0, WARN))
     before = s.copy()
-    warn(s, 2, 22, True, 5.0, 4.0)
+    axis_fault(p, s, 2, 22, True, 5.0, 4.0)
     expect(s, before)
-    warn(s, 2, 22, False, 5.0, 4.0)
-    warn(s, 2, 22, True, 6.0, 4.0)
+    axis_fault(p, s, 2, 22, False, 5.0, 4.0)
+    axis_fault(p, s, 2, 22, True, 6.0, 4.0)
     assert s["events"] == 2
     assert s["event"][1]["value"] == 6.0
 

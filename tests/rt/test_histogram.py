@@ -4,7 +4,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from micromanip.rt.histogram import BINS, SPLIT, bin_of, count, lower_edge, percentile
+from micromanip.host.statistics import percentile
+from micromanip.rt.mailbox import BINS, SPLIT, bin_of, count, lower_edge
 
 from .kernels import bins_course, edges_course
 

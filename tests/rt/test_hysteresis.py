@@ -7,16 +7,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from micromanip.rt.laws import shaping
+from micromanip.rt.laws import hysteresis as law
 from micromanip.rt.laws.feedforward import HYSTERESIS_STATE, feedforward_voltage, start_feedforward
-from micromanip.rt.laws.hysteresis import admit, inverse_output, inverse_state, model_output
-from micromanip.rt.laws.shaping import SHAPING, shape, unshape
+from micromanip.rt.laws.hysteresis import SHAPING, admit, inverse_output, inverse_state, model_output, shape, unshape
 
 from .builders import VOLTS, admissible, courses, hysteresis, models, plays, record, shapes
 from .kernels import inverse_course, model_course
 
 # like the fitted one of config/simulated.yaml, and one with negative weights
-TANH = {"kind": shaping.TANH, "c": [121.58, 0.005505, -0.3134, 32.39]}
+TANH = {"kind": law.TANH, "c": [121.58, 0.005505, -0.3134, 32.39]}
 
 
 def predicted(p, w, v):
@@ -69,7 +68,7 @@ def test_state_map_along_a_history(p, before, after):
 # -- against the formulas as printed, in exact arithmetic ---------------------------------------------
 
 
-@given(models(shape=st.just({"kind": shaping.IDENTITY})))
+@given(models(shape=st.just({"kind": law.IDENTITY})))
 def test_inverse_parameters_are_equations_8_and_9(p):
     n = p["plays"]
     alpha, r, rho = (
@@ -89,7 +88,7 @@ def _play(u, r, w):
     return max(u - r, min(u + r, w))
 
 
-@given(models(shape=st.just({"kind": shaping.AFFINE, "c": [1.5, -7.0]})), courses())
+@given(models(shape=st.just({"kind": law.AFFINE, "c": [1.5, -7.0]})), courses())
 def test_model_and_inverse_in_plain_python(p, v):
     """Equations (6) and (7) written out, each play on its own along the whole signal."""
     n = p["plays"]
@@ -160,9 +159,9 @@ def test_shaping_functions_are_15_and_16():
         s = record(SHAPING, **fields)
         return np.array([shape(s, x) for x in v])
 
-    assert values(kind=shaping.IDENTITY) == pytest.approx(v)
-    assert values(kind=shaping.AFFINE, c=[0.65, -2.8]) == pytest.approx(0.65 * v - 2.8)
-    assert values(kind=shaping.TANH, c=[121.6, 0.0055, -0.31, 32.4]) == pytest.approx(
+    assert values(kind=law.IDENTITY) == pytest.approx(v)
+    assert values(kind=law.AFFINE, c=[0.65, -2.8]) == pytest.approx(0.65 * v - 2.8)
+    assert values(kind=law.TANH, c=[121.6, 0.0055, -0.31, 32.4]) == pytest.approx(
         121.6 * np.tanh(0.0055 * v - 0.31) + 32.4
     )
 
@@ -175,7 +174,7 @@ def test_shaping_functions_are_15_and_16():
 def test_table_is_linear_interpolation_extended_at_both_ends(dv, du, v):
     points = len(dv) + 1
     x, y = np.cumsum([-20.0, *dv]), np.cumsum([-5.0, *du])[:points]
-    s = record(SHAPING, kind=shaping.TABLE, points=points, v=x, u=y)
+    s = record(SHAPING, kind=law.TABLE, points=points, v=x, u=y)
     inside = np.interp(v, x, y)
     below = y[0] + (v - x[0]) * (y[1] - y[0]) / (x[1] - x[0])
     above = y[-1] + (v - x[-1]) * (y[-1] - y[-2]) / (x[-1] - x[-2])
@@ -185,7 +184,7 @@ def test_table_is_linear_interpolation_extended_at_both_ends(dv, du, v):
 
 @given(st.floats(-1e300, 1e300), st.sampled_from([1.0, -1.0]))
 def test_tanh_guard_stays_finite(u, sign):
-    s = record(SHAPING, kind=shaping.TANH, c=[sign * 121.6, sign * 0.0055, -0.31, 32.4])
+    s = record(SHAPING, kind=law.TANH, c=[sign * 121.6, sign * 0.0055, -0.31, 32.4])
     v = unshape(s, u)
     assert np.isfinite(v)
     low, high = unshape(s, 32.4 - 121.6), unshape(s, 32.4 + 121.6)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from micromanip.control.joints import joints_radius, removed
 from micromanip.control.predictor import output_row, reference_transition, tracker_gain
-from micromanip.rt.laws.joints import follow_joints
+from micromanip.rt.laws.frequency_lock import follow_joints
 from micromanip.rt.laws.reference import (
     REFERENCE_PARAMETERS,
     REFERENCE_STATE,

@@ -2,8 +2,7 @@
 
 import pytest
 
-from micromanip.rt.cell import watch_drivers
-from micromanip.rt.exchange import ALL_FOLLOW, FIRST_TAKEN
+from micromanip.rt.cycle import ALL_FOLLOW, FIRST_TAKEN, watch_drivers
 from micromanip.rt.states import (
     ARM,
     ARMING,

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
+from micromanip.rt.errors import ease_times, remember_setpoint, stage_error, strain_error
 from micromanip.rt.laws.estimator import INPUT_HISTORY
-from micromanip.rt.setpoint_history import ease_times, remember_setpoint, stage_error, strain_error
 from micromanip.rt.states import COASTING, FALLBACK, NO_FAULT, OSCILLATION, TRACKING
 from micromanip.settings.compile.limits import fill_axis_limits
 from micromanip.settings.schema.faults import AxisFaults, Oscillation

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from micromanip.control.predictor import output_row, sample_transition, tracker_gain
-from micromanip.rt.laws.motion import extrapolate, position
+from micromanip.rt.laws.predictor import ANEW_NATS, FAR_SIGMA, LOST_NATS, SURE_NATS, extrapolate, position
 from micromanip.rt.laws.reference import (
     REFERENCE_PARAMETERS,
     REFERENCE_STATE,
@@ -17,7 +17,6 @@ from micromanip.rt.laws.reference import (
     change_modes,
     signal_sample,
 )
-from micromanip.rt.laws.steady import ANEW_NATS, FAR_SIGMA, LOST_NATS, SURE_NATS
 from micromanip.settings.compile.reference import fill_predictor
 from micromanip.settings.schema.reference import AxisTracker, Oscillation, Steady
 

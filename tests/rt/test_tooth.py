@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from micromanip.control.outer_gains import outer_gains
 from micromanip.control.tooth import followed_tooth, removed, turned
 from micromanip.rt.laws.estimator import ESTIMATOR_STATE, GAPS, start_estimator
-from micromanip.rt.laws.tooth import AT_END, FOLLOWS, NO_GAIN, tooth_Hz
+from micromanip.rt.laws.frequency_lock import AT_END, FOLLOWS, NO_GAIN, tooth_Hz
 
 from .builders import PERIOD_S, record
 from .kernels import tooth_course

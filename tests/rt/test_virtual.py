@@ -7,7 +7,7 @@ import pytest
 from micromanip_drivers.simulated.driver import SimulatedCell
 
 from micromanip.design.experiment import with_axes
-from micromanip.rt.bumpless import swap_cell
+from micromanip.rt.shadow import swap_cell
 from micromanip.rt.states import TRACKING
 from micromanip.settings.compile.cell import compile_cell
 from micromanip.settings.schema.actuator import Actuator, Resonance

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from micromanip.host.refusals import refusals
-from micromanip.rt.arming import forget_checks
-from micromanip.rt.bumpless import swap_cell
+from micromanip.rt.arming import OF_GAUGE, OF_STAGE, forget_checks
+from micromanip.rt.shadow import swap_cell
 from micromanip.rt.states import (
     ARM,
     ARMING,
@@ -159,9 +159,9 @@ def test_wrong_wiring_is_found_before_a_loop_is_closed(tmp_path, change, code, a
 
 def test_a_gauge_with_its_sign_reversed(tmp_path):
     wrong = cell(tmp_path)
-    wrong.parameters[0]["axis"][1]["strain_check"]["step"] *= -1.0  # as if the answer came with the other sign
+    wrong.parameters[0]["axis"][1]["check"][OF_GAUGE]["step"] *= -1.0  # as if the answer came with the other sign
     for side, other in (("low", "high"), ("high", "low")):
-        wrong.parameters[0]["axis"][1]["strain_check"][side] = -0.74 * (3.0 if other == "high" else 1 / 3.0)
+        wrong.parameters[0]["axis"][1]["check"][OF_GAUGE][side] = -0.74 * (3.0 if other == "high" else 1 / 3.0)
     wrong.run(0.01)
     wrong.run(2.0, command=ARM)
     assert (wrong.state[0]["fault"], wrong.state[0]["fault_axis"]) == (STRAIN_CHECK, 1)
@@ -250,10 +250,10 @@ def test_a_loop_that_was_never_closed_is_checked_whatever_was_closed_before(tmp_
     (tmp_path / "later").mkdir()
     wired, later = cell(tmp_path, *jogged("voltage")), cell(tmp_path / "later", *jogged(second))
     for parameters in (wired.parameters, later.parameters):
-        limits = parameters[0]["axis"][2]["strain_check"]
+        limits = parameters[0]["axis"][2]["check"][OF_GAUGE]
         limits["low"], limits["high"] = -limits["high"].copy(), -limits["low"].copy()
     wired.arm()
-    assert wired.state[0]["arming"]["strain_check"]["passed"].tolist() == [1, 1, 0]
+    assert wired.state[0]["arming"]["check"]["passed"][:, OF_GAUGE].tolist() == [1, 1, 0]
     wired.run(0.9, command=DISARM)
     swap_cell(wired.parameters[0], later.parameters[0], wired.state[0])
     wired.parameters[:] = later.parameters
@@ -271,8 +271,8 @@ def test_only_what_may_have_changed_is_checked_again(tmp_path):
     armed = cell(tmp_path, force="{static_N: 0.0, tooth_N: 0.0, noise_N: 0.0}")
     armed.arm()
     armed.run(1.2, command=DISARM)
-    forget_checks(armed.state[0]["arming"][1], True)
-    forget_checks(armed.state[0]["arming"][2], False)
+    forget_checks(armed.state[0]["arming"][1], OF_GAUGE)
+    forget_checks(armed.state[0]["arming"][2], OF_STAGE)
     rows = armed.arm()
     assert phases(rows) == [PARKED, CHECKING_GAUGE, LIFTING, CHECKING_STAGE, SWEEPING, LIFTING, CLOSED]
     assert np.count_nonzero(rows["phase"] == CHECKING_GAUGE) == 2000

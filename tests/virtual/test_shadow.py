@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from micromanip.rt.bumpless import swap_cell
 from micromanip.rt.faults import EVENTS
 from micromanip.rt.records import CELL_STATE
-from micromanip.rt.shadow import shadow_cycle, start_shadow, takes_back
+from micromanip.rt.shadow import shadow_cycle, start_shadow, swap_cell, takes_back
 from micromanip.rt.states import (
     CONFIRMED,
     DISARM,

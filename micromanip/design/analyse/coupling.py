@@ -154,8 +154,8 @@ def at_rest(measured: Measured) -> tuple[float, float]:
 
 
 # The motion y_j of the others comes in as a disturbance of the stage, ``C_ij y_j``, of which the outer loop leaves its
-# sensitivity ``S_i``. Decoupling (``rt/laws/decoupling.py``) moves the stage by ``-c_ij G_i (1 + lead s) / g_i`` of it
-# ahead, so that
+# sensitivity ``S_i``. Decoupling (``rt/laws/coordinate_transform.py``) moves the stage by
+# ``-c_ij G_i (1 + lead s) / g_i`` of it ahead, so that
 #
 #     e_i = -S_i sum_j (C_ij - c_ij G_i e^(-s T) (1 + lead s) / g_i) y_j
 #

@@ -24,7 +24,7 @@ from scipy.optimize import root
 
 from micromanip.rt.jit import Compiler
 from micromanip.rt.laws.feedforward import HYSTERESIS_PARAMETERS
-from micromanip.rt.laws.shaping import shape, unshape
+from micromanip.rt.laws.hysteresis import shape, unshape
 from micromanip.settings.compile.hysteresis import fill_prandtl_ishlinskii
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii, Range, attainable_um, phi_range
 

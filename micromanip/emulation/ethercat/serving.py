@@ -14,7 +14,7 @@ from numba import types
 
 from micromanip.bus.ethercat.al_states import OP, STATUS_MASK
 from micromanip.bus.ethercat.registers import AL_STATUS
-from micromanip.rt.clock import now_ns
+from micromanip.rt.intrinsics import now_ns
 from micromanip.rt.io.context import SOCKET
 from micromanip.rt.io.frames import FRAME, put_code, put_value, value_of
 from micromanip.rt.io.sockets import length_of, receive, received_ns, send, wait_for_any

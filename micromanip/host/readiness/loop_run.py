@@ -33,7 +33,7 @@ _MOST_ROWS = 1 << 15
 
 @dataclass(frozen=True)
 class LoopRun:
-    """What one run gave: histograms of lateness and compute time (``micromanip.rt.histogram``), and counts."""
+    """What one run gave: histograms of lateness and compute time (``micromanip.rt.mailbox``), and counts."""
 
     lateness: NDArray[np.int64]
     compute: NDArray[np.int64]

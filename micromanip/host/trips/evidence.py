@@ -58,7 +58,7 @@ def parameters_of(box: TripRecord, axis: int) -> Any:
 def error_um(box: TripRecord, axis: int) -> NDArray[np.float64]:
     """How far (um) the axis was from where it should be, each row and as measured: stage, or gauge in mode strain.
 
-    It is the error that the loop acted on and watched (``rt/setpoint_history.py``), which not every row holds: a sample
+    It is the error that the loop acted on and watched (``rt/errors.py``), which not every row holds: a sample
     less what was wanted when it was taken, a gauge's less the set-point whose voltage had arrived by then.
     """
     rows, cycles, p = box.rows["axis"][:, axis], box.rows["cycle"], parameters_of(box, axis)

@@ -22,7 +22,7 @@ from typing import Any
 
 from micromanip.rt.bus_image import FOLLOWING, RESTING, SAFE_RAMP
 from micromanip.rt.jit import compiled
-from micromanip.rt.laws.motion import minimum_jerk
+from micromanip.rt.laws.move import minimum_jerk
 from micromanip.rt.record import arrays, record
 from micromanip.rt.records import MAX_OUTPUTS
 

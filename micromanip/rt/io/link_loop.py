@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from micromanip.rt.clock import now_ns, sleep_until
+from micromanip.rt.intrinsics import now_ns, sleep_until
 from micromanip.rt.jit import compiled
 
 from .context import BATCH

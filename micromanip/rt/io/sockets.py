@@ -8,15 +8,11 @@ now.
 
 from __future__ import annotations
 
-import ctypes
-import os
-import time
 from typing import Any
 
-import numba
 from numba import types
 
-from micromanip.rt.clock import now_ns
+from micromanip.rt.intrinsics import last_error, now_ns, system_call, wall_ns
 from micromanip.rt.jit import compiled
 
 from .context import ADDRESS_BYTES, BATCH, CONTROL, SO_TIMESTAMPNS
@@ -28,71 +24,21 @@ WOULD_BLOCK, REFUSED = 11, 111
 before."""
 
 _DONT_WAIT, _NO_SIGNAL, _TRUNCATED = 0x40, 0x4000, 0x20
-_REALTIME, _SECOND_NS = 0, 1_000_000_000
+_SECOND_NS = 1_000_000_000
 _SOL_SOCKET = 1
 _CONTROL_BYTES = CONTROL.itemsize
 
-if numba.config.DISABLE_JIT:
-    _libc = ctypes.CDLL(None, use_errno=True)
-
-    def _recvmmsg(descriptor: int, messages: int, count: int, flags: int, timeout: int) -> int:
-        return int(_libc.recvmmsg(int(descriptor), ctypes.c_void_p(messages), count, flags, None))
-
-    def _send(descriptor: int, data: int, length: int, flags: int) -> int:
-        return int(_libc.send(int(descriptor), ctypes.c_void_p(data), ctypes.c_size_t(int(length)), flags))
-
-    def _sendto(descriptor: int, data: int, length: int, flags: int, name: int, name_bytes: int) -> int:
-        size, to = ctypes.c_size_t(int(length)), ctypes.c_void_p(int(name))
-        return int(_libc.sendto(int(descriptor), ctypes.c_void_p(data), size, flags, to, int(name_bytes)))
-
-    def _read(descriptor: int, place: int, most: int) -> int:
-        return int(_libc.read(int(descriptor), ctypes.c_void_p(int(place)), ctypes.c_size_t(int(most))))
-
-    def _write(descriptor: int, place: int, count: int) -> int:
-        return int(_libc.write(int(descriptor), ctypes.c_void_p(int(place)), ctypes.c_size_t(int(count))))
-
-    def _pwrite(descriptor: int, place: int, count: int, at: int) -> int:
-        where = ctypes.c_void_p(int(place)), ctypes.c_size_t(int(count)), ctypes.c_int64(int(at))
-        return int(_libc.pwrite(int(descriptor), *where))
-
-    def _ioctl(descriptor: int, request: int, place: int) -> int:
-        return int(_libc.ioctl(int(descriptor), ctypes.c_ulong(int(request)), ctypes.c_void_p(int(place))))
-
-    def _ppoll(descriptors: int, count: int, timespec: int, mask: int) -> int:
-        return int(_libc.ppoll(ctypes.c_void_p(descriptors), ctypes.c_ulong(count), ctypes.c_void_p(timespec), None))
-
-    def _close(descriptor: int) -> int:
-        os.close(int(descriptor))
-        return 0
-
-    def _errno() -> int:
-        return ctypes.get_errno()
-
-    def _wall_ns(timespec: Any) -> int:
-        return time.time_ns()
-
-else:
-    from micromanip.rt.intrinsics import last_error as _errno
-
-    _recvmmsg = types.ExternalFunction(
-        "recvmmsg", types.int32(types.int32, types.intp, types.uint32, types.int32, types.intp)
-    )
-    _send = types.ExternalFunction("send", types.int64(types.int32, types.intp, types.uint64, types.int32))
-    _sendto = types.ExternalFunction(
-        "sendto", types.int64(types.int32, types.intp, types.uint64, types.int32, types.intp, types.uint32)
-    )
-    _read = types.ExternalFunction("read", types.int64(types.int32, types.intp, types.uint64))
-    _write = types.ExternalFunction("write", types.int64(types.int32, types.intp, types.uint64))
-    _pwrite = types.ExternalFunction("pwrite", types.int64(types.int32, types.intp, types.uint64, types.int64))
-    _ioctl = types.ExternalFunction("ioctl", types.int32(types.int32, types.uint64, types.intp))
-    _ppoll = types.ExternalFunction("ppoll", types.int32(types.intp, types.uint64, types.intp, types.intp))
-    _close = types.ExternalFunction("close", types.int32(types.int32))
-    _clock_gettime = types.ExternalFunction("clock_gettime", types.int32(types.int32, types.intp))
-
-    @compiled
-    def _wall_ns(timespec: Any) -> int:
-        _clock_gettime(_REALTIME, timespec.ctypes.data)
-        return timespec[0] * _SECOND_NS + timespec[1]
+_recvmmsg = system_call("recvmmsg", types.int32, types.int32, types.intp, types.uint32, types.int32, types.intp)
+_send = system_call("send", types.int64, types.int32, types.intp, types.uint64, types.int32)
+_sendto = system_call(
+    "sendto", types.int64, types.int32, types.intp, types.uint64, types.int32, types.intp, types.uint32
+)
+_read = system_call("read", types.int64, types.int32, types.intp, types.uint64)
+_write = system_call("write", types.int64, types.int32, types.intp, types.uint64)
+_pwrite = system_call("pwrite", types.int64, types.int32, types.intp, types.uint64, types.int64)
+_ioctl = system_call("ioctl", types.int32, types.int32, types.uint64, types.intp)
+_ppoll = system_call("ppoll", types.int32, types.intp, types.uint64, types.intp, types.intp)
+_close = system_call("close", types.int32, types.int32)
 
 
 @compiled
@@ -125,10 +71,10 @@ def receive(s: Any) -> int:
     count = _recvmmsg(s["descriptor"], s["message"].ctypes.data, BATCH, _DONT_WAIT, 0)
     # the monotonic clock first: if this process is stalled in between, a datagram looks older, never newer than it is
     s["now_ns"] = now_ns(s["timespec"])
-    s["wall_ns"] = _wall_ns(s["timespec"])
+    s["wall_ns"] = wall_ns(s["timespec"])
     if count >= 0:
         return count
-    error = _errno()
+    error = last_error()
     if error == WOULD_BLOCK:
         s["earliest_ns"] = s["now_ns"]
         return 0
@@ -173,7 +119,7 @@ def send(s: Any, length: int) -> int:
     for _ in range(2):
         if _send(s["descriptor"], s["sent"].ctypes.data, length, _DONT_WAIT | _NO_SIGNAL) >= 0:
             return 0
-        error = _errno()
+        error = last_error()
         if error != REFUSED:
             break
     return error
@@ -187,7 +133,7 @@ def send_back(s: Any, k: int, length: int) -> int:
     name = s["message"][k]
     flags = _DONT_WAIT | _NO_SIGNAL
     sent = _sendto(s["descriptor"], s["sent"].ctypes.data, length, flags, name["name"], name["name_bytes"])
-    return 0 if sent >= 0 else _errno()
+    return 0 if sent >= 0 else last_error()
 
 
 @compiled
@@ -204,23 +150,23 @@ def read_bytes(descriptor: int, place: int, most: int) -> int:
     number.
     """
     count = _read(descriptor, place, most)
-    return count if count >= 0 else -_errno()
+    return count if count >= 0 else -last_error()
 
 
 @compiled
 def write_bytes(descriptor: int, place: int, count: int) -> int:
     """Hand over so many bytes from an address: how many the system took, or minus an error number."""
     taken = _write(descriptor, place, count)
-    return taken if taken >= 0 else -_errno()
+    return taken if taken >= 0 else -last_error()
 
 
 @compiled
 def write_at(descriptor: int, words: Any, at: int) -> int:
     """Write `words` of 8 bytes into a file, from `at` on: 0, or minus an error number."""
-    return 0 if _pwrite(descriptor, words.ctypes.data, 8 * len(words), at) >= 0 else -_errno()
+    return 0 if _pwrite(descriptor, words.ctypes.data, 8 * len(words), at) >= 0 else -last_error()
 
 
 @compiled
 def ask(descriptor: int, request: int, place: int) -> int:
     """An ``ioctl`` that answers with a number (int32) at an address: 0, or minus an error number."""
-    return 0 if _ioctl(descriptor, request, place) >= 0 else -_errno()
+    return 0 if _ioctl(descriptor, request, place) >= 0 else -last_error()

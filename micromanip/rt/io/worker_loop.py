@@ -22,14 +22,12 @@ from numba import types
 
 from micromanip.rt import bus_image as of
 from micromanip.rt.bus_exchange import begin_turn, end_turn
-from micromanip.rt.clock import now_ns
-from micromanip.rt.intrinsics import call_exchange, fence, load_acquire, store_release
+from micromanip.rt.intrinsics import call_exchange, fence, load_acquire, now_ns, store_release
 from micromanip.rt.jit import compiled
 from micromanip.rt.record import Record
 from micromanip.rt.signatures import array_of
 
 from .gate import GATE, decide, known_last, may_have_moved, note_sent, note_taken, rests
-from .schedule import TURNS, advance, first_due, turn_ns
 from .sockets import wait, write_at
 from .worker_records import (
     ASKED,
@@ -40,8 +38,12 @@ from .worker_records import (
     SENT_IN_DOUBT,
     SERVICE,
     SILENT,
+    TURNS,
     UNCONFIRMED,
+    advance,
+    first_due,
     sealed,
+    turn_ns,
 )
 
 _sealed = compiled(sealed)

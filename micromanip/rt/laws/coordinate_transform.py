@@ -1,9 +1,20 @@
-"""The tracker's own coordinates turned into axes: signals of the process image that are computed, not read.
+"""What axes have to do with each other: the tracker's own coordinates turned into axes, and decoupling.
 
     deviation_i = sum_j matrix[i, j] signal_j + offset_i
 
-A derived signal is fresh when every source has been fresh since it was last; its time is that of the oldest source,
-its status all of theirs together. The derived signals stand in the image after the drivers' inputs.
+are signals of the process image that are computed, not read. A derived signal is fresh when every source has been fresh
+since it was last; its time is that of the oldest source, its status all of theirs together. The derived signals stand
+in the image after the drivers' inputs.
+
+Decoupling: a stage sees a share c_ij of axis j's motion. Its own sensor sees it too, so the outer loop takes it away,
+but only as fast as it takes any disturbance away. What the others are going to do is known, though: their references
+r_j. So to the set-point is added
+
+    u_i = .. - sum_j c_ij / g_i (r_j + lead_i r_j')
+
+with the steady gain g_i of the stage, and the lead by which it answers later at low frequencies. It is feedforward: no
+loop is closed by it, and no margin changes. The estimator is not told of it, since what it moves and what it takes away
+are the same.
 """
 
 from __future__ import annotations
@@ -12,6 +23,9 @@ from typing import Any
 
 from micromanip.rt.jit import compiled
 from micromanip.rt.record import MAX_AXES, Record, record
+
+from .frequency_lock import MAX_MODES
+from .predictor import position
 
 MAX_FRAME = 6
 """Coordinates that a tracker may have."""
@@ -24,6 +38,8 @@ FRAME = record(
     ("offset", "f8", (MAX_AXES,)),
 )
 """Derived signals: places of their sources in the image, their number, their first place."""
+DECOUPLING_PARAMETERS = record(("active", "i8"), ("lead_s", "f8"), ("share", "f8", (MAX_AXES,)))
+"""``share``: c_ij / g_i by axis; ``active`` 0: there is none."""
 
 
 @compiled
@@ -49,3 +65,12 @@ def derive_signals(p: Record, s: Record, signals: Any) -> None:
         derived = signals[frame["first"] + i]
         derived["value"], derived["time_ns"], derived["status"] = value, time_ns, status
         derived["sequence"] += 1
+
+
+@compiled
+def owed_um(p: Record, j: int, w: Any) -> float:
+    """What the reference `w` of axis `j`, as last followed, adds to the set-point."""
+    speed = w[1]
+    for k in range(MAX_MODES):
+        speed += w[4 + 2 * k]
+    return -p["share"][j] * (position(w) + p["lead_s"] * speed)

@@ -33,7 +33,7 @@ from micromanip.rt.jit import compiled
 from micromanip.rt.record import Field, Record, record
 from micromanip.rt.sums import LANES, ROWS_AT_ONCE, advance_model, correct, weighted
 
-from .tooth import FOLLOWS, TOOTH, TOOTH_STATE, follow_tooth, forget_tooth, start_tooth, turn_on
+from .frequency_lock import FOLLOWS, TOOTH, TOOTH_STATE, follow_tooth, forget_tooth, start_tooth, turn_on
 
 MAX_STATES = 2 * ROWS_AT_ONCE
 """A model behind a slow bus has a state for each cycle of its delay."""

@@ -18,7 +18,7 @@ import math
 from micromanip.rt.jit import compiled
 from micromanip.rt.record import Record, record
 
-from .motion import minimum_jerk
+from .move import minimum_jerk
 
 MAX_LINES = 96
 

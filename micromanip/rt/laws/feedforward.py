@@ -16,10 +16,9 @@ from __future__ import annotations
 from micromanip.rt.jit import compiled
 from micromanip.rt.record import Record, record
 
-from .hysteresis import PLAYS, PLAYS_STATE, admit, inverse_plays
+from .hysteresis import PLAYS, PLAYS_STATE, admit, inverse_plays, shape, unshape
 from .network import NEURONS, NEURONS_STATE, network_output, start_network
 from .resonance import RESONANCES, RESONANCES_STATE, start_resonances, without_resonances
-from .shaping import shape, unshape
 
 NONE, PRANDTL_ISHLINSKII, NETWORK = 0, 1, 2
 MAX_CREEP = 8

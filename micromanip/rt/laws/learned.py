@@ -15,7 +15,8 @@ from typing import Any
 from micromanip.rt.jit import compiled
 from micromanip.rt.record import Record, record
 
-from .motion import minimum_jerk, position
+from .move import minimum_jerk
+from .predictor import position
 
 IDLE, PLAYS, FINISHED, PATH_LEFT, BROKEN_OFF, WITHDRAWN, PART_ENDED, OTHER_TOOL = range(8)
 """Where an axis' correction stands, or why it ended: with its part; the reference left the path; the axis did not track

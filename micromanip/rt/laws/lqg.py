@@ -30,6 +30,8 @@ OUTER_PARAMETERS = record(
     *MATRICES,
 )
 """The estimator's model with K and G, per cycle, for near the path and far from it; G has `reference_states`."""
+OUTER_STATE = record(("bridge_um", "f8"))
+"""What the set-point still is away from what is demanded: by that any change of the law makes no jump, and fades."""
 
 
 @compiled

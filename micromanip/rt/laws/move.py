@@ -17,8 +17,6 @@ import math
 from micromanip.rt.jit import compiled
 from micromanip.rt.record import Record, record
 
-from .motion import minimum_jerk
-
 NO_MOVE, PLACES, OSCILLATION = range(3)
 MAX_PLACES = 16
 
@@ -49,6 +47,13 @@ MOVE_STATE = record(
     ("acceleration_um", "f8"),
 )
 """Speed and acceleration are per cycle."""
+
+
+@compiled
+def minimum_jerk(x: float) -> float:
+    """Course of what the controller moves by itself: 0 to 1 for x in 0..1, at rest at both ends."""
+    x = max(0.0, min(1.0, x))
+    return x * x * x * (10.0 + x * (6.0 * x - 15.0))
 
 
 @compiled.rare

@@ -1,6 +1,6 @@
 """PID on the strain gauge, equation (17), with filtered derivative and back-calculation.
 
-``u = K [e + 1/Ti int e + Td de/dt]``, e in um behind the notch (``notch.py``), u in V. The integrator is kept in V,
+``u = K [e + 1/Ti int e + Td de/dt]``, e in um behind the notch (``resonance.py``), u in V. The integrator is kept in V,
 so that a change of Ti is bumpless by itself; ``retune`` covers one of K or of the notch. The derivative passes a
 first-order filter of time constant Tf (backward Euler, stable for every Tf >= 0 and period).
 ``tracking`` is period/Tt of the back-calculation, stable for 0 <= tracking < 2.
@@ -18,7 +18,7 @@ from __future__ import annotations
 from micromanip.rt.jit import compiled
 from micromanip.rt.record import Record, record
 
-from .notch import NOTCH, NOTCH_STATE, is_same_notch, notch_output, start_notch
+from .resonance import NOTCH, NOTCH_STATE, is_same_notch, notch_output, start_notch
 
 PID_PARAMETERS = record(
     ("K_V_per_um", "f8"),

@@ -4,8 +4,8 @@ Own sources are a constant, a sum of sines as (25), a step, samples played cycle
 jogged by hand. A signal
 (laser tracker) arrives late and at its own rate: a Kalman filter with the state ``w = [p, v, a, o1, o1', ..]`` (up to
 three oscillations o of known decay, their frequencies known or found, ``joints.py``) is corrected at each sample's own
-time and extrapolated to now in closed form (``motion.py``), with a surer one beside it where one is known
-(``steady.py``); it can also just hold the sample. Only finite samples inside ``[low_um,
+time and extrapolated to now in closed form (``predictor.py``), with a surer one beside it where one is known
+(``predictor.py``); it can also just hold the sample. Only finite samples inside ``[low_um,
 high_um]`` are taken, and none that jumps by more than ``jump_um`` from where it is expected; ``silent`` counts the
 cycles since one was. A signal that stays where it jumped to is believed after the horizon, but not while the axis
 follows it (`followed`): once it has been ``doubted`` for so long it goes on being silent until the watch calls it
@@ -23,10 +23,19 @@ from typing import Any
 from micromanip.rt.jit import compiled
 from micromanip.rt.record import Record, record
 
-from .joints import JOINTS, JOINTS_STATE, as_rates, follow_joints, keep_detuning
-from .joints import MAX_MODES as MAX_MODES
-from .motion import extrapolate, position
-from .steady import STATES, STEADY, STEADY_STATE, follow_narrowly, give_both, keep_given, narrow_anew
+from .frequency_lock import JOINTS, JOINTS_STATE, as_rates, follow_joints, keep_detuning
+from .frequency_lock import MAX_MODES as MAX_MODES
+from .predictor import (
+    STATES,
+    STEADY,
+    STEADY_STATE,
+    extrapolate,
+    follow_narrowly,
+    give_both,
+    keep_given,
+    narrow_anew,
+    position,
+)
 
 HOLD, SINES, STEP, SIGNAL, SAMPLES, JOG = range(6)
 

@@ -15,6 +15,7 @@ from micromanip.control.gain_schedule import calm_gains, intermittent_gains
 from micromanip.control.outer_gains import OuterGains, dc_gain, outer_gains, process_innovation, steady_lag
 from micromanip.control.pid import pid_gains
 from micromanip.control.tooth import followed_tooth
+from micromanip.rt.arming import OF_GAUGE, OF_STAGE
 from micromanip.rt.laws.estimator import GAPS, in_blocks
 from micromanip.rt.records import CELL_PARAMETERS
 from micromanip.rt.states import MODE_NAMES, VOLTAGE
@@ -85,7 +86,7 @@ def compile_cell(configuration: Configuration, wiring: Wiring, version: int = 1)
         _fill_wiring(p["axis"][i], name, configuration, wiring)
         _fill_axis(p["axis"][i], axis, configuration.outputs[f"voltage_{name}"], period_s)
         _fill_checks(p["axis"][i], axis, configuration.outputs[f"voltage_{name}"], start)
-        shown, check = _gauge_lag(configuration, wiring, name), p["axis"][i]["strain_check"]
+        shown, check = _gauge_lag(configuration, wiring, name), p["axis"][i]["check"][OF_GAUGE]
         check["lag_step"], check["slack_cycles"] = 1.0 / shown, cycles(_STRAY_S) + 2 * shown
         p["lift_turn_cycles"] = max(p["lift_turn_cycles"], round(_ALONE * p["lift_cycles"]) + 2 * shown)
         p["axis"][i]["authority_step"] = 1.0 / p["authority_cycles"]
@@ -201,13 +202,12 @@ def _fill_axis(a: Any, axis: Axis, output: Output, period_s: float) -> None:
 def _fill_checks(a: Any, axis: Axis, output: Output, start: Start) -> None:
     """What a small step must do, and how wide the sweep is."""
     (low_um, high_um), (low_V, high_V) = axis.setpoint.range_um, output.range_V
-    expected = {"strain_check": (high_um - low_um) / (high_V - low_V), "stage_check": dc_gain(axis.outer)}
-    for name, step in (("strain_check", start.check_V), ("stage_check", start.check_um)):
-        bounds = sorted((expected[name] / start.check_factor, expected[name] * start.check_factor))
-        a[name]["step"], a[name]["low"], a[name]["high"] = step, *bounds
-        a[name]["slack"] = step * abs(expected[name])
+    by_gauge, by_stage = ((high_um - low_um) / (high_V - low_V), start.check_V), (dc_gain(axis.outer), start.check_um)
+    for kind, (expected, step) in ((OF_GAUGE, by_gauge), (OF_STAGE, by_stage)):
+        check, bounds = a["check"][kind], sorted((expected / start.check_factor, expected * start.check_factor))
+        check["step"], check["low"], check["high"], check["slack"] = step, *bounds, step * abs(expected)
     # towards the middle of the range: where it is parked may be an end of it
-    a["strain_check"]["step"] *= 1.0 if output.park_V <= 0.5 * (low_V + high_V) else -1.0
+    a["check"][OF_GAUGE]["step"] *= 1.0 if output.park_V <= 0.5 * (low_V + high_V) else -1.0
     a["sweep_um"] = sweep_um(axis) if start.sweep_um is None else start.sweep_um
 
 
@@ -234,11 +234,12 @@ def _fill_outer(o: Any, outer: Outer, gains: OuterGains, tracker: AxisTracker | 
     o["states"], o["slow"] = n, len(outer.model.A) + outer.model.delay_cycles
     o["gap_cycles"] = _GAP_SAMPLES * outer.sample_cycles
     o["a_blocks"], o["b"][:n], o["c"][:n] = in_blocks(gains.A), gains.B, gains.C
-    o["gains"][:, :n], o["feedback"][:n] = intermittent_gains(gains, GAPS), gains.feedback
-    o["reference_states"], o["reference"][: len(gains.reference)] = len(gains.reference), gains.reference
+    o["gains"][:, :n], o["reference_states"] = intermittent_gains(gains, GAPS), len(gains.reference)
+    for name in vars(gains).keys() & o.dtype.names:
+        value = getattr(gains, name)
+        o[name] = np.pad(value, (0, len(o[name]) - len(value))) if np.ndim(value) else value
     far, following = calm_gains(outer, gains, tracker, period_s)
     o["far_feedback"][:n], o["far_reference"][: len(following)] = far, following
-    o["steady_u"][:n], o["steady_y"][:n] = gains.steady_u, gains.steady_y
 
 
 def _fill_tooth(o: Any, outer: Outer, gains: OuterGains, period_s: float) -> None:

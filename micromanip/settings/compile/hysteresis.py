@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from micromanip.rt.laws import feedforward as law
-from micromanip.rt.laws.hysteresis import inverse_parameters
-from micromanip.rt.laws.shaping import AFFINE, IDENTITY, TABLE, TANH
+from micromanip.rt.laws.hysteresis import AFFINE, IDENTITY, TABLE, TANH, inverse_parameters
 from micromanip.settings.schema.actuator import Actuator
 from micromanip.settings.schema.axis import Axis
 from micromanip.settings.schema.hysteresis import Hysteresis, Network, NoModel, PrandtlIshlinskii

@@ -9,9 +9,8 @@ from pydantic import Field, model_validator
 
 from micromanip.quantities import Distance, MillisecondsOrZero, Positive, RangeUm, Real, Seconds, Volts
 from micromanip.rt.laws.feedforward import MAX_CREEP
-from micromanip.rt.laws.hysteresis import MAX_PLAYS
+from micromanip.rt.laws.hysteresis import MAX_PLAYS, MAX_TABLE
 from micromanip.rt.laws.network import MAX_NEURONS
-from micromanip.rt.laws.shaping import MAX_TABLE
 
 from .base import Settings, is_rising
 

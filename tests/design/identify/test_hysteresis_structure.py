@@ -9,8 +9,7 @@ from pydantic import ValidationError
 from micromanip.design.identify.hysteresis import inverse, structure_of
 from micromanip.design.identify.hysteresis.kernel import respond
 from micromanip.rt.laws.feedforward import HYSTERESIS_PARAMETERS
-from micromanip.rt.laws.hysteresis import MAX_PLAYS, model_output
-from micromanip.rt.laws.shaping import shape
+from micromanip.rt.laws.hysteresis import MAX_PLAYS, model_output, shape
 from micromanip.settings.compile.hysteresis import fill_hysteresis
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
 

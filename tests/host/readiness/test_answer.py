@@ -15,7 +15,7 @@ from micromanip.host.readiness.answer import Answer
 from micromanip.host.readiness.counters import Counters
 from micromanip.host.readiness.finding import Finding, Verdict
 from micromanip.host.readiness.loop_run import LoopRun
-from micromanip.rt.histogram import BINS
+from micromanip.rt.mailbox import BINS
 from micromanip.settings.schema.model import Loop
 
 RUN = LoopRun(np.zeros(BINS, np.int64), np.zeros(BINS, np.int64), 0, 0, 10_000, 0, ())

@@ -3,7 +3,6 @@
 from typing import Any
 
 from micromanip.rt import vectors  # noqa: F401  (machine code of ``sums.py``)
-from micromanip.rt.histogram import bin_of, lower_edge
 from micromanip.rt.jit import Compiler
 from micromanip.rt.laws.estimator import output, predict, predict_to, remember, start_estimator, update
 from micromanip.rt.laws.excitation import excitation
@@ -13,10 +12,10 @@ from micromanip.rt.laws.learned import add_learned
 from micromanip.rt.laws.lqg import outer_setpoint
 from micromanip.rt.laws.move import advance_move
 from micromanip.rt.laws.network import network_output
-from micromanip.rt.laws.notch import notch_output
 from micromanip.rt.laws.pid import pid_output, unwind
 from micromanip.rt.laws.reference import extrapolate, position, signal_reference, signal_sample
-from micromanip.rt.laws.resonance import without_resonances
+from micromanip.rt.laws.resonance import notch_output, without_resonances
+from micromanip.rt.mailbox import bin_of, lower_edge
 from micromanip.rt.sums import correct
 
 compiled = Compiler(__file__)

@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 
 from micromanip.control.predictor import output_row, reference_transition, sample_transition, tracker_gain
 from micromanip.rt.jit import Compiler
+from micromanip.rt.laws.predictor import ANEW_NATS, NEVER_DOUBTED_UM2, give_both, narrow_anew
 from micromanip.rt.laws.reference import REFERENCE_PARAMETERS, REFERENCE_STATE, signal_reference, signal_sample
-from micromanip.rt.laws.steady import ANEW_NATS, NEVER_DOUBTED_UM2, give_both, narrow_anew
 from micromanip.rt.signatures import array_of
 from micromanip.settings.compile.reference import fill_predictor
 from micromanip.settings.schema.reference import AxisTracker
@@ -90,7 +90,7 @@ class Tracking:
     def stepped(
         self, taken_s: Array, arrived_s: Array, samples: Array, now_s: Array, row: Array, trust: Array | None = None
     ) -> tuple[Array, Array]:
-        """The same, and after each sample the trust (k,) in the narrow predictor (``rt/laws/steady.py``).
+        """The same, and after each sample the trust (k,) in the narrow predictor (``rt/laws/predictor.py``).
 
         It can be given: noise tells it, so that samples without any take that of those with it.
         """

@@ -12,9 +12,9 @@ least so much that a frequency off by `moves_percent` costs no more than needed:
 comes through, and the filter lags by ``(A dw / b)^2 / 2`` behind an amplitude A whose frequency is off by dw; together
 they are least at ``b^3 = A^2 dw^2 / (h s^2)``. The other parameters are fitted anew beside these walks.
 
-A frequency that may move at all is followed (``rt/laws/joints.py``), as far as no two could find the same one. Then
-`moves_percent` is what the filter bears until it is found, and a narrow one beside it has what is likeliest while
-nothing moves (``steady.py``).
+A frequency that may move at all is followed (``rt/laws/frequency_lock.py``), as far as no two could find the same one.
+Then `moves_percent` is what the filter bears until it is found, and a narrow one beside it has what is likeliest while
+nothing moves (``predictor.py``).
 """
 
 from __future__ import annotations

@@ -139,7 +139,7 @@ def log_likelihood(model: AxisTracker, samples: Array) -> float:
 
 
 # Beside walks that bear another pose part of the path is taken for an oscillation that changes, and the jerk that is
-# likeliest is that of both. The narrow predictor (``rt/laws/steady.py``) has walks of its own, so jerk and the slow
+# likeliest is that of both. The narrow predictor (``rt/laws/predictor.py``) has walks of its own, so jerk and the slow
 # frequency at which the path returns are those that leave least of the innovations beside these (``innovations.py``:
 # the maximum of their likelihood), all else being as it was fitted.
 

@@ -1,4 +1,4 @@
-"""Set-point history: a sample is compared with the set-point, and the reference, of its own time.
+"""Errors of an axis: a sample is compared with the set-point, and the reference, of its own time.
 
 A bus delivers samples late and keeps outputs waiting. Compared with the set-point of now, every moving set-point would
 look like an error of speed times delay, which the PID would put right by leading it. So the axis remembers its
@@ -10,23 +10,37 @@ A known reference is followed ahead by the lag of the actuator (``preview_s``), 
 reference is now. Both times change gently (``ease_times``): a moving set-point must not jump with them.
 
 There is one error of each kind per cycle (``measure_errors``): what the PID acts on, what is watched and what is scored
-is the same number.
+is the same number. The figures of merit are sums over it.
 """
 
 from __future__ import annotations
 
 import math
+from typing import Any
 
 from micromanip.rt.laws.estimator import INPUT_HISTORY
-from micromanip.rt.laws.motion import position
+from micromanip.rt.laws.predictor import position
 from micromanip.rt.laws.saturation import attainable, hold_back, slewed
 
 from .jit import compiled
-from .record import Record
+from .record import Record, record
+from .states import STAGE
 
 _MASK = INPUT_HISTORY - 1
 _GENTLY = 0.01
 """Share of the time that passes by which what is ahead, or awaited, may change."""
+
+FIGURES = record(
+    ("error", "f8"),
+    ("innovation", "f8"),
+    ("feedback", "f8"),
+    ("errors", "i8"),
+    ("error_squares", "f8"),
+    ("error_max", "f8"),
+    ("uncompensated_squares", "f8"),
+)
+"""Mean squares over about a second: error (um^2), innovation (um^2), and what the PID adds to the feedforward (V^2);
+how many path errors were scored, their sum of squares and largest, and the squares of the deviation itself."""
 
 
 @compiled
@@ -111,3 +125,38 @@ def measure_errors(p: Record, s: Record, cycle: int) -> None:
     s["strain_error_um"] = strain_error(p, s, cycle)
     s["stage_error_um"], s["path_um"] = stage_error(p, s, cycle)
     s["error_fresh"] = s["strain"]["fresh"]
+
+
+@compiled
+def following_error(p: Record, a: Record) -> float:
+    """How far (um) the stage was from the reference, or the gauge from the set-point, by the newest sample."""
+    return a["stage_error_um"] if p["mode"] == STAGE else a["strain_error_um"]
+
+
+@compiled
+def score(figures: Record, path_error_um: float, uncompensated_um: float) -> None:
+    """Add one cycle to the running figures of the path error."""
+    figures["errors"] += 1
+    figures["error_squares"] += path_error_um * path_error_um
+    figures["error_max"] = max(figures["error_max"], abs(path_error_um))
+    figures["uncompensated_squares"] += uncompensated_um * uncompensated_um
+
+
+@compiled
+def path_error(p: Record, a: Record, signals: Any) -> tuple[float, float]:
+    """Error at the spindle with and without compensation: the simulation's truth, else as the newest sample says."""
+    if p["path_error"] >= 0:
+        return signals[p["path_error"]]["value"], signals[p["uncompensated"]]["value"]
+    if p["mode"] == STAGE:
+        return a["stage_error_um"], a["path_um"]
+    return math.nan, math.nan
+
+
+@compiled
+def mean_squares(step: float, p: Record, a: Record, figures: Record) -> None:
+    """Carry the figures of merit of an axis on, by a share `step` of what this cycle adds."""
+    error_um = following_error(p, a)
+    added_V = a["voltage_V"] - a["hysteresis"]["output_V"]
+    figures["error"] += step * (error_um * error_um - figures["error"])
+    figures["innovation"] += step * (a["estimator"]["innovation_um"] ** 2 - figures["innovation"])
+    figures["feedback"] += step * (added_V * added_V - figures["feedback"])

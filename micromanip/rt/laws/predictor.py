@@ -1,4 +1,6 @@
-"""A second predictor, surer of itself, that is believed as far as the samples bear it out.
+"""How a reference goes on, and a second predictor, surer of itself, believed as far as the samples bear it out.
+
+The state of a reference is ``w = [p, v, a, o1, o1', ..]``, extrapolated in closed form.
 
 The wide predictor of ``reference.py`` bears what moves: joints that jump, another pose. While nothing does, it lets
 through more of the noise than need be. Beside it runs a narrow one, of the same states and less process noise, whose
@@ -17,12 +19,12 @@ the narrow one expects it, or a trust below `LOST_NATS`, makes that one begin an
 from __future__ import annotations
 
 import math
+from typing import Any
 
 from micromanip.rt.jit import compiled
 from micromanip.rt.record import Field, Record
 
-from .joints import MAX_MODES, follow_joints
-from .motion import extrapolate, position
+from .frequency_lock import MAX_MODES, follow_joints
 
 STATES = 3 + 2 * MAX_MODES
 SURE_NATS, LOST_NATS, ANEW_NATS, FAR_SIGMA = 6.0, -18.0, -9.0, 6.0
@@ -44,6 +46,39 @@ STEADY_STATE: tuple[Field, ...] = (
     ("narrow_detuning", "f8", (MAX_MODES,)),
     ("trust", "f8"),
 )
+
+
+@compiled
+def extrapolate(p: Record, detuning: Any, w: Any, tau_s: float, out: Any) -> None:
+    """`out` = `w` after `tau_s` seconds: constant acceleration, and each oscillation turned and decayed.
+
+    They turn at their configured frequencies and `detuning` (modes,) rad/s, in units of the configured ones. Of a
+    decaying one the second state is not quite the rate of the first: both decay alike (Harvey, Forecasting, Structural
+    Time Series Models and the Kalman Filter, section 2.3.3).
+    """
+    out[0] = w[0] + tau_s * (w[1] + 0.5 * tau_s * w[2])
+    out[1] = w[1] + tau_s * w[2]
+    out[2] = w[2]
+    for k in range(p["modes"]):
+        omega = p["oscillator"][k]
+        angle = (omega + detuning[k]) * tau_s
+        sine, cosine = math.sin(angle), math.cos(angle)
+        if p["decay"][k] > 0.0:
+            left = math.exp(-p["decay"][k] * tau_s)
+            sine *= left
+            cosine *= left
+        o, o_dot = w[3 + 2 * k], w[4 + 2 * k]
+        out[3 + 2 * k] = cosine * o + sine / omega * o_dot
+        out[4 + 2 * k] = -omega * sine * o + cosine * o_dot
+
+
+@compiled
+def position(w: Any) -> float:
+    """Where the reference is (um): the path and its oscillations; those that it has not are 0."""
+    total = w[0]
+    for k in range(MAX_MODES):
+        total += w[3 + 2 * k]
+    return total
 
 
 @compiled.rare

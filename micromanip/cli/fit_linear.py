@@ -34,13 +34,10 @@ from .recording_options import Target, echo_sources, recording_options
     "--split", type=Quantity("Positive", least=0.1, most=1.0), default=0.5,
     help="Share of each file, from its start, that is fitted to; the rest is held out. 1 goes with --validate.",
 )  # fmt: skip
-@click.option(
-    "--unstable", is_flag=True, help="A plant within a loop, by its prediction error; poles stay as they are."
-)
 def command(
     files: tuple[Path, ...], inputs: str, outputs: str, time_name: str | None, cut: tuple[float, float] | None,
     rate_hz: float | None, keep_spikes: bool, dt: float | None, order: int | None, split: float,
-    validate: Path | None, unstable: bool, into: Path | None, axis: str | None, as_json: bool,
+    validate: Path | None, into: Path | None, axis: str | None, as_json: bool,
 ) -> None:  # fmt: skip
     """Fit a linear model to FILE (CSV or other text, .mat, .npy, .npz, HDF5, Parquet), each an experiment.
 
@@ -60,8 +57,6 @@ def command(
             raise UsageError(f"{option} {columns}: a name between commas is empty")
     if split == 1.0 and validate is None:
         raise UsageError("--split 1 leaves nothing to judge the model by: give --validate FILE, or a smaller split")
-    if into is not None and unstable:
-        raise UsageError("--into takes no model of --unstable: it is for a stage whose loop is open")
     target = Target.of(into, axis)
     wanted = Wanted((inputs, outputs), time_name, dt, cut=cut, rate_hz=rate_hz, bridge=not keep_spikes)
     records = [load_linear(file, wanted) for file in files]
@@ -71,7 +66,7 @@ def command(
         require_stage(records[0])
     with steps() as bar:
         bar.say("fitting")
-        found = fit_records(records, held_out, order, split, bar.say, unstable=unstable)
+        found = fit_records(records, held_out, order, split, bar.say)
     report = found.report() | {"into": None if into is None else str(into)}
     if target is not None:
         target.write(with_model(target.source, target.axis, found.model))
@@ -98,10 +93,8 @@ def _print(report: dict[str, Any], outputs: Sequence[str], held_out: str) -> Non
     for where, figures in parts:
         for k, name in enumerate(outputs):
             fit, rms, strict = (figures[f"{key}_percent"][k] for key in ("fit", "rms_error", "strict_fit"))
-            ahead = f", {report['foretold_samples']} samples ahead" if report["foretold_samples"] else ""
-            echo(f"{where}, {name}{ahead}: fit {fit:.2f} %, rms error {rms:.2f} %")
-            if not ahead:
-                echo(f"  started on its first tenth, judged on the rest: fit {strict:.2f} %{_arx1(figures, k)}")
+            echo(f"{where}, {name}: fit {fit:.2f} %, rms error {rms:.2f} %")
+            echo(f"  started on its first tenth, judged on the rest: fit {strict:.2f} %{_arx1(figures, k)}")
     for note in report["notes"]:
         echo(f"note: {note}")
     for name, coherence in zip(outputs, report["coherence"], strict=True):

@@ -1,7 +1,6 @@
 """``fit linear``: the documented keys, CSV by name and text by number, several files; errors in one line."""
 
 import json
-import re
 from functools import partial
 from pathlib import Path
 
@@ -12,7 +11,6 @@ from scipy.signal import cont2discrete, lfilter
 from micromanip.settings.load import load_with_source
 from micromanip.settings.schema.axis import LinearModel, Outer
 from tests.cli import command
-from tests.design.identify.linear.test_selection import looped
 
 FACTORY = Path(__file__).parents[2] / "config" / "factory.yaml"
 STAGE = ("--input", "setpoint_um", "--output", "stage_um", "--axis", "x")
@@ -179,20 +177,3 @@ def test_what_is_refused(name, csv, tmp_path, monkeypatch, capsys):
     Path("table.py").write_bytes(Path(__file__).read_bytes())
     assert code_of(csv, *arguments) == code
     assert named in capsys.readouterr().err
-
-
-def test_an_unstable_plant_is_fitted_as_it_is_and_judged_ahead(tmp_path, capsys):
-    u, y = looped(-20.0)
-    file = tmp_path / "x.csv"
-    table = np.column_stack([0.01 * np.arange(len(u)), u, y])
-    np.savetxt(file, table, "%.12g", ",", header="t_s,u_V,y_um", comments="")
-    columns = ("--input", "u_V", "--output", "y_um")
-    report = report_of(capsys, file, *columns, "--unstable")
-    assert max(abs(complex(*pole)) for pole in report["poles_z"]) == pytest.approx(1.0457, abs=2e-3)
-    assert report["foretold_samples"] == pytest.approx(22, abs=1)
-    assert report["fit_percent"][0] > 90.0
-    assert report["strict_fit_percent"] == [None]
-    assert np.abs(np.linalg.eigvals(report["A"])).max() > 1.04
-    assert code_of(file, *columns, "--unstable") == 0
-    assert re.search(r"held out, y_um, 2\d samples ahead: fit 9", capsys.readouterr().out)
-    assert code_of(file, *columns, "--unstable", "--into", file, "--axis", "x") == 64

@@ -20,8 +20,7 @@ class LinearFit:
     """A model in physical units, sampled every `dt` seconds; input i acts `delays[i]` samples late.
 
     `tried` tells for each order that was tried the held-out rms error, percent of the outputs'; `mirrored` are poles
-    (k,) that the record has outside the unit circle, and the model inside. `gain` (k, outputs) drives the modes by what
-    the output is beside its prediction; None where the model runs free.
+    (k,) that the record has outside the unit circle, and the model inside.
     """
 
     modes: Modes
@@ -32,7 +31,6 @@ class LinearFit:
     singular_values: Array
     tried: dict[int, float]
     mirrored: tuple[complex, ...] = ()
-    gain: Complex | None = None
 
     @property
     def order(self) -> int:

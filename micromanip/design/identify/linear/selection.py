@@ -11,7 +11,6 @@ import numpy as np
 from .fit import fit_linear, last_quarter_says_much, says_much
 from .modal import Complex, Experiment, Modes
 from .model import LinearFit, delayed, strict_errors
-from .predictor import fit_unstable
 
 _INNER, _REFINED = 0.75, 8
 """Share of the record that candidates are fitted to; steps of refinement that are tried beside none."""
@@ -22,8 +21,9 @@ _NO_WORSE = 1.0 + 1e-9
 _STABLE = 1.0 - 1e-6
 _SLOWEST, _LINES, _ALL = 4, 8, 0.999
 """Periods of a sine, lines of the spectrum that it and another have through a window, and their share of the power."""
-_GROWS = 5.0
-"""Logarithm of how much an unstable response grows over a record: less may be noise."""
+_GROWS, _LAGS = 5.0, 10
+"""Logarithm of how much an unstable response grows over a record: less may be noise; of an autoregression that has it,
+too."""
 
 
 @dataclass(frozen=True)
@@ -102,10 +102,10 @@ def _of_one_frequency(experiments: Sequence[Experiment], dt: float) -> list[str]
 
 
 def _of_mirrored(model: LinearFit, experiments: Sequence[Experiment]) -> list[str]:
-    """What is to be told of poles outside the unit circle: of those that grow well, and are those of the predictor."""
+    """What is to be told of poles outside the unit circle: of those that grow well, and that a regression has, too."""
     samples = max(len(u) for u, _ in experiments)
     grows = [pole for pole in model.mirrored if samples * np.log(abs(pole)) > _GROWS]
-    others = _predicted_poles(experiments, model.dt) if grows else np.zeros(0)
+    others = _regressed_poles(experiments) if grows else np.zeros(0)
     grows = [pole for pole in grows if np.abs(others - pole).min(initial=np.inf) < 0.5 * (abs(pole) - 1.0)]
     if not grows:
         return []
@@ -114,16 +114,21 @@ def _of_mirrored(model: LinearFit, experiments: Sequence[Experiment]) -> list[st
     return [
         f"the record has an unstable pole, z = {_pole(worst)}, which grows e-fold in "
         f"{model.dt / np.log(abs(worst)):.3g} s: it was mirrored to {_pole(inside)}, so the model is not the plant's. "
-        "An unstable plant can only have been recorded in a closed loop: --unstable fits it as it is, by its "
-        "prediction error; or fit from the loop's set-point, or an injected signal, to the output"
+        "An unstable plant can only have been recorded in a closed loop: fit from the loop's set-point, or an "
+        "injected signal, to the output"
     ]
 
 
-def _predicted_poles(experiments: Sequence[Experiment], dt: float) -> Complex:
-    try:
-        return fit_unstable(experiments, dt).poles
-    except (ValueError, np.linalg.LinAlgError):
-        return np.zeros(0, complex)
+def _regressed_poles(experiments: Sequence[Experiment]) -> Complex:
+    """Poles of ``y[k] = sum A_i y[k-i] + sum B_i u[k-i] + c``, which a closed loop leaves as they are."""
+    tables, targets, outputs = [], [], experiments[0][1].shape[1]
+    for u, y in experiments:
+        past = np.hstack([each[_LAGS - lag : len(y) - lag] for each in (y, u) for lag in range(1, _LAGS + 1)])
+        tables.append(past - past.mean(axis=0))
+        targets.append(y[_LAGS:] - y[_LAGS:].mean(axis=0))
+    weights = np.linalg.lstsq(np.vstack(tables), np.vstack(targets), rcond=None)[0]
+    past_of_y = outputs * _LAGS
+    return np.linalg.eigvals(np.vstack([weights[:past_of_y].T, np.eye(past_of_y)[:-outputs]])).astype(complex)
 
 
 def _pole(z: complex) -> str:

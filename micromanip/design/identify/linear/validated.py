@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.signal import get_window
+from scipy.signal import csd
 
 from micromanip.errors import CheckFailed
 from micromanip.recordings import TimeSeries
@@ -17,7 +17,6 @@ from .experiments import split_at
 from .fit import fit_linear
 from .modal import Array, Complex, Experiment
 from .model import LinearFit, strict_errors
-from .predictor import fit_unstable, foretold_errors, horizon
 from .selection import select
 
 _SHOWN_VALUES = 40
@@ -33,7 +32,6 @@ class ValidatedFit:
     """A model, its free run on what was held out, that of ARX(1), and the coherence (outputs,) of inputs and outputs.
 
     The strict errors (outputs,) are those behind the first tenth of each part, to which state and offset are fitted.
-    Of an unstable model there is no free run: errors are of what it foretells `ahead` samples, and no strict ones.
     """
 
     model: LinearFit
@@ -45,7 +43,6 @@ class ValidatedFit:
     validation: dict[str, list[float]] | None
     coherence: Array
     notes: list[str]
-    ahead: int | None = None
 
     def report(self) -> dict[str, Any]:
         """The machine-readable result."""
@@ -55,7 +52,6 @@ class ValidatedFit:
         matrices = model.state_space()
         return {
             "order": model.order,
-            "foretold_samples": self.ahead,
             "delay_samples": list(model.delays),
             "fit_percent": self.fit_percent.tolist(),
             "rms_error_percent": self.rms_error_percent.tolist(),
@@ -85,14 +81,11 @@ def fit_records(
     order: int | None,
     split: float,
     progress: Callable[[str], None] = lambda _: None,
-    *,
-    unstable: bool = False,
 ) -> ValidatedFit:
     """Fit to the first `split` of each record (MOESP, Verhaegen 1994), judge by the free run on the rest.
 
     So on `validation`, which stands for the rest where nothing is left (`split` 1) and must be given then. Errors of
-    several held-out parts are averaged. An `unstable` plant has no free run: it is judged as far ahead as it grows
-    e-fold. CheckFailed for data that can't be used.
+    several held-out parts are averaged. CheckFailed for data that can't be used.
     """
     same_rate([*records, *([validation] if validation else [])])
     parts = [split_at(record, split) for record in records]
@@ -100,8 +93,6 @@ def fit_records(
     if not judged and validation is not None:
         judged = [validation]
     fitted_to, left_out = _experiments(part for part, *_ in parts), _experiments(judged)
-    if unstable:
-        return _judged_ahead(records, validation, order, (fitted_to, left_out), judged, progress)
     try:
         selected = select(fitted_to, left_out, records[0].step_s, order, progress)
         model = selected.model
@@ -125,33 +116,6 @@ def fit_records(
             "strict_fit_percent": (100.0 - strict_errors(model, unseen)).tolist(),
         }
     return ValidatedFit(model, judged, 100.0 - rms, rms, strict, arx1, other, coherence, selected.notes)
-
-
-def _judged_ahead(
-    records: Sequence[TimeSeries],
-    validation: TimeSeries | None,
-    order: int | None,
-    parts: tuple[list[Experiment], list[Experiment]],
-    judged: list[TimeSeries],
-    progress: Callable[[str], None],
-) -> ValidatedFit:
-    try:
-        model = fit_unstable(parts[0], records[0].step_s, order, progress)
-        coherence = coherence_of(_experiments(records))
-        samples = min(len(u) for u, _ in parts[1])
-        ahead = horizon(model, samples)
-        rms = foretold_errors(model, parts[1], ahead)
-        unseen = None if validation is None else foretold_errors(model, validation.experiments, ahead)
-    except ValueError as problem:
-        raise CheckFailed(f"{records[0].file}: {problem}") from problem
-    grows = samples * np.log(np.abs(model.poles).max()) > 1.0
-    notes = [] if grows else ["no pole grows within the record: without --unstable a free run judges the model"]
-    none = np.full(len(rms), np.nan)
-    other = None
-    if unseen is not None:
-        other = {"fit_percent": (100.0 - unseen).tolist(), "rms_error_percent": unseen.tolist()}
-        other["strict_fit_percent"] = none.tolist()
-    return ValidatedFit(model, judged, 100.0 - rms, rms, none, none, other, coherence, notes, ahead)
 
 
 def _require_driven(
@@ -194,26 +158,24 @@ def coherence_of(experiments: Sequence[Experiment]) -> Array:
     count = _segments(experiments, segment)
     if count < 2 * inputs:
         raise ValueError(f"{count} segments of {segment} samples are too few for {inputs} inputs: record longer")
-    window = get_window("hann", segment)
-    spectra = [[_spectra(signal, segment, window) for signal in pair] for pair in experiments]
-    U, Y = (np.concatenate(parts) for parts in zip(*spectra, strict=True))
-    s_uu, s_yu = np.einsum("sfa,sfb->fab", U, U.conj()), np.einsum("sfa,sfb->fab", Y, U.conj())
-    s_yy = np.sum(np.abs(Y) ** 2, axis=0)
+    long = [np.hstack(pair) for pair in experiments if len(pair[0]) >= segment]
+    S = np.sum([_segments([(x, x)], segment) * _cross_spectra(x, segment) for x in long], axis=0)
+    s_uu, s_uy = S[:, :inputs, :inputs], S[:, :inputs, inputs:]
     power = np.trace(s_uu, axis1=1, axis2=2).real / inputs
     regular = s_uu + 1e-14 * max(float(power.max()), 1e-300) * np.eye(inputs)
-    response = np.linalg.solve(regular.transpose(0, 2, 1), s_yu.transpose(0, 2, 1)).transpose(0, 2, 1)
-    explained: Array = np.einsum("fab,fab->fa", response, s_yu.conj()).real.sum(axis=0) / s_yy.sum(axis=0)
-    return np.clip(explained, 0.0, 1.0)
+    explained = np.einsum("fay,fay->y", s_uy.conj(), np.linalg.solve(regular, s_uy)).real
+    whole = np.einsum("fyy->y", S[:, inputs:, inputs:]).real
+    return np.clip(explained / whole, 0.0, 1.0)
 
 
 def _segments(experiments: Sequence[Experiment], segment: int) -> int:
     return sum(max(0, (len(u) - segment) // (segment // 2) + 1) for u, _ in experiments)
 
 
-def _spectra(signal: Array, segment: int, window: Array) -> Complex:
-    """Spectra (segments, f, channels) of a signal (n, channels) without its mean, in segments that overlap by half."""
-    centred = signal - signal.mean(axis=0)
-    if len(centred) < segment:
-        return np.zeros((0, segment // 2, signal.shape[1]), complex)
-    pieces = np.lib.stride_tricks.sliding_window_view(centred, segment, axis=0)[:: segment // 2]
-    return np.asarray(np.fft.rfft(pieces * window, axis=2).transpose(0, 2, 1)[:, 1:])
+def _cross_spectra(signals: Array, segment: int) -> Complex:
+    """Mean of ``conj(X_a) X_b`` (f, channels, channels) over segments of signals (n, channels) without their means."""
+    centred = signals - signals.mean(axis=0)
+    pairs = csd(
+        centred[:, :, None], centred[:, None, :], nperseg=segment, detrend=False, return_onesided=False, axis=0
+    )[1]
+    return np.asarray(pairs)[1 : segment // 2 + 1]

@@ -10,20 +10,20 @@ import json
 import subprocess
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import yaml
 
-from micromanip.design.analyse.budget.configured import bound_of, cell_of
+from micromanip.design.analyse.budget.recorded import budget_of
 from micromanip.design.parallel import each
 from micromanip.design.validate import paper
 from micromanip.design.validate.evaluation import TUNED, evaluate, table
 from micromanip.errors import CheckFailed
+from micromanip.recordings import Telemetry
 from micromanip.settings.check import Prepared
 from micromanip.settings.schema.model import Configuration
-from micromanip.virtual.altered import at_limits, simulated_driver
-from micromanip.virtual.experiment import VirtualExperiment, with_options
+from micromanip.virtual.experiment import VirtualExperiment, at_limit, with_options
 
 from .report import Asked, Report
 from .running_controller import MICROMANIP
@@ -54,33 +54,29 @@ Reached = dict[str, Values]
 
 
 def played(prepared: Prepared, faster: float = 1.0) -> dict[str, Values]:
-    """By axis, what is left of the path while the robot's joints swing `faster` than the cell's options say."""
-    name, configuration = simulated_driver(prepared), prepared.configuration
-    driver: Any = prepared.wiring.drivers[name]
+    """By axis, what is left of the path while the robot's joints swing `faster` than the cell's options say.
+
+    And the least (um rms) that any causal law leaves of the motion that was played.
+    """
+    configuration, driver = prepared.configuration, cast(Any, prepared.wiring.drivers["cell"])
     deviation = driver.options.deviation
     moved = deviation.model_copy(update={"joint_Hz": faster * deviation.joint_Hz})
     options = driver.options.model_copy(update={"seed": PLAYED_SEED, "deviation": moved})
-    experiment = VirtualExperiment(with_options(prepared, name, options), process=True)
+    experiment = VirtualExperiment(with_options(prepared, "cell", options), process=True)
     cell = experiment.cell(configuration)
     passed = len(cell.arm()) * configuration.loop.period_ns * 1e-9
     cell.run(max(LEAST_S, options.force.start_s + AFTER_TOOL_S - passed))
     rows = cell.run(PLAYED_S)
     experiment.require_no_fault(cell)
-    limited, found = at_limits(configuration, rows), {}
-    for i, axis in enumerate(configuration.axes):
-        before, left = (
-            float(np.sqrt(np.mean(rows["axis"][f][:, i] ** 2))) for f in ("uncompensated_um", "path_error_um")
-        )
-        found[axis] = {UNCOMPENSATED: before, LEFT: left, LIMITED: 100.0 * float(np.mean(limited[:, i]))}
+    names, found = list(configuration.axes), {}
+    telemetry = Telemetry.of_rows(prepared.source.path, names, configuration.loop.period_ns, rows, "")
+    budgets = budget_of(telemetry, configuration, names, COHERENCE_S)
+    for i, (axis, budget) in enumerate(zip(names, budgets, strict=True)):
+        own = rows["axis"][:, i]
+        before, left = (float(np.sqrt(np.mean(own[f] ** 2))) for f in ("uncompensated_um", "path_error_um"))
+        limited = 100.0 * float(np.mean(at_limit(configuration, axis, own["voltage_V"], own["setpoint_um"])))
+        found[axis] = {UNCOMPENSATED: before, LEFT: left, LIMITED: limited, BOUND: budget.bound.rms_um}
     return found
-
-
-def bound(prepared: Prepared, axis: str) -> float:
-    """The least path error (um rms) that any causal law leaves."""
-    cell = cell_of(prepared, axis)
-    assert cell.known is not None
-    found = bound_of(cell, cell.known, COHERENCE_S)
-    return float(np.sqrt(found.path_um2 + found.force_um2))
 
 
 def sines(prepared: Prepared) -> list[dict[str, Any]]:
@@ -103,7 +99,7 @@ def reached(prepared: Prepared) -> dict[str, Reached]:
             {f"{row['config']} {row['frequency_hz']:g} Hz": row[key] for row in own}
             for key in ("std_error_um", "true_std_error_um")
         )
-        path = {**path, MOVED: other[axis][LEFT], BOUND: bound(prepared, axis)}
+        path = {**path, MOVED: other[axis][LEFT]}
         found[axis] = {PATH: path, GAUGE: gauge, TRUE: true}
     return found
 

@@ -38,7 +38,6 @@ from pydantic import BaseModel
 from .device_identity import real_because
 from .driver import Answer, Channel, Load
 from .safe_state import SafeOutput
-from .simulated_axis import SimulatedAxis
 
 CONTEXT_C = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)
 """A driver's open, safe or close."""
@@ -205,10 +204,6 @@ class CyclicDriver(ABC):
     def without_process(self) -> CyclicDriver:
         """The driver for an experiment without machining: a simulation leaves its process force out."""
         return self
-
-    def simulated_axis(self, name: str) -> SimulatedAxis | None:  # noqa: ARG002 (what is real knows of none)
-        """What a simulation knows of the plant of the axis `name`, and of what disturbs it; None where it does not."""
-        return None
 
     @abstractmethod
     def functions(self) -> Functions:

@@ -26,8 +26,8 @@ _CONFIGURATIONS = (".yaml", ".yml")
 @click.argument("file", type=click.Path(path_type=Path), metavar="CONFIG|RECORDING")
 @axis_option
 @click.option(
-    "--seconds", type=Quantity("SecondsOrZero", most=600.0), default=10.0, metavar="S",
-    help="Virtual time that a simulated cell is played for; 0: not at all.",
+    "--seconds", type=Quantity("Seconds", least=4.0, most=600.0), default=20.0, metavar="S",
+    help="Virtual time that a simulated cell is played for; its noise is told from a force the better, the longer.",
 )  # fmt: skip
 @click.option("--seed", type=Quantity("Seed"), default=1, help="Of the noise that is played.")
 @click.option(
@@ -38,10 +38,10 @@ _CONFIGURATIONS = (".yaml", ".yml")
 def command(
     file: Path, only: str, seconds: float, seed: int, coherence_s: float, folder: Path | None, as_json: bool
 ) -> None:
-    """Variance of the path error by cause; a bound that no causal controller can beat; what other sensors would give.
+    """Variance of the path error by cause, and a bound that no causal controller can beat.
 
-    Of a configuration (.yaml) it is computed from the models; a simulated cell is also played, in virtual time, for
-    what no linear model shows. Of a recording it is what the recorded signals show. docs/analyse.md explains it.
+    It is what the signals of a recording show; a configuration (.yaml) of a simulated cell is played in virtual time.
+    docs/analyse.md explains it.
     """
     from .results import Pictures
 
@@ -71,12 +71,12 @@ def command(
 def _of_configuration(
     file: Path, only: str, seconds: float, seed: int, coherence_s: float, step: Callable[[str], None]
 ) -> tuple[list[AxisBudget], str]:
-    from micromanip.design.analyse.budget.configured import budget_of
+    from micromanip.design.analyse.budget.recorded import played_budget
     from micromanip.settings.check import prepare
 
     prepared = prepare(file, seed)
     axes = chosen_axes(prepared.configuration.axes, only, file)
-    return budget_of(prepared, axes, seconds, seed, coherence_s, step), f"{file}, seed {seed}"
+    return played_budget(prepared, axes, seconds, coherence_s, step), f"{file}, seed {seed}"
 
 
 def _of_recording(
@@ -89,42 +89,21 @@ def _of_recording(
 
 
 def _print(budget: AxisBudget) -> None:
-    from micromanip.design.analyse.budget.budget import percent
-
     from .tables import print_table
 
-    found = budget.document()
-    of = "What is known of the path error" if budget.unknown else "Path error"
-    whole = percent(budget.share_percent(budget.variance_um2))
-    rows = [
-        *(
-            (each["name"], each["rms_um"], each["variance_um2"], percent(each["share_percent"]), each["how"])
-            for each in found["causes"]
-        ),
-        (budget.sum_name, budget.rms_um, budget.variance_um2, whole, ""),
-    ]
+    named = [(cause.name, cause.rms_um, cause.variance_um2) for cause in budget.causes]
     print_table(
-        ("cause", "um rms", "variance, um^2", "share", ""),
-        ((name, f"{rms:.3f}", f"{variance:.5f}", share, how) for name, rms, variance, share, how in rows),
-        f"{of} of axis {budget.axis}",
+        ("cause", "um rms", "variance, um^2", "share"),
+        (
+            (name, f"{rms:.3f}", f"{variance:.5f}", budget.share(variance))
+            for name, rms, variance in (*named, ("whole", budget.rms_um, budget.variance_um2))
+        ),
+        f"Path error of axis {budget.axis}",
     )
-    if budget.measured_um is not None:
-        with_rest = ", with what is not known" if budget.unknown else ""
-        echo(f"in virtual time: {budget.measured_um:.3f} um rms{with_rest}")
-    bound = found["bound"]
-    if bound is not None:
-        echo(
-            f"no causal controller with these sensors leaves less than {bound['rms_um']:.3f} um, where phases are "
-            f"known for {bound['coherence_s']:g} s"
-        )
-        ratio = "" if bound["ratio"] is None else f"; this one leaves {bound['ratio']:.1f} times that"
-        echo(f"of it the path's share {bound['path_um']:.3f} um, the force's {bound['force_um']:.3f} um{ratio}")
-    if budget.variants:
-        of_known = ", of what is known" if budget.unknown else ""
-        print_table(
-            ("with", "um rms"),
-            ((variant.what, f"{variant.rms_um:.3f}") for variant in budget.variants),
-            f"Axis {budget.axis}: what it would be{of_known}",
-        )
-    for line in (*budget.notes, *(f"not known: {each}" for each in budget.unknown)):
-        echo(line)
+    bound = budget.bound
+    echo(
+        f"no causal controller with these sensors leaves less than {bound.rms_um:.3f} um, where phases are known for "
+        f"{bound.coherence_s:g} s: the path's share is {bound.path_um2**0.5:.3f} um, the force's "
+        f"{bound.force_um2**0.5:.3f} um"
+    )
+    echo(f"seen in {budget.seen}")

@@ -91,7 +91,7 @@ def command(
                 seed,
                 played(process=True),
                 partial(as_written, prepared),
-                partial(budgeted, prepared, seed, virtual=virtual),
+                partial(budgeted, prepared.source.path),
             )
             bar.say("report")
             facts = provenance(prepared, config, chosen, seed)

@@ -135,6 +135,5 @@ def _how_it_runs(found: CommissionedCell) -> list[str]:
         most = ", ".join(
             f"{name} {each.causes[0].name} {each.causes[0].rms_um:.2f}" for name, each in production.budgets.items()
         )
-        known = "what is known of " if any(each.unknown for each in production.budgets.values()) else ""
-        lines.append(f"most of {known}it: {most} um rms; the report has the rest of the error budget")
+        lines.append(f"most of it: {most} um rms; the report has the rest of the error budget")
     return lines

@@ -2,7 +2,6 @@
 
     CyclicDriver, Functions, SIGNAL                    a driver that the loop calls (docs/write-a-driver.md)
     SafeOutput, Wire                                   limits of one of its outputs; where its wire stands
-    SimulatedAxis, LinearPlant                         what a simulation knows of its plant (`micromanip analyse error`)
     Compiler, entries, *_SIGNATURE, now_ns,            what it needs if numba compiles it
     sleep_until, minimum_jerk
     BusDriver, BusOptions, Channel, Task, Load,        a driver in a worker process (docs/write-a-driver.md)
@@ -47,7 +46,6 @@ from micromanip.bus.errors import (
 from micromanip.bus.inbox import Inbox, Sample
 from micromanip.bus.number_options import BITS, PACKED, SIZES, Commanded, Scaled, Section, Typed, number_range
 from micromanip.bus.safe_state import SafeOutput
-from micromanip.bus.simulated_axis import LinearPlant, SimulatedAxis
 from micromanip.bus.watchdog import Watchdog
 from micromanip.errors import CheckFailed, ConfigError, did_you_mean
 from micromanip.files import marked_encoding, require_regular

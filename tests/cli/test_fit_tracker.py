@@ -8,7 +8,6 @@ import pytest
 from replay.recorded import recording
 
 from micromanip.cli.fit_tracker import command
-from micromanip.design.analyse.budget.configured import cell_of
 from micromanip.errors import CheckFailed, ConfigError, UsageError
 from micromanip.settings.check import prepare
 from micromanip.virtual.experiment import VirtualExperiment
@@ -58,11 +57,10 @@ def test_an_axis_is_found_and_put_into_a_configuration(fitted, unfitted):
     assert [each["frequency_Hz"] for each in found["oscillations"]] == pytest.approx([7.76], abs=0.01)
     assert found["noise_um"] == pytest.approx(0.5, rel=0.08)
     assert "# The simulated cell, tuned" in copied.read_text(), "comments stay"
-    before, after = (cell_of(prepare(file), "y") for file in (unfitted, copied))
-    assert after.laws.tracker.noise_um == found["noise_um"]
-    assert after.rms_um() < 0.92 * before.rms_um()
-    untouched = cell_of(prepare(copied), "x")
-    assert untouched.laws.tracker == cell_of(prepare(unfitted), "x").laws.tracker
+    before, after = (prepare(file).configuration.reference for file in (unfitted, copied))
+    assert after.of("y").noise_um == found["noise_um"]
+    assert found["path_share_um"]["after_um"] < 0.92 * found["path_share_um"]["before_um"]
+    assert after.of("x") == before.of("x")
 
 
 def test_what_can_not_be_done_is_told_and_nothing_written(recorded, tmp_path):

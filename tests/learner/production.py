@@ -13,7 +13,6 @@ from micromanip.learner.memory_store import MemoryStore
 from micromanip.learner.part_collector import PartCollector
 from micromanip.rt.states import BEGIN_PART, NO_COMMAND
 from micromanip.settings.check import prepare
-from micromanip.virtual.altered import simulated_driver, switched
 from micromanip.virtual.experiment import VirtualExperiment, with_options
 
 SIMULATED = Path(__file__).parents[2] / "config" / "simulated.yaml"
@@ -21,7 +20,9 @@ BEGIN_S, AFTER_S = 4.5, 1.0
 LOOP_HZ = 10_000
 # the joints swing at 7.76 and 8.24 Hz on y and z; the force is there when the part begins
 EARLY = ("force: {start_s: 5.0,", "force: {start_s: 2.0,")
-DRAWN = ("tracker noise", "force noise", "strain gauge noise", "capacitive sensor noise", "amplifier noise")
+DRAWN = ("strain_noise_nm", "strain_hum_nm", "stage_noise_nm", "amplifier_noise_mV")
+WEAK = 0.1
+"""What is left of a sensor's noise: one that always reads the same is a fault."""
 LINES = ("    force: {start_s: 2.0,", "    lines: {}\n    force: {start_s: 2.6,")
 
 
@@ -39,6 +40,22 @@ def with_line(seconds, signal, channel):
     """With a line of the machine for `signal`; scheduled faults of the `channel` lead it."""
     wired = ("  true_strain_x:", f"  {signal}: {{driver: cell, channel: {channel}}}\n  true_strain_x:")
     return text(seconds, LINES, wired) + "switches: {amplifier_enable: {driver: cell}}\n"
+
+
+def quiet(options):
+    """Options of the cell without what is drawn."""
+
+    def weak(plant):
+        return plant.model_copy(update={name: WEAK * getattr(plant, name) for name in DRAWN})
+
+    return options.model_copy(
+        update={
+            "tracker": options.tracker.model_copy(update={"noise_um": 0.0}),
+            "force": options.force.model_copy(update={"noise_N": 0.0}),
+            "plant": weak(options.plant),
+            "variation": {axis: weak(plant) for axis, plant in options.variation.items()},
+        }
+    )
 
 
 class Production:
@@ -72,12 +89,11 @@ class Production:
 
     def cell(self, seed, faults=()):
         """A fresh one, the same path from the same start; `seed` None: nothing is drawn. TRACKING, before its part."""
-        driver = simulated_driver(self.prepared)
-        options = self.prepared.wiring.options[driver]
-        options = switched(options, DRAWN) if seed is None else options.model_copy(update={"seed": seed})
+        options = self.prepared.wiring.options["cell"]
+        options = quiet(options) if seed is None else options.model_copy(update={"seed": seed})
         if faults:
             options = type(options).model_validate({**options.model_dump(), "faults": tuple(faults)})
-        cell = VirtualExperiment(with_options(self.prepared, driver, options), process=True).cell(
+        cell = VirtualExperiment(with_options(self.prepared, "cell", options), process=True).cell(
             self.prepared.configuration, self.table
         )
         self.put(cell)

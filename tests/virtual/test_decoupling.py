@@ -11,13 +11,12 @@ from micromanip.rt.shadow import swap_cell
 from micromanip.settings.check import prepared
 from micromanip.settings.compile.cell import compile_cell
 from micromanip.settings.text.source import Source
-from micromanip.virtual.altered import NOISE, play_without
 from micromanip.virtual.cell import VirtualCell
 from micromanip.virtual.experiment import VirtualExperiment
 
 pytestmark = pytest.mark.compiled_only
 CONFIG = Path(__file__).parents[2] / "config" / "simulated.yaml"
-NAMES, SECONDS, SEED = "xyz", 4.0, 1
+NAMES, SECONDS, SEED = "xyz", 6.0, 1
 SHARES = np.array([[1.0, 0.05, -0.033], [-0.033, 1.0, 0.05], [0.05, -0.033, 1.0]])
 NONE = np.eye(3)
 
@@ -39,9 +38,11 @@ def cell(shares, **said):
 
 @pytest.fixture(scope="module")
 def errors():
-    """Path error (n, axes) of a path without noise and force: not coupled, ignored, decoupled."""
+    """Path error (n, axes) with the same noise: not coupled, ignored, decoupled."""
     cells = cell(NONE), cell(SHARES, decouple=False), cell(SHARES, decouple=True)
-    return [play_without(each, NOISE, SECONDS, SEED).error_um for each in cells]
+    return [
+        VirtualExperiment(each)(each.configuration, SECONDS)["axis"]["path_error_um"][20_000:, :3] for each in cells
+    ]
 
 
 @pytest.fixture(scope="module")

@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel
 
-from micromanip.driver import Channel, ConfigError, CyclicDriver, Functions, SimulatedAxis, did_you_mean
+from micromanip.driver import Channel, ConfigError, CyclicDriver, Functions, did_you_mean
 
-from . import mechanics
 from . import options as o
 from .axis_context import fill_plant, fill_surroundings
 from .discharge import discharge_in_host
@@ -117,40 +116,6 @@ class SimulatedCell(CyclicDriver):
     def without_process(self) -> SimulatedCell:
         idle = self.options.force.model_copy(update={"static_N": 0.0, "tooth_N": 0.0, "noise_N": 0.0})
         return SimulatedCell(self.options.model_copy(update={"force": idle}), self.period_ns)
-
-    def simulated_axis(self, name: str) -> SimulatedAxis:
-        if self.options.deviation.file is not None:
-            raise ConfigError("deviation.file: a budget is of sines; leave the file out for it")
-        if any(self.options.force.harmonics) or self.options.force.runout or self.options.force.speed_percent:
-            raise ConfigError("force: a budget is of one steady sine; leave harmonics, runout and speed_percent out")
-        from .linear import linear_plant  # for who asks for it, not for the loop's process
-
-        period_s, force, count = self.period_ns * 1e-9, self.options.force, len(self.options.axes)
-        plant = self.options.variation.get(name, self.options.plant)
-        context = self.context().view(CONTEXT)[0]
-        cell = context["p"][:count]
-        i = self.options.axes.index(name)
-        lines = [
-            tuple(zip((p["deviation_omega"] / (2.0 * np.pi)).tolist(), p["deviation_um"].tolist(), strict=True))
-            for p in cell
-        ]
-        shares = cell[i]["coupling"] + cell[i]["pushed_N_per_um"] * mechanics.compliance(plant)
-        moved = tuple((hertz, float(shares[j]) * um) for j in range(count) if j != i for hertz, um in lines[j])
-        return SimulatedAxis(
-            plant=linear_plant(plant, period_s, creep=False),
-            crept=linear_plant(plant, period_s, creep=True),
-            deviation=lines[i],
-            neighbours=moved,
-            tracker_noise_um=self.options.tracker.noise_um,
-            force_noise=(force.noise_N, force.noise_Hz),
-            tooth=(force.tooth_Hz, force.tooth_N),
-            strain_noise_um=plant.strain_noise_nm * 1e-3,
-            hum=(float(cell[i]["hum_omega"]) / (2.0 * np.pi), plant.strain_hum_nm * 1e-3),
-            strain_step_um=float(cell[i]["strain_step_um"]),
-            stage_noise_um=plant.stage_noise_nm * 1e-3,
-            amplifier_noise_V=plant.amplifier_noise_mV * 1e-3,
-            voltage_step_V=float(cell[i]["dac_step_V"]),
-        )
 
     def functions(self) -> Functions:
         from . import cell  # compiled or loaded only where it is going to be called

@@ -15,18 +15,16 @@ from numpy.typing import NDArray
 
 from micromanip.recordings import Telemetry
 from micromanip.settings.check import Prepared, wired
-from micromanip.settings.check import prepared as prepared_of
 from micromanip.settings.schema.axis import Axis
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.text.source import Source
 from micromanip.settings.write import with_production, with_tuning
 
 from ..analyse.budget.budget import AxisBudget
-from ..analyse.budget.configured import budget_of
-from ..analyse.budget.recorded import recorded_budget
+from ..analyse.budget.recorded import budget_of
 
-_BUDGET_S, _COHERENCE_S = 4.0, 1.0
-"""Virtual time that is played for the error budget; for how long its bound takes phases to be known."""
+_COHERENCE_S = 1.0
+"""For how long the bound of the error budget takes phases to be known."""
 
 
 def tuned_text(prepared: Prepared, configuration: Configuration, axes: Mapping[str, Axis]) -> str:
@@ -39,18 +37,12 @@ def as_written(prepared: Prepared, configuration: Configuration) -> Configuratio
     return wired(Source.parse(prepared.source.path, tuned_text(prepared, configuration, configuration.axes)))[0]
 
 
-def budgeted(
-    prepared: Prepared, seed: int, configuration: Configuration, rows: NDArray[Any], *, virtual: bool
-) -> list[AxisBudget]:
-    """Of a cell in virtual time computed, and played once more without noise; else what the trial's rows show."""
-    text, axes = tuned_text(prepared, configuration, configuration.axes), list(configuration.axes)
-    silent = lambda _: None  # noqa: E731
-    if virtual:
-        tuned = prepared_of(Source.parse(prepared.source.path, text))
-        return budget_of(tuned, axes, _BUDGET_S, seed, _COHERENCE_S, silent)
+def budgeted(file: Path, configuration: Configuration, rows: NDArray[Any]) -> list[AxisBudget]:
+    """What the rows of its trial show of the error of a `configuration`, which `file` holds."""
     _, own = np.unique(rows["cycle"], return_index=True)  # a skipped cycle's row is a copy of the one before
-    telemetry = Telemetry.of_rows(prepared.source.path, axes, configuration.loop.period_ns, rows[own], text)
-    return recorded_budget(telemetry, axes, _COHERENCE_S, silent)
+    axes = list(configuration.axes)
+    telemetry = Telemetry.of_rows(file, axes, configuration.loop.period_ns, rows[own], "")
+    return budget_of(telemetry, configuration, axes, _COHERENCE_S)
 
 
 def provenance(prepared: Prepared, config: Path, chosen: list[str], seed: int) -> dict[str, str]:

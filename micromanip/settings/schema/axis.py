@@ -117,15 +117,6 @@ class Outer(Settings):
         """Whether the frequency of the tooth is followed."""
         return self.oscillation_Hz is not None and self.oscillation_range_percent > 0.0
 
-    def at_tooth(self, hertz: float) -> Outer:
-        """The same once it has found a tooth at `hertz`; as it is where it looks for none there."""
-        if (
-            self.oscillation_Hz is None
-            or abs(hertz / self.oscillation_Hz - 1.0) > 0.01 * self.oscillation_range_percent
-        ):
-            return self
-        return self.model_copy(update={"oscillation_Hz": hertz})
-
     def without_tooth(self) -> Outer:
         """The same without the oscillator."""
         return self.model_copy(update={"oscillation_Hz": None})

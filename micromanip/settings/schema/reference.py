@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Literal, Self
 
@@ -68,11 +67,6 @@ class AxisTracker:
             steady=None,
         )
 
-    def at_swings(self, hertz: Iterable[float]) -> AxisTracker:
-        """The same once each oscillation has found the nearest of `hertz` in its range, if there is any."""
-        swings = list(hertz)
-        return replace(self, oscillations=tuple(each.at_swing(swings) for each in self.oscillations))
-
 
 class _Own(Settings):
     offset_um: Micrometres = Field(description="Constant part; V where the axis' mode is voltage.")
@@ -133,16 +127,6 @@ class Oscillation(Settings):
         """Lowest and highest frequency that may be found."""
         factor = 1.0 + 0.01 * self.range_percent
         return self.frequency_Hz / factor, self.frequency_Hz * factor
-
-    def at_swing(self, hertz: Sequence[float]) -> Oscillation:
-        """The same at the frequency that it finds of `hertz`."""
-        low, high = self.range_Hz
-        found = min(
-            (each for each in hertz if low <= each <= high),
-            key=lambda each: abs(math.log(each / self.frequency_Hz)),
-            default=self.frequency_Hz,
-        )
-        return self.model_copy(update={"frequency_Hz": found})
 
 
 class Steady(Settings):

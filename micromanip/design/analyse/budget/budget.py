@@ -1,9 +1,10 @@
-"""The error budget of an axis: causes with their variances, the whole, the bound, and the whole with other sensors."""
+"""The error budget of an axis: causes with their variances, the whole, and the bound."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -16,33 +17,16 @@ TITLE = "What the path error is made of"
 
 
 def composition(budget: AxisBudget) -> Section:
-    """Causes, bound and other sensors as tables, and the variance summed up over frequency as a plot."""
-    told = budget.document()
-    causes = tuple(
-        (each["name"], f"{each['rms_um']:.3f} um", percent(each["share_percent"]), each["how"])
-        for each in told["causes"]
-    )
-    share = percent(budget.share_percent(budget.variance_um2))
-    rows = (*causes, (budget.sum_name, f"{budget.rms_um:.3f} um", share, ""))
-    tables = [Table(f"Path error of axis {budget.axis} by cause", ("Cause", "rms", "Share", "How"), rows)]
-    if budget.variants:
-        others = tuple((each.what, f"{each.rms_um:.3f} um") for each in budget.variants)
-        named = ("With", f"{budget.sum_name.capitalize()}, rms")
-        tables.append(Table(f"Axis {budget.axis}: what it would be", named, others))
-    text = " ".join(
-        [
-            "Variances of causes that know nothing of each other add up (docs/analyse.md).",
-            *(f"{note[0].upper()}{note[1:]}." for note in budget.notes),
-            *(f"Not known: {each}." for each in budget.unknown),
-        ]
-    )
-    return Section(TITLE, text, _bound(budget), (summed_up(budget),), tuple(tables))
+    """Causes and bound as a table, and the variance summed up over frequency as a plot."""
+    rows = [(each.name, f"{each.rms_um:.3f} um", budget.share(each.variance_um2)) for each in budget.causes]
+    rows.append(("whole", f"{budget.rms_um:.3f} um", budget.share(budget.variance_um2)))
+    table = Table(f"Path error of axis {budget.axis} by cause", ("Cause", "rms", "Share"), rows)
+    text = f"Variances of causes that know nothing of each other add up (docs/analyse.md). Seen in {budget.seen}."
+    return Section(TITLE, text, _bound(budget), (summed_up(budget),), (table,))
 
 
 def _bound(budget: AxisBudget) -> dict[str, str]:
     bound = budget.bound
-    if bound is None:
-        return {}
     figures = {
         f"causal bound, phases known for {bound.coherence_s:g} s": f"{bound.rms_um:.3f} um",
         "the path's share of the bound": f"{np.sqrt(bound.path_um2):.3f} um",
@@ -57,11 +41,9 @@ def summed_up(budget: AxisBudget) -> Plot:
     """Variance below each frequency: a line is a step, noise a slope."""
     hertz = budget.hertz
     shown = budget.told_apart()
-    curves = [Curve(budget.sum_name, hertz, np.cumsum(np.sum([cause.power for cause in budget.causes], axis=0)))]
+    curves = [Curve("whole", hertz, np.cumsum(np.sum([cause.power for cause in budget.causes], axis=0)))]
     curves += [Curve(cause.name, hertz, np.cumsum(cause.power)) for cause in shown]
-    if budget.bound is not None:
-        ends = hertz[[0, -1]]
-        curves.append(Curve("bound", ends, np.full(2, budget.bound.rms_um**2)))
+    curves.append(Curve("bound", hertz[[0, -1]], np.full(2, budget.bound.rms_um**2)))
     return Plot(
         "Variance of the path error below a frequency",
         "frequency, Hz",
@@ -115,8 +97,14 @@ def prediction_variance(
 
 
 Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
 
-COMPUTED, MEASURED = "computed", "measured"
+TRACKER, PREDICTION, FORCE, STAGE = (
+    "tracker noise",
+    "tracker delay, rate, prediction",
+    "force",
+    "capacitive sensor noise",
+)
 EVERYTHING_ELSE = "everything else"
 _LEGIBLE = 0.005
 """Share of the whole below which a cause is not told apart in a picture."""
@@ -124,11 +112,10 @@ _LEGIBLE = 0.005
 
 @dataclass(frozen=True)
 class Cause:
-    """Power (n,) in um^2 over the bins of frequency; `how` says where it comes from."""
+    """Power (n,) in um^2 over the bins of frequency."""
 
     name: str
     power: Array
-    how: str = COMPUTED
 
     @property
     def variance_um2(self) -> float:
@@ -156,34 +143,14 @@ class Bound:
 
 
 @dataclass(frozen=True)
-class Variant:
-    """What another sensor, or another force, would give: rms (um) of the sum."""
-
-    what: str
-    rms_um: float
-
-
-@dataclass(frozen=True)
 class AxisBudget:
-    """Causes of one axis over the middles of the bins `hertz` (n,), the largest first.
-
-    The sum of the causes is the whole, unless there is something `unknown`, which says what nothing is known of.
-    `measured_um` is the rms in virtual time where it was played and the truth is known.
-    """
+    """Causes of one axis over the middles of the bins `hertz` (n,), the largest first; `seen`: in what, in words."""
 
     axis: str
     hertz: Array
     causes: tuple[Cause, ...]
-    bound: Bound | None = None
-    variants: tuple[Variant, ...] = ()
-    measured_um: float | None = None
-    unknown: tuple[str, ...] = ()
-    notes: tuple[str, ...] = field(default=())
-
-    @property
-    def sum_name(self) -> str:
-        """What the sum of the causes is."""
-        return "known" if self.unknown else "whole"
+    bound: Bound
+    seen: str
 
     @property
     def variance_um2(self) -> float:
@@ -195,10 +162,13 @@ class AxisBudget:
         """Its root."""
         return float(np.sqrt(self.variance_um2))
 
-    def share_percent(self, variance_um2: float) -> float | None:
-        """Share of the whole; None where that is not known."""
-        whole = self.variance_um2
-        return None if self.unknown else 100.0 * variance_um2 / whole if whole > 0.0 else 0.0
+    def share_percent(self, variance_um2: float) -> float:
+        """Share of the whole."""
+        return 100.0 * variance_um2 / self.variance_um2 if self.variance_um2 > 0.0 else 0.0
+
+    def share(self, variance_um2: float) -> str:
+        """The same in a table."""
+        return f"{self.share_percent(variance_um2):.1f} %"
 
     def told_apart(self) -> tuple[Cause, ...]:
         """Causes that a picture can show, the largest first, and all others as one."""
@@ -218,32 +188,66 @@ class AxisBudget:
                     "variance_um2": cause.variance_um2,
                     "rms_um": cause.rms_um,
                     "share_percent": self.share_percent(cause.variance_um2),
-                    "how": cause.how,
                 }
                 for cause in self.causes
             ],
-            "measured_um": self.measured_um,
-            "bound": None
-            if self.bound is None
-            else {
+            "bound": {
                 "rms_um": self.bound.rms_um,
                 "path_um": float(np.sqrt(self.bound.path_um2)),
                 "force_um": float(np.sqrt(self.bound.force_um2)),
                 "coherence_s": self.bound.coherence_s,
                 "ratio": self.rms_um / self.bound.rms_um if self.bound.rms_um > 0.0 else None,
             },
-            "variants": [{"what": each.what, "rms_um": each.rms_um} for each in self.variants],
-            "unknown": list(self.unknown),
-            "notes": list(self.notes),
+            "seen": self.seen,
         }
 
 
-def percent(share: float | None) -> str:
-    """A share in a table; empty where it is not known."""
-    return "" if share is None else f"{share:.1f} %"
+BIN_HZ = 0.5
+"""Narrow beside the lightest mode; finer changes nothing."""
 
 
-def ordered(powers: Mapping[str, Array], how: str = COMPUTED) -> tuple[Cause, ...]:
-    """Causes out of powers by name, the largest first."""
-    causes = [Cause(name, power, how) for name, power in powers.items()]
+@dataclass(frozen=True)
+class Grid:
+    """Bins of frequency from 0 to half of the loop's rate; `hertz` (n,) are their middles."""
+
+    rate_hz: float
+    bin_hz: float = BIN_HZ
+
+    @cached_property
+    def hertz(self) -> Array:
+        """Middles of the bins."""
+        count = round(0.5 * self.rate_hz / self.bin_hz)
+        return np.asarray((np.arange(count) + 0.5) * self.bin_hz)
+
+    @cached_property
+    def omega(self) -> Array:
+        """The same in rad/s."""
+        return np.asarray(2.0 * np.pi * self.hertz)
+
+    def white(self, transfer: Complex, variance: float) -> Array:
+        """Power (n,) behind `transfer` (n,) of noise that is white from cycle to cycle."""
+        return np.asarray(np.abs(transfer) ** 2 * (variance / len(self.hertz)))
+
+    def binned(self, x: Array) -> Array:
+        """Power (n,) of a signal `x` (m,): the sum is its mean square (Parseval)."""
+        power = np.abs(np.fft.rfft(x)) ** 2 / len(x) ** 2
+        power[1 : len(power) - (len(x) % 2 == 0)] *= 2.0
+        place = (np.fft.rfftfreq(len(x), 1.0 / self.rate_hz) / self.bin_hz).astype(int)
+        return np.bincount(np.minimum(place, len(self.hertz) - 1), weights=power, minlength=len(self.hertz))
+
+
+def shared_out(whole: Array, alone: Mapping[str, Array]) -> tuple[Cause, ...]:
+    """`whole` (n,) divided in proportion to what each makes `alone` (n,), where that is nothing in equal parts.
+
+    The largest first. Every share is at least 0, and their sum is `whole`, which must not be negative.
+    """
+    total = np.sum(list(alone.values()), axis=0)
+    some = total > 0.0
+    causes = [
+        Cause(
+            name,
+            whole * np.where(some, np.divide(power, total, where=some, out=np.zeros_like(total)), 1.0 / len(alone)),
+        )
+        for name, power in alone.items()
+    ]
     return tuple(sorted(causes, key=lambda cause: -cause.variance_um2))

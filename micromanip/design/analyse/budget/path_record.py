@@ -27,8 +27,8 @@ from micromanip.settings.schema.reference import AxisTracker, Tracker
 from micromanip.settings.text.source import Source
 from micromanip.virtual.experiment import at_limit
 
-from .causes import PREDICTION, TRACKER, Grid, followed_share
-from .loop import AxisLaws
+from .budget import PREDICTION, TRACKER, Grid
+from .loop import AxisLaws, Loop
 from .tracking import Tracking
 
 Array = NDArray[np.float64]
@@ -95,7 +95,7 @@ def tracking_stretch(telemetry: Telemetry, configuration: Configuration, axis: s
     longest = max(pieces, key=len)
     rate_hz = 1e9 / telemetry.period_ns
     first, last = int(cycle[longest[0]] + _SETTLED_S * rate_hz), int(cycle[longest[-1]])
-    if (last - first) / rate_hz < _LEAST_S:
+    if (last + 1 - first) / rate_hz < _LEAST_S:
         raise CheckFailed(
             f"{telemetry.file}: it tracks for {(last - cycle[longest[0]]) / rate_hz:.2g} s at a stretch; a budget "
             f"needs {_SETTLED_S + _LEAST_S:g} s"
@@ -169,6 +169,12 @@ def follow(stretch: Stretch, laws: AxisLaws) -> Followed:
     }
     noise_um = float(np.std(noise)) if smoothing is None else smoothing.noise_um
     return Followed(path, smoothing, noise_um, tracking, filters, parts)
+
+
+def followed_share(loop: Loop, tracking: Tracking, taken: Array) -> Complex:
+    """What the stage does (n,) of a sine of the deviation of amplitude 1, at the frequencies of `loop`."""
+    late = np.exp(-1j * loop.omega * tracking.latency_s)
+    return np.asarray(loop.followed * tracking.response(taken, loop.omega) * late / tracking.every)
 
 
 class Mistaken(NamedTuple):

@@ -1,4 +1,4 @@
-"""The budget of a recording: what the recorded signals show of each cause, carried through the laws that ran.
+"""The budget of a run: what its recorded signals show of each cause, carried through the laws that ran.
 
 With the path d, the samples' noise n, and what disturbs the stage, ``v = y - G u`` (u the recorded set-point, G the
 model of the stage), the loop's equations (``loop.py``) are an identity of recorded signals:
@@ -24,12 +24,14 @@ from scipy.signal import csd, welch
 
 from micromanip.errors import CheckFailed
 from micromanip.recordings import Telemetry
+from micromanip.settings.check import Prepared
 from micromanip.settings.load import validate_document
+from micromanip.settings.schema.model import Configuration
 from micromanip.settings.schema.reference import Tracker
 from micromanip.settings.text.source import Source
+from micromanip.virtual.experiment import VirtualExperiment
 
-from .budget import MEASURED, AxisBudget, Bound, ordered, prediction_variance
-from .causes import FORCE, PREDICTION, STAGE, TRACKER, Grid, shared_out
+from .budget import FORCE, PREDICTION, STAGE, TRACKER, AxisBudget, Bound, Grid, prediction_variance, shared_out
 from .loop import AxisLaws
 from .path_record import WINDOW_S, Stretch, follow, mirrored, mistaken, tracking_stretch
 from .tracking import Tracking
@@ -43,8 +45,8 @@ ACTUATOR, DISTURBANCE, MISSED, LIMITED, UNEXPLAINED = (
     "saturation",
     "not explained",
 )
-_AFTER_S = 0.02
-"""How long a missed cycle or a limit is felt."""
+_AFTER_S, _ENTERED_S = 0.02, 4.0
+"""How long a missed cycle or a limit is felt; after which the tool of a simulated cell is in."""
 
 
 def recorded_budget(
@@ -52,6 +54,31 @@ def recorded_budget(
 ) -> list[AxisBudget]:
     """The budget of each of `axes`. CheckFailed where the recording has no tracking, no tracker, or no model."""
     configuration = validate_document(Source.parse(telemetry.file, telemetry.sure_configuration()))
+    return budget_of(telemetry, configuration, axes, coherence_s, say)
+
+
+def played_budget(
+    prepared: Prepared, axes: Sequence[str], seconds: float, coherence_s: float, say: Callable[[str], None]
+) -> list[AxisBudget]:
+    """The same of `seconds` in virtual time, machining included. CheckFailed where a cell is not simulated."""
+    file, configuration = prepared.source.path, prepared.configuration
+    if not prepared.wiring.virtual:
+        raise CheckFailed(f"{file}: only a simulated cell is played; take a recording of a real one")
+    say("playing the cell")
+    rows = VirtualExperiment(prepared, process=True)(configuration, _ENTERED_S + seconds, prepared.samples)
+    rows = rows[round(_ENTERED_S * configuration.loop.rate_hz) :]
+    telemetry = Telemetry.of_rows(file, list(configuration.axes), configuration.loop.period_ns, rows, "")
+    return budget_of(telemetry, configuration, axes, coherence_s, say)
+
+
+def budget_of(
+    telemetry: Telemetry,
+    configuration: Configuration,
+    axes: Sequence[str],
+    coherence_s: float,
+    say: Callable[[str], None] = lambda _: None,
+) -> list[AxisBudget]:
+    """The budget of each of `axes` in the rows that `configuration` left."""
     if not isinstance(configuration.reference, Tracker):
         raise CheckFailed(f"{telemetry.file}: what ran followed no tracker (reference.source: signal): no path error")
     found = []
@@ -85,7 +112,7 @@ def _explained(stretch: Stretch, laws: AxisLaws, coherence_s: float) -> AxisBudg
     parts[LIMITED] = np.where(limited & ~missed, rest, 0.0)
     parts[UNEXPLAINED] = np.where(missed | limited, 0.0, rest)
     grid = Grid(1.0 / laws.period_s)
-    alone = {name: binned(part[inside], grid) for name, part in parts.items()}
+    alone = {name: grid.binned(part[inside]) for name, part in parts.items()}
     outer = laws.axis.outer
     assert outer is not None
     if not truth:
@@ -95,15 +122,15 @@ def _explained(stretch: Stretch, laws: AxisLaws, coherence_s: float) -> AxisBudg
     unseen = mistaken(followed, laws, grid)
     alone[TRACKER] += unseen.tracker
     alone[PREDICTION] = _with(alone[PREDICTION], unseen.prediction)
-    whole = _with(binned(error[inside], grid), unseen.whole)
+    whole = _with(grid.binned(error[inside]), unseen.whole)
     bound = _bound(path[inside], moved[inside], followed.noise_um**2, tracking, laws, coherence_s, known_stage=truth)
     known = "the simulation's own signals" if truth else "the smoothed tracker and the measured stage"
     return AxisBudget(
         laws.name,
         grid.hertz,
-        ordered(shared_out(whole, alone), MEASURED),
-        bound=bound,
-        notes=(f"{inside.sum() * laws.period_s:.1f} s of tracking, by {known}",),
+        shared_out(whole, alone),
+        bound,
+        f"{inside.sum() * laws.period_s:.1f} s of tracking, by {known}",
     )
 
 
@@ -129,7 +156,7 @@ def _bound(
     outer, period_s, grid = laws.axis.outer, laws.period_s, Grid(1.0 / laws.period_s)
     assert outer is not None
     noise, dead_s = outer.sensor_noise_um**2, outer.model.delay_cycles * period_s
-    spectra = [binned((x - x.mean()) * np.hanning(len(x)) * np.sqrt(8.0 / 3.0), grid) for x in (path, moved)]
+    spectra = [grid.binned((x - x.mean()) * np.hanning(len(x)) * np.sqrt(8.0 / 3.0)) for x in (path, moved)]
     if not known_stage:
         spectra[1] = np.maximum(spectra[1] - noise / len(grid.hertz), 0.0)
     ahead = np.asarray(tracking.latency_s + dead_s + period_s * np.arange(tracking.every))
@@ -160,10 +187,3 @@ def _felt(when: NDArray[np.bool_], period_s: float) -> NDArray[np.bool_]:
     count = np.cumsum(when)
     before = np.concatenate([np.zeros(1), count])[np.maximum(np.arange(len(when)) - round(_AFTER_S / period_s), 0)]
     return np.asarray(count > before)
-
-
-def binned(x: Array, grid: Grid) -> Array:
-    """Power of `x` (n,) in the bins of `grid`: their sum is its mean square (Parseval)."""
-    lines = np.abs(np.fft.rfft(x)) ** 2 / len(x) ** 2
-    lines[1 : len(lines) - (len(x) % 2 == 0)] *= 2.0
-    return grid.lines(np.asarray(np.fft.rfftfreq(len(x), 1.0 / grid.rate_hz)), np.asarray(lines))

@@ -72,13 +72,6 @@ class Tracking:
         state = vectors @ (entering[:, None] / (1.0 - poles[:, None] * turn[None, :] ** self.every))
         return np.asarray(np.einsum("ni,in->n", given, state))
 
-    def images(self, hertz: float) -> Array:
-        """Frequencies (k,), Hz, from minus to plus half of the loop's rate, of a sine of `hertz`, its own first."""
-        rate, sampled = 1.0 / self.period_s, 1.0 / (self.every * self.period_s)
-        away = np.arange(-self.every, self.every + 1)
-        found = hertz + sampled * away[np.argsort(np.abs(away), kind="stable")]
-        return np.asarray(found[(found > -0.5 * rate) & (found <= 0.5 * rate)])
-
     def given(self, taken_s: Array, arrived_s: Array, samples: Array, now_s: Array, row: Array) -> Array:
         """What the outer loop is given (n,) in the cycles at `now_s` (n,), by the same steps as the loop's.
 

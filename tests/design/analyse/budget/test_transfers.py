@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from scipy.linalg import solve_discrete_lyapunov
 
 from micromanip.control.predictor import output_row, reference_transition, tracker_gain
-from micromanip.design.analyse.budget.budget import prediction_variance
-from micromanip.design.analyse.budget.causes import Grid, followed_line, shared_out, tracker_noise
+from micromanip.design.analyse.budget.budget import Grid, prediction_variance, shared_out
 from micromanip.design.analyse.budget.loop import AxisLaws
 from micromanip.design.analyse.budget.tracking import Tracking
 from micromanip.errors import CheckFailed
@@ -93,29 +92,9 @@ def test_tracker_noise_is_what_the_lifted_lyapunov_equation_says(laws, every, la
         P = cycle @ P @ cycle.T
     grid = Grid(10_000.0)
     loop = laws.around(laws.model(grid.omega), grid.omega)
-    found = tracker_noise(grid, loop, tracking, laws.gains.reference, 0.5).sum()
+    through = loop.followed * tracking.response(laws.gains.reference, grid.omega)
+    found = grid.white(through, 0.25 / every).sum()
     assert found == pytest.approx(variance, rel=2e-3)
-
-
-@pytest.mark.parametrize("predict", [True, False])
-@pytest.mark.parametrize("hertz", [0.83, 7.76, 60.0])
-def test_a_sine_is_followed_as_stepping_the_laws_says(laws, hertz, predict):
-    tracker = replace(laws.tracker, predict=predict)
-    tracking = Tracking(tracker, 10, 1e-3, 1e-4)
-    A, r, _, C = closed_model(laws)
-    now = np.arange(60_000) * 1e-4
-    taken = np.arange(6_000) * 1e-3 - 1e-3
-    given_um = tracking.given(taken, taken + 1e-3, np.sin(2 * np.pi * hertz * taken), now, laws.gains.reference)
-    x, stage = np.zeros(len(A)), np.zeros(len(now))
-    for k, each in enumerate(given_um):
-        stage[k] = C @ x
-        x = A @ x + r * each
-    error = np.sin(2 * np.pi * hertz * now) - stage
-    period = round(1e4 / hertz)
-    settled = error[-(20_000 // period) * period :] if period <= 20_000 else error
-    at = 2 * np.pi * tracking.images(hertz)
-    parts = followed_line(laws.around(laws.model(at), at), tracking, laws.gains.reference, hertz)
-    assert np.mean(settled**2) == pytest.approx(0.5 * np.sum(np.abs(parts) ** 2), rel=0.02, abs=1e-9)
 
 
 def test_the_bound_is_the_conditional_variance_of_a_gaussian_process():
@@ -134,9 +113,9 @@ def test_the_bound_is_the_conditional_variance_of_a_gaussian_process():
 def test_shares_sum_to_the_whole_and_none_is_negative(alone, whole):
     powers = {f"cause {k}": np.array(each) for k, each in enumerate(alone)}
     shares = shared_out(np.full(4, whole), powers)
-    assert shares.keys() == powers.keys()
-    assert all((each >= 0.0).all() for each in shares.values())
-    np.testing.assert_allclose(np.sum(list(shares.values()), axis=0), whole, rtol=1e-12, atol=1e-300)
+    assert {each.name for each in shares} == powers.keys()
+    assert all((each.power >= 0.0).all() for each in shares)
+    np.testing.assert_allclose(np.sum([each.power for each in shares], axis=0), whole, rtol=1e-12, atol=1e-300)
 
 
 def test_an_axis_without_a_model_of_its_stage_or_behind_a_bus_is_refused():

@@ -11,8 +11,7 @@ import numpy as np
 from micromanip.design.analyse.path.preview import RANGE, TRACKER, VOLTAGE, preview_of
 from micromanip.recordings.path_deviation import read_path_deviation
 from micromanip.rt.states import TRACKING
-from micromanip.virtual.altered import at_limits, simulated_driver
-from micromanip.virtual.experiment import VirtualExperiment, with_options
+from micromanip.virtual.experiment import VirtualExperiment, at_limit, with_options
 
 RESERVE_UM, TOLERANCE_UM, CORNER_HZ = 3.0, 5.0, 0.2
 SECONDS, RATE_HZ, START_S = 4.0, 500.0, 4.0
@@ -46,16 +45,18 @@ def narrowed(prepared):
 
 def first_met_s(prepared, path, seed):
     """Moments on `path` at which a limit holds, a tracker's sample is out of range, or the cell does not track."""
-    name, configuration = simulated_driver(prepared), prepared.configuration
-    options = prepared.wiring.options[name]
+    configuration, options = prepared.configuration, prepared.wiring.options["cell"]
     deviation = options.deviation.model_copy(update={"file": str(path.file), "start_s": START_S})
     options = options.model_copy(update={"deviation": deviation, "seed": seed})
-    cell = VirtualExperiment(with_options(prepared, name, options)).cell(configuration, prepared.samples)
+    cell = VirtualExperiment(with_options(prepared, "cell", options)).cell(configuration, prepared.samples)
     cell.run(START_S - len(cell.arm()) * configuration.loop.period_ns * 1e-9)
     rows = cell.run(SECONDS)
     low_um, high_um = configuration.reference.range_um
     deviation_um = rows["axis"]["deviation_um"][:, : len(configuration.axes)]
-    over = at_limits(configuration, rows) | (deviation_um <= low_um) | (deviation_um >= high_um)
+    over = (deviation_um <= low_um) | (deviation_um >= high_um)
+    for i, axis in enumerate(configuration.axes):
+        own = rows["axis"][:, i]
+        over[:, i] |= at_limit(configuration, axis, own["voltage_V"], own["setpoint_um"])
     return np.flatnonzero((rows["state"] != TRACKING) | over.any(axis=1)) * configuration.loop.period_ns * 1e-9
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from micromanip.design.analyse.budget.causes import followed_share
+from micromanip.design.analyse.budget.path_record import followed_share
 from micromanip.design.analyse.path.prediction import inverse_voltage, predict
 from micromanip.design.analyse.path.preview import (
     RANGE,
@@ -70,7 +70,7 @@ def test_a_joint_that_swings_at_another_frequency_is_followed_as_the_loop_follow
         tracking = with_joint(cell, percent)
         path = 20.0 * np.sin(2.0 * np.pi * hertz * np.arange(6000) / PATH_HZ)
         found_of[percent] = np.std(predict(cell.laws["x"], tracking, 0.0, path, PATH_HZ).error_um[2000:4000])
-    known = tracking.tracker.at_swings([hertz])
+    known = replace(tracking.tracker, oscillations=(Oscillation(frequency_Hz=hertz, um_per_s=3.2),))
     omega = np.array([2.0 * np.pi * hertz])
     laws = replace(cell.laws["x"], tracker=known)
     loop = laws.around(laws.model(omega), omega)

@@ -14,9 +14,9 @@ from recordings.damaged import damage
 from scipy.signal import lfilter, welch
 
 from micromanip.design.run import comparison
-from micromanip.design.run.comparison import TOO_SHORT, by_section, configuration_changes, ratio, run_figures
+from micromanip.design.run.comparison import configuration_changes, ratio, run_figures
 from micromanip.design.run.statistics import RecordedRun
-from micromanip.design.run.sums import BlockMeans, Counts, Envelope, Picked, Sections, Spectra
+from micromanip.design.run.sums import Counts, Sections, Spectra
 from micromanip.errors import CheckFailed
 from micromanip.faults import KINDS
 from micromanip.recordings import open_telemetry
@@ -111,6 +111,8 @@ def test_the_command(tmp_path, capsys):
     assert told["axes"]["x"]["verdict"] == "lower"
     assert told["axes"]["x"]["ratio"] == pytest.approx(0.5, rel=1e-3)
     assert told["axes"]["y"]["verdict"] == "no difference shown"
+    greatest = next(each for each in told["quantities"] if each["quantity"] == "error, greatest")
+    assert (greatest["low"], greatest["verdict"]) == (None, "not judged")
     assert told["configuration"] == []
     assert code_of("recording", "compare", a, b) == 0
     shown = capsys.readouterr().out
@@ -166,22 +168,6 @@ def test_a_report(tmp_path, capsys):
     assert "nothing is replaced" in capsys.readouterr().err
 
 
-def test_a_greatest_value_is_judged_by_sections():
-    """A single peak in one of ten sections is no difference; a level that is higher throughout is one."""
-    noise = np.random.default_rng(3).standard_normal((2, 100_000))
-
-    def verdict(*values):
-        series = [each.reshape(-1, 10_000).max(axis=1) for each in values]
-        return by_section("x", "greatest", "um", series, [each.max() for each in values]).verdict
-
-    assert verdict(*noise) == "no difference shown"
-    peak = noise[1].copy()
-    peak[5000] = 40.0
-    assert verdict(noise[0], peak) == "no difference shown"
-    assert verdict(noise[0], noise[1] + 2.0) == "higher"
-    assert verdict(noise[0][:70_000], noise[1]) == TOO_SHORT
-
-
 def in_parts(values, lengths, axis=-1):
     """`values` cut into parts of these lengths, over and over."""
     edges = np.cumsum(np.resize(lengths, 1 + values.shape[axis]))
@@ -191,27 +177,13 @@ def in_parts(values, lengths, axis=-1):
 @given(st.lists(st.integers(1, 700), min_size=1, max_size=5), st.integers(1, 3000))
 def test_what_is_read_in_parts_is_what_it_would_be_at_once(lengths, count):
     values = np.random.default_rng(count).normal(size=count)
-    means, counts, sections = BlockMeans(most=100), Counts(), Sections(30, lambda part: part.max(axis=1))
-    envelope, picked, cycles = Envelope(1, columns=50), Picked(1, most=64), np.arange(count) + 7
-    for part, at in zip(in_parts(values, lengths), in_parts(cycles, lengths), strict=True):
-        means.add(part)
+    counts, sections = Counts(), Sections(30, lambda part: part.max(axis=1))
+    for part in in_parts(values, lengths):
         counts.add(np.round(1e6 * part).astype(np.int64))
         sections.add(part)
-        envelope.add(at, part[None])
-        picked.add(part[None])
-    whole = len(means.means) * means.per
-    assert count - whole < means.per
-    assert len(means.means) <= 100
-    np.testing.assert_allclose(means.means, values[:whole].reshape(-1, means.per).mean(axis=1), atol=1e-12)
     expected = np.percentile(np.round(1e6 * values), (0.0, 50.0, 99.9, 100.0))
     np.testing.assert_allclose(counts.percentiles((0.0, 50.0, 99.9, 100.0)), expected, atol=1e-6)
     np.testing.assert_array_equal(sections.found, values[: count // 30 * 30].reshape(-1, 30).max(axis=1))
-    begins, low, high = envelope.of(0)
-    assert len(begins) <= 100
-    np.testing.assert_array_equal(low, np.minimum.reduceat(values, begins - 7))
-    np.testing.assert_array_equal(high, np.maximum.reduceat(values, begins - 7))
-    every = max(1, -(-count // len(picked.values[0])))
-    np.testing.assert_array_equal(picked.values[0], values[:: 1 << (every - 1).bit_length()])
 
 
 @given(st.lists(st.integers(1, 900), min_size=1, max_size=5), st.integers(2, 2500))

@@ -1,8 +1,7 @@
 """Two recorded runs, quantity by quantity: by how much they differ, and whether their length lets one say so.
 
 Rms values, whole and by band, are compared by their ratio. What is no mean of the samples (a greatest error, a
-percentile of lateness) is taken of sections of one length in both runs, and the mean over the sections is compared:
-nothing can be said of a single greatest value.
+percentile of lateness) is told: nothing can be said of a single greatest value.
 
 How well a figure of a run is known, and whether that of another run differs: with correlated samples.
 
@@ -25,8 +24,8 @@ from scipy.stats import t as student
 from micromanip.errors import CheckFailed
 from micromanip.faults import KINDS
 
-from .statistics import SECTIONS_S, TIMING_PERCENT, AxisSums, BANDS_Hz, RecordedRun
-from .sums import Counts, Sections
+from .statistics import TIMING_PERCENT, AxisSums, BANDS_Hz, RecordedRun
+from .sums import Counts
 
 Array = NDArray[np.float64]
 
@@ -86,47 +85,31 @@ def _neighbours(means: Array) -> float:
 
 @dataclass(frozen=True)
 class Difference:
-    """`value` of the second run beside the first, in `low` to `high` with 95 % confidence; `same` is no change."""
+    """`value` of the second run in terms of the first, in `low` to `high` with 95 % confidence."""
 
     value: float
     low: float
     high: float
-    same: float
 
     @property
     def verdict(self) -> str:
         """What can be said: lower, higher, or that these runs show no difference."""
-        if self.high < self.same:
+        if self.high < 1.0:
             return LOWER
-        return HIGHER if self.low > self.same else SAME
+        return HIGHER if self.low > 1.0 else SAME
 
 
 def ratio(first: Mean, second: Mean) -> Difference:
     """Of the rms of two mean squares, by Welch's test on their logarithms."""
     if first.value == 0 or second.value == 0:
         same = first.value == second.value
-        return Difference(1.0, 1.0, 1.0, 1.0) if same else Difference(np.inf, 0.0, np.inf, 1.0)
-    errors = [each.standard_error / each.value for each in (first, second)]
-    half = 0.5 * _half_width(errors, first, second)
+        return Difference(1.0, 1.0, 1.0) if same else Difference(np.inf, 0.0, np.inf)
+    parts = [((each.standard_error / each.value) ** 2, each.batches) for each in (first, second)]
+    variance = sum(part for part, _ in parts)
+    freedom = variance**2 / max(sum(part**2 / (batches - 1) for part, batches in parts), 1e-300)  # Welch-Satterthwaite
+    half = 0.5 * float(student.ppf(0.975, max(freedom, 1.0)) * np.sqrt(variance))
     found = second.root / first.root
-    return Difference(found, found * float(np.exp(-half)), found * float(np.exp(half)), 1.0)
-
-
-def change(first: Mean, second: Mean) -> Difference:
-    """By how much a mean is larger, by Welch's test."""
-    half = _half_width([first.standard_error, second.standard_error], first, second)
-    found = second.value - first.value
-    return Difference(found, found - half, found + half, 0.0)
-
-
-def _half_width(errors: Sequence[float], first: Mean, second: Mean) -> float:
-    """Of the 95 % interval of a difference of two values with these standard errors; freedom by Welch-Satterthwaite."""
-    parts = [error**2 for error in errors]
-    variance = sum(parts)
-    freedom = variance**2 / max(
-        sum(part**2 / (each.batches - 1) for part, each in zip(parts, (first, second), strict=True)), 1e-300
-    )
-    return float(student.ppf(0.975, max(freedom, 1.0)) * np.sqrt(variance))
+    return Difference(found, found * float(np.exp(-half)), found * float(np.exp(half)))
 
 
 @dataclass(frozen=True)
@@ -183,7 +166,7 @@ def run_figures(run: RecordedRun) -> RunFigures:
     axes, judged = {}, {}
     for name, sums in run.axis.items():
         try:
-            square = mean_square(sums.squares.means, sums.samples)
+            square = mean_square(sums.squares.found, sums.samples)
         except CheckFailed as problem:
             raise CheckFailed(f"{file}: axis {name}: {problem}") from problem
         power = sums.spectra.power
@@ -244,7 +227,7 @@ def _flat(key: str, value: Any) -> dict[str, Any]:
     return found
 
 
-TOO_SHORT = "too short to judge"
+TOO_SHORT, NOT_JUDGED = "too short to judge", "not judged"
 
 ERROR = "error rms"
 """The quantity that a page shows whether it differs or not."""
@@ -254,7 +237,8 @@ ERROR = "error rms"
 class Compared:
     """A quantity of both runs, in `unit`; B minus A is between `low` and `high` with 95 % confidence.
 
-    `axis` is "" for what the whole cell has; without a verdict the run is too short, and `low` and `high` are None.
+    `axis` is "" for what the whole cell has. Where the run is too short, and of what is no mean, `low` and `high` are
+    None.
     """
 
     axis: str
@@ -273,36 +257,27 @@ class Compared:
 
 def compared(runs: Sequence[RecordedRun], figures: Sequence[RunFigures]) -> list[Compared]:
     """Two runs and their figures, compared: each axis that both have, then the timing."""
-    shortest_s = min(run.cell.tracked * run.period_s for run in runs)
-    section_s = next((each for each in SECTIONS_S if FEWEST * each <= shortest_s * (1.0 + 1e-9)), None)
     found: list[Compared] = []
     for axis in (name for name in runs[0].axes if name in runs[1].axes):
         a, b = (run.squares[axis] for run in figures)
+        one, two = (run.axes[axis] for run in figures)
         found.append(_rms(axis, ERROR, a.whole, b.whole))
         for k, (low, high) in enumerate(BANDS_Hz):
-            both = [run.axes[axis].bands_um[k] for run in figures]
+            both = one.bands_um[k], two.bands_um[k]
             found.append(_rms(axis, f"{ERROR} {low:g}-{high:g} Hz", a.bands[k], b.bands[k], both))
-        series = [_found(run.axis[axis].sections, section_s, "error") for run in runs]
-        whole = [run.axes[axis].max_um for run in figures]
-        found.append(by_section(axis, "error, greatest of a section", "um", series, whole))
-        least = [run.axes[axis].headroom_V for run in figures]
-        if all(each is not None for each in least):
-            series = [_found(run.axis[axis].sections, section_s, "left") for run in runs]
-            found.append(
-                by_section(axis, "voltage left, least of a section", "V", series, [each or 0.0 for each in least])
-            )
+        found.append(_told(axis, "error, greatest", "um", one.max_um, two.max_um))
+        if one.headroom_V is not None and two.headroom_V is not None:
+            found.append(_told(axis, "voltage left, least", "V", one.headroom_V, two.headroom_V))
     for name in runs[0].cell.timing:
-        series = [_found(run.timing_sections, section_s, name) for run in runs]
-        for k, percent in enumerate(TIMING_PERCENT):
-            whole = [1e-3 * run.cell.timing[name].percentiles((percent,))[0] for run in runs]
-            columns = [each[:, k] if len(each) else each for each in series]
-            found.append(by_section("", f"{name} p{percent:g}", "us", columns, whole))
+        each = [[1e-3 * ns for ns in run.cell.timing[name].percentiles(TIMING_PERCENT)] for run in runs]
+        found += [
+            _told("", f"{name} p{percent:g}", "us", *us) for percent, *us in zip(TIMING_PERCENT, *each, strict=True)
+        ]
     return found
 
 
-def _found(sections: Mapping[float, Mapping[str, Sections]], section_s: float | None, name: str) -> Array:
-    """Values by section; none where no length is short enough, or none of its cycles at this rate."""
-    return sections[section_s][name].found if section_s is not None and section_s in sections else np.empty(0)
+def _told(axis: str, quantity: str, unit: str, a: float, b: float) -> Compared:
+    return Compared(axis, quantity, unit, a, b, None, None, NOT_JUDGED)
 
 
 def _rms(axis: str, quantity: str, a: Mean | None, b: Mean | None, both: Sequence[float] = ()) -> Compared:
@@ -311,12 +286,3 @@ def _rms(axis: str, quantity: str, a: Mean | None, b: Mean | None, both: Sequenc
     found = ratio(a, b)
     low, high = (a.root * (bound - 1.0) for bound in (found.low, found.high))
     return Compared(axis, quantity, "um", a.root, b.root, low, high, found.verdict)
-
-
-def by_section(axis: str, quantity: str, unit: str, series: Sequence[Array], whole: Sequence[float]) -> Compared:
-    """What was taken of each section of both runs (sections,), its means compared; `whole` are of each run as one."""
-    if min(map(len, series)) < FEWEST:
-        return Compared(axis, quantity, unit, whole[0], whole[1], None, None, TOO_SHORT)
-    one, two = map(batch_mean, series)
-    found = change(one, two)
-    return Compared(axis, quantity, unit, one.value, two.value, found.low, found.high, found.verdict)

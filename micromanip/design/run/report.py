@@ -14,9 +14,8 @@ from micromanip.settings.text.shape import Shape
 
 from ..report.model import Array, Curve, Plot, Section, Table
 from ..report.page import page_of
-from .comparison import ERROR, SAME, TOO_SHORT, Compared, RunFigures
+from .comparison import ERROR, NOT_JUDGED, SAME, TOO_SHORT, Compared, RunFigures
 from .statistics import RecordedRun
-from .sums import Envelope
 
 _MOST_TOLD = 5
 
@@ -89,8 +88,7 @@ _METHOD = (
     "Each line is judged by itself, with 95 % confidence: of {count} lines {chance:.0f} may be called lower or higher "
     "by chance where the runs are of one kind. Cycles are not independent of one another: means are taken of batches "
     "long beside their memory (batch means: Law and Kelton, Simulation Modeling and Analysis, 9.5), and the intervals "
-    "are those of Welch's test on the batches. A greatest or least value and a percentile are taken of sections of one "
-    "length in both runs, and their mean is compared."
+    "are those of Welch's test on the batches. A greatest or least value and a percentile are told, and not judged."
 )
 
 
@@ -114,9 +112,10 @@ def comparison_page(
 
 
 def _differences(found: Sequence[Compared]) -> Section:
-    sure = [each for each in found if each.verdict not in (SAME, TOO_SHORT)]
-    short = sum(each.verdict == TOO_SHORT for each in found)
-    told = f"{len(sure)} of {len(found)} quantities differ by more than their confidence"
+    judged = [each for each in found if each.verdict != NOT_JUDGED]
+    sure = [each for each in judged if each.verdict not in (SAME, TOO_SHORT)]
+    short = sum(each.verdict == TOO_SHORT for each in judged)
+    told = f"{len(sure)} of {len(judged)} quantities differ by more than their confidence"
     told += f"; for {short} the shorter run is too short." if short else "."
     rows = [
         [
@@ -131,7 +130,7 @@ def _differences(found: Sequence[Compared]) -> Section:
         for each in found
     ]
     head = ("quantity", "unit", "A", "B", "B - A", "95 %", "B is")
-    method = _METHOD.format(count=len(found) - short, chance=0.05 * (len(found) - short))
+    method = _METHOD.format(count=len(judged) - short, chance=0.05 * (len(judged) - short))
     first = [row for row, each in zip(rows, found, strict=True) if each in sure or each.quantity == ERROR]
     tables = (Table("", head, first), Table(f"All {len(rows)} quantities", head, rows, folded=True))
     return Section("What differs", f"{told}\n\n{method}", tables=tables)
@@ -199,10 +198,9 @@ def _name(runs: Sequence[RecordedRun], run: RecordedRun) -> str:
 def _over_time(runs: Sequence[RecordedRun], axis: str, what: str) -> Plot:
     curves = []
     for run in runs:
-        envelope: Envelope = run.error if what.startswith("path") else run.left
-        cycles, low, high = envelope.of(run.axes.index(axis))
-        values = np.stack([low, high], axis=1).ravel()
-        curves.append(Curve(_name(runs, run), np.repeat((cycles - run.cell.first) * run.period_s, 2), values))
+        ends = (run.axis[axis].error if what.startswith("path") else run.axis[axis].left).found
+        at_s = np.repeat((run.cell.shown.found - run.cell.first) * run.period_s, 2)
+        curves.append(Curve(_name(runs, run), at_s, ends.ravel()))
     return Plot(f"Axis {axis}", "time, s", what, tuple(curves))
 
 
@@ -244,7 +242,7 @@ def _density(runs: Sequence[RecordedRun], axis: str) -> Plot:
 
 
 def _loop(runs: Sequence[RecordedRun], axis: str) -> Plot:
-    curves = tuple(Curve(_name(runs, run), *run.axis[axis].loop.values) for run in runs)
+    curves = tuple(Curve(_name(runs, run), *(each.found for each in run.axis[axis].loop)) for run in runs)
     return Plot(f"Axis {axis}", "voltage, V", "gauge, um", curves)
 
 

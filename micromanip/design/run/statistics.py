@@ -13,14 +13,11 @@ from micromanip.errors import CheckFailed
 from micromanip.recordings import Telemetry
 from micromanip.rt.states import TRACKING
 
-from .sums import Array, BlockMeans, Counts, Envelope, Picked, Sections, Spectra
+from .sums import Array, Counts, Sections, Spectra
 
 BANDS_Hz = ((0.0, 10.0), (10.0, 100.0), (100.0, 1000.0), (1000.0, 5000.0))
-SECTIONS_S = (1.0, 0.5, 0.2, 0.1)
-"""Lengths of the sections of which greatest values and percentiles are taken: two runs are compared by the longest of
-which both have enough."""
-_LEAST_CYCLES = 1000
-"""In a section: a p99.9 of fewer is its maximum."""
+_AVERAGED, _SHOWN = 16, 100
+"""Cycles in a mean, and between what pictures show."""
 TIMING_PERCENT = (50.0, 99.9)
 _CELL = ("cycle", "periods", "state", "fault", "lateness_ns", "compute_ns")
 _AXIS = ("path_error_um", "voltage_V", "strain_um")
@@ -44,12 +41,16 @@ class Unread:
 
 @dataclass
 class AxisSums:
-    """An axis: what needs every cycle while it tracks, and what pictures show of all of the run."""
+    """An axis: what needs every cycle while it tracks, and what pictures show of all of the run.
 
-    squares: BlockMeans
+    `squares` are means of the error's, `error` and `left` least and greatest value, `loop` voltage and gauge.
+    """
+
     spectra: Spectra
-    sections: Mapping[float, Mapping[str, Sections]]
-    loop: Picked
+    squares: Sections = field(default_factory=lambda: Sections(_AVERAGED, _mean))
+    error: Sections = field(default_factory=lambda: Sections(_SHOWN, _ends))
+    left: Sections = field(default_factory=lambda: Sections(_SHOWN, _ends))
+    loop: tuple[Sections, ...] = field(default_factory=lambda: tuple(Sections(_SHOWN, _first) for _ in range(2)))
     samples: int = 0
     sum_of_squares: float = 0.0
     greatest_um: float = 0.0
@@ -58,14 +59,14 @@ class AxisSums:
 
 @dataclass
 class CellSums:
-    """The cycles, their timing, and `states`: first and last cycle and the state between them."""
+    """The cycles, those `shown`, their timing, and `states`: first and last cycle and the state between them."""
 
+    shown: Sections = field(default_factory=lambda: Sections(_SHOWN, _first))
     first: int = 0
     last: int = 0
     rows: int = 0
     skipped: int = 0
     lost: int = 0
-    tracked: int = 0
     tracking_cycles: int = 0
     faults: set[int] = field(default_factory=set)
     states: list[tuple[int, int, int]] = field(default_factory=list)
@@ -73,7 +74,7 @@ class CellSums:
 
 
 class RecordedRun:
-    """A recording that has been read: `cell`, `axis` by name, `error` and `left`, and what is `unread`."""
+    """A recording that has been read: `cell`, `axis` by name, and what is `unread`."""
 
     def __init__(self, telemetry: Telemetry, say: Callable[[str], None] = lambda _: None) -> None:
         """`say` hears how far it is. CheckFailed where nothing in it can be read."""
@@ -81,27 +82,8 @@ class RecordedRun:
         self.axes = list(telemetry.axes)
         self.period_s = telemetry.period_ns * 1e-9
         self.unread: list[Unread] = []
-        rate_Hz = 1.0 / self.period_s
-        lengths = {each_s: round(each_s * rate_Hz) for each_s in SECTIONS_S}
-        lengths = {each_s: length for each_s, length in lengths.items() if length >= _LEAST_CYCLES}
         self.cell = CellSums()
-        self.timing_sections = {
-            each_s: {name: Sections(length, _percentiles) for name in self.cell.timing}
-            for each_s, length in lengths.items()
-        }
-        self.axis = {
-            name: AxisSums(
-                BlockMeans(),
-                Spectra(rate_Hz, BANDS_Hz),
-                {
-                    each_s: {"error": Sections(length, _greatest), "left": Sections(length, _least)}
-                    for each_s, length in lengths.items()
-                },
-                Picked(2),
-            )
-            for name in self.axes
-        }
-        self.error, self.left = Envelope(len(self.axes)), Envelope(len(self.axes))
+        self.axis = {name: AxisSums(Spectra(1.0 / self.period_s, BANDS_Hz)) for name in self.axes}
         for part in self._parts(say):
             self._add(part)
         for each in self.axis.values():
@@ -165,20 +147,14 @@ class RecordedRun:
         cell.last = int(cycle[-1])
         cell.faults.update(np.unique(part["fault"]).tolist())
         tracks = np.asarray(state == TRACKING)
-        cell.tracked += int(np.count_nonzero(tracks))
         cell.tracking_cycles += int(periods[tracks].sum())
         self._add_states(cycle, state)
         for name, counts in cell.timing.items():
-            values = part[f"{name}_ns"]
-            counts.add(values)
-            for sections in self.timing_sections.values():
-                sections[name].add(values * 1e-3)
-        columns = [{name: part[f"axis.{place}.{name}"] for name in _AXIS} for place in range(len(self.axes))]
-        self.error.add(cycle, np.array([np.where(tracks, each["path_error_um"], np.nan) for each in columns]))
-        left = [self._left(axis, each["voltage_V"]) for axis, each in zip(self.axes, columns, strict=True)]
-        self.left.add(cycle, np.array(left))
-        for name, each, left_V in zip(self.axes, columns, left, strict=True):
-            _add_axis(self.axis[name], each, tracks, left_V)
+            counts.add(part[f"{name}_ns"])
+        cell.shown.add(cycle)
+        for place, name in enumerate(self.axes):
+            columns = {each: part[f"axis.{place}.{each}"] for each in _AXIS}
+            _add_axis(self.axis[name], columns, tracks, self._left(name, columns["voltage_V"]))
 
     def _left(self, axis: str, voltage_V: Array) -> Array:
         """Voltage to the nearer end of the range; NaN where that is not known."""
@@ -198,6 +174,8 @@ class RecordedRun:
 
 
 def _add_axis(axis: AxisSums, part: Mapping[str, Array], tracks: NDArray[np.bool_], left_V: Array) -> None:
+    axis.error.add(np.where(tracks, part["path_error_um"], np.nan))
+    axis.left.add(left_V)
     error = part["path_error_um"][tracks]
     error = error[np.isfinite(error)]
     if len(error):
@@ -206,26 +184,23 @@ def _add_axis(axis: AxisSums, part: Mapping[str, Array], tracks: NDArray[np.bool
         axis.greatest_um = max(axis.greatest_um, float(np.abs(error).max()))
         axis.squares.add(error * error)
         axis.spectra.add(error)
-    left = left_V[tracks & np.isfinite(left_V)]
-    axis.least_left_V = min(axis.least_left_V, float(left.min(initial=np.inf)))
-    for sections in axis.sections.values():
-        sections["error"].add(np.abs(error))
-        sections["left"].add(left)
-    axis.loop.add(np.array([part["voltage_V"], part["strain_um"]]))
+    axis.least_left_V = min(axis.least_left_V, float(left_V[tracks & np.isfinite(left_V)].min(initial=np.inf)))
+    for sections, name in zip(axis.loop, ("voltage_V", "strain_um"), strict=True):
+        sections.add(part[name])
 
 
 def _together(held: Sequence[Mapping[str, NDArray[Any]]], paths: Sequence[str]) -> dict[str, NDArray[Any]]:
     return {path: np.concatenate([each[path] for each in held]) for path in paths}
 
 
-def _greatest(sections: Array) -> Array:
-    return np.asarray(sections.max(axis=1))
+def _mean(sections: Array) -> Array:
+    return np.asarray(sections.mean(axis=1))
 
 
-def _least(sections: Array) -> Array:
-    return np.asarray(sections.min(axis=1))
+def _first(sections: Array) -> Array:
+    return sections[:, 0]
 
 
-def _percentiles(sections: Array) -> Array:
-    """(sections, percentiles)."""
-    return np.asarray(np.percentile(sections, TIMING_PERCENT, axis=1).T)
+def _ends(sections: Array) -> Array:
+    """Least and greatest known value (sections, 2)."""
+    return np.stack([np.fmin.reduce(sections, axis=1), np.fmax.reduce(sections, axis=1)], axis=1)

@@ -1,8 +1,4 @@
-"""What is kept of a series that is read once, part after part: no more of an hour than of a minute.
-
-Each of these takes its samples in order, in parts of any length. Where there would be too many entries two neighbours
-become one, so that a short run keeps every sample, and a long one as many entries as can be seen or judged.
-"""
+"""What is kept of a series that is read once, part after part, each in order and of any length."""
 
 from __future__ import annotations
 
@@ -17,35 +13,6 @@ Array = NDArray[np.float64]
 
 _SPECTRUM_S = 1.0
 _COUNTED_NS = 1 << 20
-
-
-class BlockMeans:
-    """Means of blocks of `per` samples: of one each, until there would be more than `most` of them."""
-
-    def __init__(self, most: int = 1 << 20) -> None:
-        self.per, self._most = 1, most
-        self._means: list[Array] = []
-        self._blocks, self._rest = 0, np.empty(0)
-
-    def add(self, values: Array) -> None:
-        """Samples (n,) that follow."""
-        values = np.concatenate([self._rest, values])
-        whole = len(values) // self.per * self.per
-        self._means.append(values[:whole].reshape(-1, self.per).mean(axis=1))
-        self._rest = values[whole:]
-        self._blocks += len(self._means[-1])
-        while self._blocks > self._most:
-            means = self.means
-            even = len(means) // 2 * 2
-            self._means = [means[:even].reshape(-1, 2).mean(axis=1)]
-            self._rest = np.concatenate([np.repeat(means[even:], self.per), self._rest])
-            self.per, self._blocks = 2 * self.per, even // 2
-
-    @property
-    def means(self) -> Array:
-        """Of the blocks so far; samples behind the last whole one are left out."""
-        self._means = [np.concatenate([np.empty(0), *self._means])]
-        return self._means[0]
 
 
 class Spectra:
@@ -127,7 +94,7 @@ class Counts:
 
 
 class Sections:
-    """`of_section` of each section of `length` samples: (sections, length) to (sections, ...)."""
+    """`of_section` of each whole section of `length` samples: (sections, length) to (sections, ...)."""
 
     def __init__(self, length: int, of_section: Callable[[Array], Array]) -> None:
         self._length, self._of_section = length, of_section
@@ -146,55 +113,3 @@ class Sections:
     def found(self) -> Array:
         """Of each whole section, in order."""
         return np.concatenate(self._found) if self._found else np.empty(0)
-
-
-class Envelope:
-    """Least and greatest known value of each column of pixels: between `columns` and twice as many."""
-
-    def __init__(self, series: int, columns: int = 600) -> None:
-        self._columns, self._per, self._rows = columns, 1, 0
-        self._begin = np.empty(0, np.int64)
-        self._low = self._high = np.empty((series, 0))
-
-    def add(self, cycles: NDArray[np.int64], values: Array) -> None:
-        """Rows (n,) that follow, their values (series, n)."""
-        if not len(cycles):
-            return
-        place = (self._rows + np.arange(len(cycles))) // self._per
-        begins = np.flatnonzero(np.diff(place, prepend=-1))
-        low, high = np.fmin.reduceat(values, begins, axis=1), np.fmax.reduceat(values, begins, axis=1)
-        follows = self._rows % self._per != 0
-        if follows:
-            self._low[:, -1] = np.fmin(self._low[:, -1], low[:, 0])
-            self._high[:, -1] = np.fmax(self._high[:, -1], high[:, 0])
-        new = slice(int(follows), None)
-        self._begin = np.concatenate([self._begin, cycles[begins][new]])
-        self._low = np.concatenate([self._low, low[:, new]], axis=1)
-        self._high = np.concatenate([self._high, high[:, new]], axis=1)
-        self._rows += len(cycles)
-        while len(self._begin) > 2 * self._columns:
-            pairs = np.arange(0, len(self._begin), 2)
-            self._per, self._begin = 2 * self._per, self._begin[pairs]
-            self._low = np.fmin.reduceat(self._low, pairs, axis=1)
-            self._high = np.fmax.reduceat(self._high, pairs, axis=1)
-
-    def of(self, place: int) -> tuple[NDArray[np.int64], Array, Array]:
-        """First cycle of each column, least and greatest value of a series, where one is known."""
-        known = np.isfinite(self._low[place])
-        return self._begin[known], self._low[place][known], self._high[place][known]
-
-
-class Picked:
-    """Every so many-th row of some columns: between `most` / 2 and `most` of them."""
-
-    def __init__(self, series: int, most: int = 3000) -> None:
-        self._every, self._rows, self._most = 1, 0, most
-        self.values = np.empty((series, 0))
-
-    def add(self, values: Array) -> None:
-        """Rows (series, n) that follow."""
-        first = -self._rows % self._every
-        self.values = np.concatenate([self.values, values[:, first :: self._every]], axis=1)
-        self._rows += values.shape[1]
-        while self.values.shape[1] > self._most:
-            self.values, self._every = self.values[:, ::2], 2 * self._every

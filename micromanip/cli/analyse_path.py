@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from micromanip.errors import CheckFailed, UsageError
+from micromanip.errors import CheckFailed
 
 from .axes import axis_option, chosen_axes
 from .echo import echo
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 _MOST_SHOWN = 24
 
 
-@subcommand("path", "micromanip analyse path path.csv --config config/simulated.yaml --offset offset.csv")
+@subcommand("path", "micromanip analyse path path.csv --config config/simulated.yaml")
 @click.argument("file", type=click.Path(path_type=Path), metavar="PATH")
 @click.option("--config", type=click.Path(path_type=Path), metavar="CONFIG", required=True, help="The cell.")
 @axis_option
@@ -33,15 +33,10 @@ _MOST_SHOWN = 24
     "--tolerance", "tolerance_um", type=Quantity("Distance"), metavar="UM",
     help="Following error that is tolerated.  [default: 3 times the axis' accept.tracking_error_um, else 5]",
 )  # fmt: skip
-@click.option(
-    "--corner", "corner_hz", type=Quantity("Hertz", least=1e-3, most=10.0), default=0.2,
-    metavar="HZ", help="What is slower may be handed to the robot as an offset.",
-)  # fmt: skip
-@click.option("--offset", "offset_file", type=click.Path(path_type=Path), metavar="FILE", help="Write it, as CSV.")
 @out_option("pictures", metavar="DIR")
 def command(
-    file: Path, config: Path, only: str, reserve_um: float, tolerance_um: float | None, corner_hz: float,
-    offset_file: Path | None, folder: Path | None, as_json: bool,
+    file: Path, config: Path, only: str, reserve_um: float, tolerance_um: float | None, folder: Path | None,
+    as_json: bool,
 ) -> None:  # fmt: skip
     """Which stretches of PATH ask for more than the stage has; exit code 1 where one does.
 
@@ -52,25 +47,18 @@ def command(
     from micromanip.design.analyse.path.seen import seen_path
     from micromanip.settings.check import prepare
 
-    from .results import Pictures, require_room
+    from .results import Pictures
 
     prepared = prepare(config)
     chosen = chosen_axes(prepared.configuration.axes, only, config)
-    if offset_file is not None:
-        if offset_file.exists():
-            raise UsageError(f"--offset {offset_file} is there already: nothing is replaced; name another file")
-        require_room(offset_file.parent, f"--offset {offset_file}")
     path = seen_path(file, chosen)
     with Pictures(folder) as pictures:
-        found = preview_of(prepared, path, reserve_um, tolerance_um, corner_hz)
+        found = preview_of(prepared, path, reserve_um, tolerance_um)
         if folder is not None:
             from micromanip.design.plots.findings import draw_previews
 
             pictures.draw(partial(draw_previews, found, prepared.configuration.axes, f"{file}, {config}"))
         written = pictures.put()
-    if offset_file is not None:
-        found.offset.write(offset_file)
-        written = [*written, offset_file]
     if as_json:
         document = {"path": str(file), "config": str(config), "reserve_um": reserve_um, **found.document()}
         emit_json({**document, "files": [str(each) for each in written]})
@@ -94,7 +82,7 @@ def _print(found: Preview) -> None:
 
     print_table(
         ("axis", "deviation, um", "set-point, um", "voltage, V", "error rms, um", "peak, um", "verdict"),
-        [_row(axis, name) for name, axes in (("", found.axes), (" with offset", found.left)) for axis in axes],
+        map(_row, found.axes),
         f"Path of {found.seconds:.1f} s",
     )
     over = sorted((stretch for axis in found.axes for stretch in axis.stretches), key=lambda each: each.from_s)
@@ -108,18 +96,13 @@ def _print(found: Preview) -> None:
     print_table(("from, s", "to, s", "axis", "what", "asked", "limit", "over"), rows, "More than there is")
     if len(over) > _MOST_SHOWN:
         echo(f"and {len(over) - _MOST_SHOWN} more: --json has them all")
-    offset = found.document()["offset"]
-    echo(
-        f"offset for the robot, slower than {offset['corner_Hz']:g} Hz: at most {offset['peak_um']:.1f} um, "
-        f"{offset['speed_um_per_s']:.1f} um/s; with it the path {'fits' if offset['fits'] else 'does not fit either'}"
-    )
 
 
-def _row(axis: AxisPreview, name: str) -> list[str]:
+def _row(axis: AxisPreview) -> list[str]:
     told = axis.document()
     ends = ["{:.1f} .. {:.1f}".format(*told[key]) if told[key] else "-" for key in (
         "deviation_um", "setpoint_um", "voltage_V")]  # fmt: skip
     error = told["error_um"]
     over = len(axis.stretches)
     verdict = "[green]fits[/]" if not over else f"[red]{over} stretch{'es' if over > 1 else ''} over[/]"
-    return [f"{axis.axis}{name}", *ends, f"{error['rms']:.3f}", f"{error['peak']:.2f}", verdict]
+    return [axis.axis, *ends, f"{error['rms']:.3f}", f"{error['peak']:.2f}", verdict]

@@ -1,4 +1,4 @@
-"""`micromanip analyse path`: verdict and exit code, its document, pictures and offset; what it can't take."""
+"""`micromanip analyse path`: verdict and exit code, its document and pictures; what it can't take."""
 
 import json
 from pathlib import Path
@@ -28,18 +28,16 @@ def asked(*arguments):
 
 
 def test_a_path_that_fits_ends_with_0_and_is_drawn(tmp_path):
-    out, offset = tmp_path / "out", tmp_path / "offset.csv"
+    out = tmp_path / "out"
     file = path_file(tmp_path, 150.0)
-    result = asked(file, "--config", CONFIG, "--axis", "x", "--out", out, "--offset", offset, "--corner", 1, "--json")
+    result = asked(file, "--config", CONFIG, "--axis", "x", "--out", out, "--json")
     assert result.exit_code == 0
     found = json.loads(result.stdout)
     (axis,) = found["axes"]
     assert (found["fits"], axis["axis"], axis["stretches"]) == (True, "x", [])
     assert axis["deviation_um"] == pytest.approx([-150.0, 150.0], rel=0.01)
     assert axis["setpoint_um"] == pytest.approx([36.0, 96.0], abs=1.0)
-    assert found["offset"]["corner_Hz"] == 1.0
-    assert found["files"] == [str(out / "preview_x.svg"), str(offset)]
-    assert offset.read_text(encoding="utf-8").startswith("t_s,offset_x_um\n0,")
+    assert found["files"] == [str(out / "preview_x.svg")]
 
 
 def test_a_path_that_does_not_fit_ends_with_1_and_says_where(tmp_path):
@@ -47,7 +45,6 @@ def test_a_path_that_does_not_fit_ends_with_1_and_says_where(tmp_path):
     assert isinstance(result.exception, CheckFailed)
     assert "does not fit" in str(result.exception)
     assert "axis x, tracker range, at 0.4" in str(result.exception)
-    assert "with it the path" in result.stdout
     assert "More than there is" in result.stdout
 
 
@@ -55,8 +52,6 @@ def test_what_can_not_be_previewed_is_told(tmp_path):
     file = path_file(tmp_path, 10.0)
     for arguments, kind, message in (
         ((file, "--config", CONFIG, "--axis", "q"), UsageError, "there is no axis q"),
-        ((file, "--config", CONFIG, "--offset", file), UsageError, "is there already: nothing is replaced"),
-        ((file, "--config", CONFIG, "--offset", tmp_path / "gone" / "o.csv"), UsageError, "--offset"),
         ((file, "--config", CONFIG, "--reserve", "70"), CheckFailed, "a reserve of 70 um leaves nothing"),
         ((tmp_path / "gone.csv", "--config", CONFIG), CheckFailed, "no such file"),
         ((CONFIG, "--config", CONFIG), CheckFailed, "simulated.yaml"),

@@ -4,10 +4,7 @@ With the loops ``l_j`` of the axes alone, the loop of all is ``L = C diag(l)``. 
 measure of interaction, IEEE Trans. Autom. Control 11 (1966). Where the single loops are stable, and nothing that is
 not stable hides in C, all together are where ``det(I + L) / prod(1 + l_j) = det(I + (C - I) diag(t))``, with
 ``t = l / (1 + l)``, does not turn around 0; surely where the Perron root of ``|C - I| diag(|t|)`` is below 1
-(Grosdidier and Morari, Interaction measures for systems under decentralized control, Automatica 22, 1986). How much
-all loops bear at once, each its own gain or phase, is the multi-loop disk margin (Seiler, Packard, Gahinet, An
-introduction to disk margins, IEEE Control Systems 40, 2020), here a lower bound: the structured singular value from
-above, by balancing.
+(Grosdidier and Morari, Interaction measures for systems under decentralized control, Automatica 22, 1986).
 
 Coupling of the axes, measured: each in turn is moved, with all strain loops closed, and every sensor is looked at.
 
@@ -238,33 +235,20 @@ def over(coupling: Coupling, i: int, j: int, hertz: Array) -> Complex:
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-_BALANCED = 12
-"""Rounds of balancing; three loops need some ten."""
 _UNSURE = 2.0
 """Standard deviations of the coupling by which the bound is widened."""
-
-
-@dataclass(frozen=True)
-class Disk:
-    """Gain by which every loop may be wrong, up or down, and phase, all at once."""
-
-    gain_dB: float
-    phase_deg: float
 
 
 @dataclass(frozen=True)
 class Together:
     """`interaction`: the Perron root, at worst, with the coupling's uncertainty, at `interaction_Hz`.
 
-    `turns` counts encirclements, over positive and negative frequencies (Nyquist): 0 is stable. `alone` is the margin
-    of the single loops without coupling.
+    `turns` counts encirclements, over positive and negative frequencies (Nyquist): 0 is stable.
     """
 
     interaction: float
     interaction_Hz: float
     turns: int
-    margin: Disk
-    alone: Disk
 
     @property
     def stable(self) -> bool:
@@ -297,33 +281,4 @@ def judge_together(frequency_Hz: Array, share: Complex, deviation: Array, loops:
         float(roots[worst]),
         float(frequency_Hz[worst]),
         round(float(angle[-1] - angle[0]) / np.pi),
-        disk_margin(coupled * loops.T[:, None, :]),
-        disk_margin(own * loops.T[:, None, :]),
     )
-
-
-def disk_margin(loop: Complex) -> Disk:
-    """Symmetric disk margin of `loop` (k, n, n), negative feedback, for each loop's own complex factor."""
-    own = np.eye(loop.shape[1])
-    sizes = structured(np.asarray(np.linalg.inv(own + loop) - 0.5 * own, dtype=np.complex128))
-    alpha = min(1.0 / float(sizes.max()), 2.0)
-    gain_dB = 20.0 * np.log10((2.0 + alpha) / (2.0 - alpha)) if alpha < 2.0 else np.inf
-    return Disk(float(gain_dB), float(np.degrees(2.0 * np.arctan(0.5 * alpha))))
-
-
-def structured(matrices: Complex) -> Array:
-    """Upper bound (k,) of the structured singular value of `matrices` (k, n, n) for a diagonal of complex numbers.
-
-    The largest singular value after balancing (Osborne, On pre-conditioning of matrices, JACM 7, 1960).
-    """
-    scaled = np.array(matrices, dtype=complex)
-    others = ~np.eye(scaled.shape[1], dtype=bool)
-    for _ in range(_BALANCED):
-        for i in range(scaled.shape[1]):
-            row = np.linalg.norm(scaled[:, i, others[i]], axis=1)
-            column = np.linalg.norm(scaled[:, others[i], i], axis=1)
-            both = (row > 0.0) & (column > 0.0)
-            factor = np.sqrt(np.divide(column, row, out=np.ones_like(row), where=both))[:, None]
-            scaled[:, i] *= factor
-            scaled[:, :, i] /= factor
-    return np.asarray(np.linalg.norm(scaled, 2, axis=(1, 2)))

@@ -61,12 +61,8 @@ class Coupled:
     def criterion(self, axis: str) -> Criterion:
         """The outer loops as one, beside each alone."""
         one = self.together
-        value = (
-            f"interaction {one.interaction:.2f} at {one.interaction_Hz:.0f} Hz"
-            + ("" if one.interaction < 1.0 else f", {abs(one.turns)} turns")
-            + f"; all at once {one.margin.gain_dB:.1f} dB, {one.margin.phase_deg:.0f} deg "
-            f"(without coupling {one.alone.gain_dB:.1f} dB, {one.alone.phase_deg:.0f} deg)"
-        )
+        turned = "" if one.interaction < 1.0 else f", {abs(one.turns)} turns"
+        value = f"interaction {one.interaction:.2f} at {one.interaction_Hz:.0f} Hz{turned}"
         return Criterion(axis, "outer loops together: stable", one.stable, value, "interaction below 1, or no turn")
 
     def rows(self) -> list[tuple[str, ...]]:
@@ -111,10 +107,6 @@ class Coupled:
                 "interaction": one.interaction,
                 "at_Hz": one.interaction_Hz,
                 "turns": one.turns,
-                "gain_dB": one.margin.gain_dB,
-                "phase_deg": one.margin.phase_deg,
-                "alone_gain_dB": one.alone.gain_dB,
-                "alone_phase_deg": one.alone.phase_deg,
             },
             "cost_um": {
                 axis: {"ignored": cost.ignored, "decoupled": cost.decoupled, "unsure": cost.unsure, "moved": cost.moved}

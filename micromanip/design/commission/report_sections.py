@@ -146,7 +146,7 @@ def _outer(found: Commissioned, closed: ClosedOuter, analysis: AxisAnalysis) -> 
         "Kalman filter and LQG on the capacitive sensor: of those whose step is as accepted and that keep their "
         "margins, the one that leaves least of a disturbance."
     )
-    return Section("Outer loop", text, figures, (*plots, *responses(closed.validation)))
+    return Section("Outer loop", text, figures, (*plots, step_response(closed.validation)))
 
 
 def _experiment(found: Commissioned, runs: list[Run], index: int) -> Section:
@@ -211,13 +211,8 @@ def measured_response(stage: StageModel) -> tuple[Plot, ...]:
     )
 
 
-def responses(check: Validation) -> tuple[Plot, Plot]:
-    """Step of the stage, and what a disturbance does with and without the outer loop."""
+def step_response(check: Validation) -> Plot:
+    """Of the stage, on a fresh experiment."""
     t_s, reference, stage = check.step
-    step = (Curve("reference", 1e3 * t_s, reference), Curve("capacitive sensor", 1e3 * t_s, stage))
-    late, without, closed = check.rejected
-    both = (Curve("without outer loop", 1e3 * late, without), Curve("with outer loop", 1e3 * late, closed))
-    return (
-        Plot("Step of the stage, outer loop closed", "time, ms", "um", step, "Played on a fresh experiment."),
-        Plot("Disturbance of 1 um at the set-point", "time, ms", "stage, um", both, "By the identified model."),
-    )
+    curves = (Curve("reference", 1e3 * t_s, reference), Curve("capacitive sensor", 1e3 * t_s, stage))
+    return Plot("Step of the stage, outer loop closed", "time, ms", "um", curves, "Played on a fresh experiment.")

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.control.outer_gains import OuterGains, outer_gains
 from micromanip.settings.schema.model import Configuration
 
 from ..experiment import EXCITED, Experiment, alone, parked, play, resting, with_reference
@@ -22,7 +21,6 @@ Array = NDArray[np.float64]
 
 _BEFORE_S, _AFTER_S = 0.5, 0.5
 _MOVE_UM, _MOVE_S = 20.0, 1.0
-_SHOWN_S = 0.1
 
 
 @dataclass(frozen=True)
@@ -30,8 +28,6 @@ class Validation:
     """`step` (t_s, reference_um, stage_um) of the closed outer loop, and its `answer`.
     `settled_um`: its error at the end, rms; `rest`: the stage while nothing is asked of it.
     `path_um`: rms error on a sine of `path_amplitude_um`.
-
-    `rejected`: (t_s, open_um, closed_um), the model's stage under a step of 1 um of disturbance at the set-point.
     """
 
     step: tuple[Array, Array, Array]
@@ -40,7 +36,6 @@ class Validation:
     rest: Rest
     path_um: float
     path_amplitude_um: float
-    rejected: tuple[Array, Array, Array]
 
 
 def validate(configuration: Configuration, experiment: Experiment, axis: str, inner: Held) -> Validation:
@@ -59,15 +54,7 @@ def validate(configuration: Configuration, experiment: Experiment, axis: str, in
     near = (t_s > -0.02) & (t_s < 0.15)
     step = t_s[near], reference[near], stage[near]
     path_um, amplitude_um = path_error(configuration, experiment, axis)
-    return Validation(
-        step,
-        answer,
-        settled,
-        rest,
-        path_um,
-        amplitude_um,
-        rejection(configuration, axis),
-    )
+    return Validation(step, answer, settled, rest, path_um, amplitude_um)
 
 
 def coupling(configuration: Configuration, experiment: Experiment, axis: str) -> dict[str, float]:
@@ -88,28 +75,6 @@ def coupling(configuration: Configuration, experiment: Experiment, axis: str) ->
             if k != i and np.isfinite(other).all():
                 seen[f"{role}_{name}"] = float(other @ own / (own @ own))
     return seen
-
-
-def rejection(configuration: Configuration, axis: str) -> tuple[Array, Array, Array]:
-    """By the model, the stage (um) under a disturbance step of 1 um at the set-point: t_s, without, with outer loop."""
-    outer, period_s = configuration.axes[axis].outer, configuration.loop.period_ns * 1e-9
-    if outer is None:
-        raise ValueError(f"axis {axis} has no outer loop")
-    gains, count = outer_gains(outer, None, period_s), round(_SHOWN_S / period_s)
-    t_s = np.asarray(np.arange(count) * period_s, dtype=np.float64)
-    return t_s, _run(gains, count, closed=False), _run(gains, count, closed=True)
-
-
-def _run(gains: OuterGains, count: int, *, closed: bool) -> Array:
-    controllable = len(gains.A) - int(np.count_nonzero(np.isclose(np.abs(np.linalg.eigvals(gains.A)), 1.0, atol=1e-9)))
-    plant, estimate, y = np.zeros(len(gains.A)), np.zeros(len(gains.A)), np.zeros(count)
-    plant[controllable] = 1.0
-    for k in range(count):
-        y[k] = gains.C @ plant
-        estimate = estimate + gains.observer * (y[k] - gains.C @ estimate)
-        u = -float(gains.feedback @ estimate) if closed else 0.0
-        plant, estimate = gains.A @ plant + gains.B * u, gains.A @ estimate + gains.B * u
-    return y
 
 
 CONFIGS = ("A", "B", "C")

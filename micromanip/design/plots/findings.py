@@ -65,19 +65,18 @@ def draw_budgets(budgets: Sequence[AxisBudget], about: str, folder: Path) -> Ite
 
 def draw_previews(found: Preview, axes: Mapping[str, Axis], about: str, folder: Path) -> Iterator[Path]:
     """A picture of each axis on the path into `folder`; the files."""
-    for axis, left in zip(found.axes, found.left, strict=True):
-        yield save(preview_plots(axis, left, axes[axis.axis]), folder, f"preview_{axis.axis}", about=about)
+    for axis in found.axes:
+        yield save(preview_plots(axis, axes[axis.axis]), folder, f"preview_{axis.axis}", about=about)
 
 
 _FAR = 2.5
 """The Nyquist curve is shown so far from the origin."""
 
 
-def preview_plots(axis: AxisPreview, left: AxisPreview, settings: Axis) -> tuple[Plot, ...]:
-    """One axis on its path, with and without the robot's offset; where it is asked for more than there is."""
+def preview_plots(axis: AxisPreview, settings: Axis) -> tuple[Plot, ...]:
+    """One axis on its path; where it is asked for more than there is."""
     verdict = "fits" if not axis.stretches else f"asks {len(axis.stretches)} times for more than there is"
     found, time_s = axis.predicted, np.arange(len(axis.predicted.setpoint_um)) / axis.predicted.rate_Hz
-    both = ((found, "as it is"), (left.predicted, "with the robot's offset"))
     panels = (
         ("deviation_um", f"Preview of axis {axis.axis}: {verdict}", "deviation, um", ()),
         ("setpoint_um", "", "set-point, um", settings.setpoint.range_um),
@@ -85,7 +84,7 @@ def preview_plots(axis: AxisPreview, left: AxisPreview, settings: Axis) -> tuple
     )
     plots = []
     for name, title, label, limits in panels:
-        curves = [Curve(told, time_s, getattr(each, name)) for each, told in both]
+        curves = [Curve("predicted", time_s, getattr(found, name))]
         curves += [_levels("limit", time_s, *limits)] if limits else []
         over = np.zeros(len(time_s), dtype=bool)
         for stretch in axis.stretches:

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from micromanip.design.analyse.coupling import Coupling, Disk, Together
+from micromanip.design.analyse.coupling import Coupling, Together
 from micromanip.design.commission.coupled import Coupled, decoupled
 from micromanip.design.commission.production import PathErrorSeen, Production
 from micromanip.settings.load import load
@@ -16,7 +16,6 @@ CONFIG = Path(__file__).parents[3] / "config" / "simulated.yaml"
 TUNED = load(CONFIG)
 NAMES = tuple("xyz")
 HERTZ = np.linspace(0.3, 300.0, 200)
-DISK = Disk(6.0, 36.0)
 
 
 def coupled(share=0.05, deviation=1e-4):
@@ -24,7 +23,7 @@ def coupled(share=0.05, deviation=1e-4):
     unsure = deviation * (1.0 - np.eye(3))
     over, around = (np.repeat(each[:, :, None], len(HERTZ), axis=2) for each in (matrix, unsure))
     found = Coupling(NAMES, HERTZ, over + 0j, around, matrix, unsure, np.eye(3), unsure)
-    return Coupled(found, Together(0.2, 66.0, 0, DISK, DISK))
+    return Coupled(found, Together(0.2, 66.0, 0))
 
 
 def tracked(configuration, rms=0.08):

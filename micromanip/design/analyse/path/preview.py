@@ -1,17 +1,15 @@
-"""The preview of a path on a cell: stretches beyond what each axis has, and the robot's offset that leaves least."""
+"""The preview of a path on a cell: stretches beyond what each axis has."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.control.outer_gains import dc_gain
-from micromanip.errors import CheckFailed, UsageError, system_error
+from micromanip.errors import CheckFailed
 from micromanip.recordings.path_deviation import PathDeviation
 from micromanip.settings.check import Prepared
 from micromanip.settings.schema.axis import Axis
@@ -130,61 +128,6 @@ def _steps(values: Array) -> Array:
     return np.asarray(np.diff(values, prepend=values[:1]))
 
 
-# The path is known beforehand, so the low-pass needs no delay: a Butterworth filter of second order, forwards and
-# backwards, of amplitude 1/2 at its corner. What is left to the stage is the path minus the offset as the robot runs
-# it: straight lines between the rows of its file.
-
-_ROWS = 40
-"""Rows in a period of the corner."""
-
-
-@dataclass(frozen=True)
-class Offset:
-    """Offset (k, axes) in um that the robot adds to its path as commanded, at `time_s` (k,); straight in between."""
-
-    corner_Hz: float
-    axes: tuple[str, ...]
-    time_s: Array
-    offset_um: Array
-
-    def at(self, time_s: Array) -> Array:
-        """The offset (n, axes) at `time_s` (n,)."""
-        return np.column_stack([np.interp(time_s, self.time_s, column) for column in self.offset_um.T])
-
-    @property
-    def speed_um_per_s(self) -> float:
-        """The fastest that it moves along one axis."""
-        return float(np.abs(np.diff(self.offset_um, axis=0) / np.diff(self.time_s)[:, None]).max())
-
-    def write(self, file: Path) -> None:
-        """As CSV, into a file that is not there yet: t_s, and offset_<axis>_um of each axis."""
-        lines = [",".join(["t_s", *(f"offset_{axis}_um" for axis in self.axes)])]
-        lines += [
-            ",".join([f"{t:.9g}", *(f"{um:.3f}" for um in row)])
-            for t, row in zip(self.time_s, self.offset_um, strict=True)
-        ]
-        try:
-            with file.open("x", encoding="utf-8") as written:
-                written.write("\n".join(lines) + "\n")
-        except FileExistsError:
-            raise UsageError(f"--offset {file} is there already: nothing is replaced; name another file") from None
-        except OSError as problem:
-            raise system_error(problem, f"--offset {file}") from problem
-
-
-def slow_part(axes: Sequence[str], deviation_um: Array, rate_hz: float, corner_hz: float) -> Offset:
-    """The offset of a deviation (n, axes) below `corner_hz`."""
-    from scipy.signal import butter, sosfiltfilt
-
-    time_s = np.arange(len(deviation_um)) / rate_hz
-    every = max(1, int(rate_hz / (_ROWS * corner_hz)))
-    sections = butter(2, corner_hz, fs=rate_hz, output="sos")
-    around = min(len(deviation_um) - 1, round(3.0 * rate_hz / corner_hz))
-    slow = sosfiltfilt(sections, deviation_um, axis=0, padlen=around)
-    rows = np.unique(np.append(np.arange(0, len(slow), every), len(slow) - 1))
-    return Offset(corner_hz, tuple(axes), time_s[rows], np.asarray(slow)[rows])
-
-
 TOLERANCE_UM = 5.0
 """Following error where the file asks for none."""
 _PEAK = 3.0
@@ -220,12 +163,10 @@ class AxisPreview:
 
 @dataclass(frozen=True)
 class Preview:
-    """All axes on one path; `offset` is proposed, `left` the axes on what it leaves."""
+    """All axes on one path."""
 
     seconds: float
     axes: tuple[AxisPreview, ...]
-    offset: Offset
-    left: tuple[AxisPreview, ...]
     notes: tuple[str, ...]
 
     @property
@@ -239,13 +180,6 @@ class Preview:
             "fits": self.fits,
             "seconds": self.seconds,
             "axes": [axis.document() for axis in self.axes],
-            "offset": {
-                "corner_Hz": self.offset.corner_Hz,
-                "peak_um": float(np.abs(self.offset.offset_um).max()),
-                "speed_um_per_s": self.offset.speed_um_per_s,
-                "fits": not any(axis.stretches for axis in self.left),
-                "axes": [axis.document() for axis in self.left],
-            },
             "notes": list(self.notes),
         }
 
@@ -274,12 +208,6 @@ class Cell:
         asking = demands(laws.axis, output, self.seen_um, found, reserve_um, allowed_um)
         over = [stretch for demand in asking for stretch in stretches(axis, demand, rate_hz)]
         return AxisPreview(axis, found, allowed_um, tuple(sorted(beyond(over), key=lambda each: each.from_s)))
-
-    def middle_um(self, axis: str) -> float:
-        """Deviation at which the actuator stands in the middle of its range."""
-        settings = self.laws[axis].axis
-        gain, share = dc_gain(settings.outer), settings.authority_percent / 100.0
-        return (0.5 * sum(settings.setpoint.range_um) - settings.centre_um) * gain / share
 
 
 def cell_of(prepared: Prepared, axes: Sequence[str]) -> Cell:
@@ -310,25 +238,16 @@ def cell_of(prepared: Prepared, axes: Sequence[str]) -> Cell:
     )
 
 
-def preview_of(
-    prepared: Prepared, path: PathDeviation, reserve_um: float, tolerance_um: float | None, corner_hz: float
-) -> Preview:
+def preview_of(prepared: Prepared, path: PathDeviation, reserve_um: float, tolerance_um: float | None) -> Preview:
     """The preview of `path` on its axes. CheckFailed where it can't be made."""
     cell = cell_of(prepared, path.axes)
     rate_hz = min(MOST_HZ, float(prepared.configuration.loop.rate_hz))
     deviation, notes = on_grid(path, rate_hz)
-    # the offset leads each axis to the middle of its range, which need not be where its centre is
-    middles = np.array([cell.middle_um(axis) for axis in path.axes])
-    offset = slow_part(path.axes, deviation - middles, rate_hz, corner_hz)
-    left = deviation - offset.at(np.arange(len(deviation)) / rate_hz)
-
-    def on(each: Array) -> tuple[AxisPreview, ...]:
-        return tuple(
-            cell.preview(axis, column, rate_hz, reserve_um, tolerance_um)
-            for axis, column in zip(path.axes, each.T, strict=True)
-        )
-
-    return Preview(float(path.time_s[-1]), on(deviation), offset, on(left), (*cell.notes, *notes))
+    axes = tuple(
+        cell.preview(axis, column, rate_hz, reserve_um, tolerance_um)
+        for axis, column in zip(path.axes, deviation.T, strict=True)
+    )
+    return Preview(float(path.time_s[-1]), axes, (*cell.notes, *notes))
 
 
 def _ends(values: Array) -> list[float]:

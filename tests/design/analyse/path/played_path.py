@@ -13,7 +13,7 @@ from micromanip.recordings.path_deviation import read_path_deviation
 from micromanip.rt.states import TRACKING
 from micromanip.virtual.experiment import VirtualExperiment, at_limit, with_options
 
-RESERVE_UM, TOLERANCE_UM, CORNER_HZ = 3.0, 5.0, 0.2
+RESERVE_UM, TOLERANCE_UM = 3.0, 5.0
 SECONDS, RATE_HZ, START_S = 4.0, 500.0, 4.0
 NARROW_V = (10.0, 125.0)
 """There the voltage ends before the set-point does."""
@@ -67,6 +67,6 @@ def hard_stretches(cell, seed, folder):
     header = ",".join(["t_s", *(f"deviation_{axis}_um" for axis in "xyz")])
     np.savetxt(file, np.column_stack([time_s, columns]), delimiter=",", header=header, comments="", fmt="%.6f")
     path = read_path_deviation(file, "xyz")
-    found = preview_of(cell, path, RESERVE_UM, TOLERANCE_UM, CORNER_HZ)
+    found = preview_of(cell, path, RESERVE_UM, TOLERANCE_UM)
     over = sorted((each for axis in found.axes for each in axis.stretches), key=lambda each: each.from_s)
     return over, [each for each in over if each.what in (TRACKER, RANGE, VOLTAGE)], first_met_s(cell, path, seed + 1)

@@ -15,11 +15,9 @@ from micromanip.design.analyse.path.preview import (
     Stretch,
     beyond,
     cell_of,
-    slow_part,
     stretches,
 )
 from micromanip.design.analyse.path.seen import recorded_path
-from micromanip.errors import UsageError
 from micromanip.rt.laws.feedforward import HYSTERESIS_PARAMETERS
 from micromanip.rt.laws.hysteresis import model_output
 from micromanip.rt.states import TRACKING
@@ -119,31 +117,6 @@ def test_a_reserve_is_told_where_it_leads_to_no_more():
     hard, around = of(RANGE, 1.0, 2.0), of(RESERVE, 0.98, 2.1)
     before, alone = of(RESERVE, 0.7, 2.1), of(RESERVE, 3.0, 3.5)
     assert beyond([hard, around, before, alone]) == [hard, before, alone]
-
-
-def test_the_offset_is_the_slow_part_without_delay_and_half_of_what_lies_at_its_corner():
-    rate_hz, corner_hz = 200.0, 0.2
-    time_s = np.arange(round(100.0 * rate_hz)) / rate_hz
-    slow, corner, fast = (np.sin(2.0 * np.pi * hertz * time_s) for hertz in (0.01, corner_hz, 8.0))
-    path = np.column_stack([100.0 * slow + 20.0 * corner + 30.0 * fast])
-    offset = slow_part(["x"], path, rate_hz, corner_hz)
-    middle = slice(len(time_s) // 4, 3 * len(time_s) // 4)
-    taken = offset.at(time_s)[middle, 0]
-    np.testing.assert_allclose(taken, (100.0 * slow + 10.0 * corner)[middle], atol=0.3)
-    assert offset.speed_um_per_s == pytest.approx(2.0 * np.pi * (100.0 * 0.01 + 10.0 * corner_hz), rel=0.05)
-
-
-def test_an_offset_is_written_as_it_is_run_and_replaces_nothing(tmp_path):
-    path = np.column_stack([50.0 * np.sin(TIME_S), 20.0 * np.cos(TIME_S)])
-    offset = slow_part(["x", "q"], path, RATE_HZ, 1.0)
-    file = tmp_path / "offset.csv"
-    offset.write(file)
-    assert file.read_text(encoding="utf-8").startswith("t_s,offset_x_um,offset_q_um\n")
-    rows = np.loadtxt(file, delimiter=",", skiprows=1)
-    np.testing.assert_allclose(rows[:, 1:], offset.offset_um, atol=6e-4)
-    assert (rows[0, 0], rows[-1, 0]) == (0.0, TIME_S[-1])
-    with pytest.raises(UsageError, match="is there already: nothing is replaced"):
-        offset.write(file)
 
 
 CONFIG = Path(__file__).parents[4] / "config"

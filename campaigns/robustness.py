@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import joblib
 from micromanip_drivers.simulated.options import Plant
@@ -12,7 +13,8 @@ from micromanip.control.margins import Margins
 from micromanip.design.analyse.describing import harmonics, inverse_operator
 from micromanip.design.commission.cell import CommissionedCell, commission_cell
 from micromanip.design.commission.closing import Options
-from micromanip.settings.check import Prepared, prepare
+from micromanip.design.report.model import Verdict, overall
+from micromanip.settings.check import prepare
 from micromanip.settings.schema.model import Configuration
 from micromanip.virtual.experiment import VirtualExperiment
 
@@ -26,33 +28,48 @@ WANTED = 0.85
 AXIS, MARGIN_UM, HELD = "x", 3.0, 0.8
 _SWING_UM = 1.5
 _KNOBS = Options(tooth_Hz=200.0)
+Compared = list[tuple[str, Sequence[Margins], Sequence[Margins]]]
+"""Loops with their claimed and their true margins."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """Of one plant. ``kept``: the least share of a claimed margin that the true loop has, by loop and figure.
-
-    ``proven``: its tuning runs; ``passed``: as accurately as asked.
-    """
+    """Of one plant. `kept`: the least share of a claimed margin that the true loop has, by loop and figure."""
 
     seed: int
-    refused: str | None
-    proven: bool
-    passed: bool
-    failed: tuple[str, ...]
+    verdict: str
+    with_outer: bool
+    why: str
     kept: dict[str, float]
+
+    @classmethod
+    def of(cls, seed: int, found: CommissionedCell, held: Callable[[CommissionedCell], Compared]) -> Outcome:
+        """What was `found` beside the claimed and the true margins of each loop, which `held` gives."""
+        if found.stopped is not None:
+            return cls(seed, "refused", False, str(found.stopped), {})
+        why = "; ".join(f"{c.name}: {c.value}" for c in found.evidence[0].criteria if not c.passed)
+        kept = {
+            f"{name} {figure}": worst(real)[figure] / value
+            for name, said, real in held(found)
+            for figure, value in worst(said).items()
+        }
+        return cls(seed, overall(found.evidence).value, found.axes[0].outer is not None, why, kept)
+
+    @property
+    def runs(self) -> bool:
+        """Whether there is a file that runs."""
+        return self.verdict in (Verdict.PASS.value, Verdict.LESS.value)
 
     @property
     def false_pass(self) -> bool:
-        """A tuning called good whose true margins are below 80 % of those claimed."""
-        return self.proven and min(self.kept.values()) < HELD
+        """Whether it has margins below 80 % of those claimed."""
+        return self.runs and min(self.kept.values()) < HELD
 
     @property
     def row(self) -> dict[str, object]:
         """Of a table."""
-        proven = "false pass" if self.false_pass else "pass" if self.passed else "less"
-        verdict = "refused" if self.refused else proven if self.proven else "fail"
-        return {"plant": self.seed, "verdict": verdict, **self.kept, "why": self.refused or "; ".join(self.failed)}
+        verdict = "false pass" if self.false_pass else self.verdict
+        return {"plant": self.seed, "verdict": verdict, "outer loop": self.with_outer, **self.kept, "why": self.why}
 
 
 def narrowed(configuration: Configuration, reach_um: float) -> Configuration:
@@ -65,35 +82,29 @@ def narrowed(configuration: Configuration, reach_um: float) -> Configuration:
     )
 
 
-def commission_drawn(prepared: Prepared, seed: int) -> Outcome:
+def commission_drawn(seed: int) -> Outcome:
     """Draw, commission, and compare with the truth."""
+    prepared = prepare(CONFIG)
     drawn, plant, reach = drawn_cell(prepared, AXIS, seed)
     narrow = narrowed(prepared.configuration, reach)
     found = commission_cell(narrow, VirtualExperiment(drawn), [AXIS], lambda _: None, _KNOBS)
-    if found.stopped is not None:
-        return Outcome(seed, str(found.stopped), False, False, (), {})
-    failed = tuple(f"{c.name}: {c.value}" for c in found.evidence[0].criteria if not c.passed)
-    return Outcome(seed, None, found.proven, found.passed, failed, held(found, plant))
+    return Outcome.of(seed, found, partial(held, plant=plant))
 
 
-def held(found: CommissionedCell, plant: Plant) -> dict[str, float]:
-    """Share of each claimed margin that the true loops have."""
+def held(found: CommissionedCell, plant: Plant) -> Compared:
+    """Each loop with its claimed and its true margins."""
     axis, analysis = found.axes[0], found.analyses[0]
     period_s, settings = found.configuration.loop.period_ns * 1e-9, found.configuration.axes[AXIS]
     assert analysis.strain is not None
     centre_V = axis.actuator.centre_V
     true = strain_margins(plant, settings, centre_V, analysis.strain.slopes, period_s)
-    compared = [("strain", analysis.strain.margins, true)]
+    compared: Compared = [("strain", analysis.strain.margins, true)]
     if analysis.stage is not None:
         gain = abs(harmonics(inverse_operator(settings.hysteresis), _SWING_UM, settings.centre_um).gain)
         compared.append(
             ("outer", (analysis.stage.margins,), [outer_margins(plant, settings, centre_V, gain, period_s)])
         )
-    kept = {}
-    for name, said, real in compared:
-        for figure, value in worst(said).items():
-            kept[f"{name} {figure}"] = worst(real)[figure] / value
-    return kept
+    return compared
 
 
 def worst(found: Sequence[Margins]) -> dict[str, float]:
@@ -106,25 +117,30 @@ def worst(found: Sequence[Margins]) -> dict[str, float]:
     }
 
 
-def _one(seed: int) -> Outcome:
-    """By seed alone, for another process."""
-    return commission_drawn(prepare(CONFIG), seed)
+def judged(asked: Asked, one: Callable[[int], Outcome], wanted: Callable[[list[Outcome]], str | None]) -> Report:
+    """`count` plants from `seed` - 1 on; wrong is a false pass, and what `wanted` misses."""
+    results: list[Outcome] = []
+    drawn = (joblib.delayed(one)(asked.seed - 1 + k) for k in range(asked.count))
+    for outcome in joblib.Parallel(n_jobs=asked.jobs, return_as="generator")(drawn):
+        results.append(outcome)
+        asked.tell(str(outcome.row))
+    wrong = [f"plant {each.seed} passes with false margins" for each in results if each.false_pass]
+    wrong += filter(None, [wanted(results)])
+    passed, running = sum(each.verdict == Verdict.PASS.value for each in results), [e for e in results if e.runs]
+    outer = sum(each.with_outer for each in running)
+    least = min((min(each.kept.values()) for each in running), default=float("nan"))
+    note = (
+        f"{passed} of {len(results)} pass, {len(running) - passed} with less accuracy, {outer} have an outer loop; the "
+        f"least share of a claimed margin among them is {least:.2f}"
+    )
+    return Report({"share of the claimed margins": [each.row for each in results]}, [note], wrong)
+
+
+def _too_few(results: list[Outcome]) -> str | None:
+    passed = sum(each.verdict == Verdict.PASS.value for each in results)
+    return f"only {passed} of {len(results)} pass" if passed < WANTED * len(results) else None
 
 
 def run(asked: Asked) -> Report:
-    """`count` plants from `seed` - 1 on; wrong is a false pass, and too few that pass."""
-    seeds = range(asked.seed - 1, asked.seed - 1 + asked.count)
-    results: list[Outcome] = []
-    for outcome in joblib.Parallel(n_jobs=asked.jobs, return_as="generator")(joblib.delayed(_one)(k) for k in seeds):
-        results.append(outcome)
-        asked.tell(str(outcome.row))
-    passed, proven = sum(each.passed for each in results), sum(each.proven for each in results)
-    least = min((share for each in results if each.proven for share in each.kept.values()), default=float("nan"))
-    wrong = [f"plant {each.seed} passes with false margins" for each in results if each.false_pass]
-    if passed < WANTED * len(results):
-        wrong.append(f"only {passed} of {len(results)} pass")
-    note = (
-        f"{passed} of {len(results)} pass, {proven - passed} with less accuracy; the least share of a claimed margin "
-        f"among them is {least:.2f}"
-    )
-    return Report({"share of the claimed margins": [each.row for each in results]}, [note], wrong)
+    """Wrong is a false pass, and too few that pass."""
+    return judged(asked, commission_drawn, _too_few)

@@ -13,9 +13,10 @@ value at the middle of the record, its half range and its position, and c3..c6 c
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from copy import copy
 from dataclasses import dataclass, field
-from typing import Any, Protocol, Self, TypeVar
+from typing import Any, Self
 
 import numpy as np
 
@@ -40,52 +41,39 @@ def about_zero(signal: Array, middle: float, half: float) -> Array:
     return np.asarray(np.rint((signal - middle) / half * _GRID) / _GRID * half)
 
 
-_Family = TypeVar("_Family", bound="Shaping")
-
-
-class Shaping(Protocol):
-    """One family of shaping functions over the voltages of a record."""
+class Shaping(ABC):
+    """One family of shaping functions over the voltages of a record; parameter `offset` is added to every value."""
 
     name: str
     count: int
-    middle: float
-    half: float
     offset: int
-    """Which parameter is added to every value."""
-
-    def about_zero(self) -> Self:
-        """The same family, with the same parameters, over voltages less their middle."""
-        ...
-
-    def start(self, scale_um: float, middle_um: float, rng: np.random.Generator, spread: float) -> Array:
-        """Parameters to begin with: phi covers about `scale_um` around `middle_um`; random by `spread`."""
-        ...
-
-    def value(self, x: Array, v: Array) -> tuple[Array, Array]:
-        """phi(v) (n,) and its derivatives (n, count)."""
-        ...
-
-    def settings(self, x: Array) -> dict[str, Any]:
-        """The configuration's keys."""
-        ...
-
-
-def _about_zero(shaping: _Family) -> _Family:
-    moved = copy(shaping)
-    moved.middle = 0.0
-    return moved
-
-
-class Affine:
-    """Equation (15): parameters log slope over the half range, value at the middle."""
-
-    name, count, offset = "affine", 2, 1
 
     def __init__(self, v: Array) -> None:
         self.middle, self.half = span(v)
 
     def about_zero(self) -> Self:
-        return _about_zero(self)
+        """The same family, with the same parameters, over voltages less their middle."""
+        moved = copy(self)
+        moved.middle = 0.0
+        return moved
+
+    @abstractmethod
+    def start(self, scale_um: float, middle_um: float, rng: np.random.Generator, spread: float) -> Array:
+        """Parameters to begin with: phi covers about `scale_um` around `middle_um`; random by `spread`."""
+
+    @abstractmethod
+    def value(self, x: Array, v: Array) -> tuple[Array, Array]:
+        """phi(v) (n,) and its derivatives (n, count)."""
+
+    @abstractmethod
+    def settings(self, x: Array) -> dict[str, Any]:
+        """The configuration's keys."""
+
+
+class Affine(Shaping):
+    """Equation (15): parameters log slope over the half range, value at the middle."""
+
+    name, count, offset = "affine", 2, 1
 
     def start(self, scale_um: float, middle_um: float, rng: np.random.Generator, spread: float) -> Array:
         return np.array([np.log(0.5 * scale_um), middle_um]) + spread * np.array([0.3, 0.1 * scale_um]) * rng.normal(
@@ -101,16 +89,10 @@ class Affine:
         return {"shaping": "affine", "coefficients": (slope, float(x[1]) - slope * self.middle)}
 
 
-class Tanh:
+class Tanh(Shaping):
     """Equation (16): parameters log slope, value at the middle, log half range of the argument, its centre."""
 
     name, count, offset = "tanh", 4, 1
-
-    def __init__(self, v: Array) -> None:
-        self.middle, self.half = span(v)
-
-    def about_zero(self) -> Self:
-        return _about_zero(self)
 
     def start(self, scale_um: float, middle_um: float, rng: np.random.Generator, spread: float) -> Array:
         centre = np.array([np.log(0.5 * scale_um), middle_um, np.log(0.5), 0.0])
@@ -134,21 +116,18 @@ class Tanh:
         return {"shaping": "tanh", "coefficients": tuple(float(c) for c in coefficients)}
 
 
-class Table:
+class Table(Shaping):
     """Monotone table with evenly spaced knots: parameters are the log rises between knots, then the first value."""
 
     name = "table"
 
     def __init__(self, v: Array, knots: int) -> None:
-        self.middle, self.half = span(v)
+        super().__init__(v)
         self.count, self.offset = knots, knots - 1
 
     @property
     def knots(self) -> Array:
         return np.asarray(self.middle + self.half * np.linspace(-1.0, 1.0, self.count))
-
-    def about_zero(self) -> Self:
-        return _about_zero(self)
 
     def start(self, scale_um: float, middle_um: float, rng: np.random.Generator, spread: float) -> Array:
         rises = np.full(self.count - 1, np.log(scale_um / (self.count - 1)))

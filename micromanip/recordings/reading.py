@@ -2,78 +2,26 @@
 
 from __future__ import annotations
 
-import json
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
-
-import numpy as np
 
 from micromanip.errors import CheckFailed
 from micromanip.files import open_regular
 
-from .arrays import read_npy, read_npz, table_of
+from .arrays import read_npy, read_npz
 from .hdf5 import read_hdf5, read_matlab, read_parquet
 from .mcap_reading import MAGIC, open_mcap, read_mcap
 from .table import Table
 from .telemetry import Telemetry
-from .text import read_text, stamp_s
+from .text import read_text
 
-
-def read_json(file: Path) -> Table:
-    """A column for each name whose values are numbers, NaN in objects without it. CheckFailed, with the line."""
-    with open_regular(file) as opened:
-        text = opened.read().decode("utf-8-sig", errors="replace")
-    lines: list[int] | None = None
-    try:
-        found = json.loads(text)
-    except ValueError:
-        found, lines = [], []
-        for number, line in enumerate(text.splitlines(), 1):
-            if not line.strip():
-                continue
-            try:
-                found.append(json.loads(line))
-            except ValueError as problem:
-                raise CheckFailed(f"{file}:{number}: no JSON, {problem}: the line may be cut off, remove it") from None
-            lines.append(number)
-    if isinstance(found, dict):
-        return table_of(file, {name: np.asarray(each) for name, each in _flat(found) if _are_numbers(each)})
-    rows = [dict(_flat(each)) if isinstance(each, dict) else {} for each in found]
-    units = {name: "s" for row in rows[:1] for name, value in row.items() if _stamp(value) is not None}
-    of = {name: _stamp if name in units else _number for row in rows for name in row}
-    read = {name: np.array([how(row.get(name)) for row in rows], dtype=float) for name, how in of.items()}
-    columns = {name: each - each[0] if name in units else each for name, each in read.items()}
-    numbers = {name: each for name, each in columns.items() if np.isfinite(each).any()}
-    return Table(file, table_of(file, numbers), units, lines)
-
-
-def _flat(found: dict[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
-    for name, value in found.items():
-        if isinstance(value, dict):
-            yield from _flat(value, f"{before}{name}.")
-        else:
-            yield f"{before}{name}", value
-
-
-def _number(value: Any) -> float | None:
-    return float(value) if isinstance(value, int | float) else None
-
-
-def _stamp(value: Any) -> float | None:
-    return stamp_s(value) if isinstance(value, str) else None
-
-
-def _are_numbers(values: Any) -> bool:
-    return isinstance(values, list) and all(_number(each) is not None for each in values)
-
-
-KINDS = "CSV or other text, JSON, .mat, .npy, .npz, MCAP, HDF5 or Parquet"
+KINDS = "CSV or other text, .mat, .npy, .npz, MCAP, HDF5 or Parquet"
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _PARTS = 1_000_000_000_000
 """Bytes of a file whose columns are read on their own, in parts: only what is used has to fit into the memory."""
 _OTHERS = {
+    rb"\s*(\xef\xbb\xbf)?\s*(\[\s*)?\{": "JSON: save its columns as CSV",
     b"\x1f\x8b": "compressed (gzip): unpack it first, gunzip",
     b"BZh": "compressed (bzip2): unpack it first, bunzip2",
     b"TDSm": "LabVIEW TDMS: export it as text (CSV)",
@@ -117,7 +65,7 @@ def _reader(file: Path, head: bytes) -> Callable[[Path], Table]:
     if not head:
         raise CheckFailed(f"{file}: it is empty; a recording is {KINDS}")
     for magic, what in _OTHERS.items():
-        if head.startswith(magic):
+        if re.match(magic, head):
             raise CheckFailed(f"{file}: this is {what}; a recording is {KINDS}")
     if head.startswith(_HDF5):
         return read_hdf5
@@ -131,6 +79,4 @@ def _reader(file: Path, head: bytes) -> Callable[[Path], Table]:
         return read_npz
     if head.startswith(b"PAR1"):
         return read_parquet
-    if head.lstrip(b"\xef\xbb\xbf \r\n\t")[:1] == b"{" or re.match(rb"\s*\[\s*\{", head):
-        return read_json
     return read_text

@@ -9,7 +9,7 @@ import pytest
 from micromanip.errors import CheckFailed
 from micromanip.recordings import Wanted, take
 
-from .signals import SAMPLES, T, U, Y, lines
+from .signals import SAMPLES, T, U, lines
 from .test_text import same, split, written
 
 ROWS = lines(digits=12)
@@ -37,7 +37,6 @@ def but(places, form):
 
 BESIDE = ["Record Length,600,", "Sample Interval,0.005,", "Source,CH1,", "Firmware,FV:v24,"]
 PACKET = ["Channels\t2", "Samples\t300\t300", "***End_of_Header***\t", "X_Value\tu\ty"]
-OBJECTS = [{"time": t, "amp": {"u": u}, "y": y} for t, u, y in zip(T.tolist(), U.tolist(), Y.tolist(), strict=True)]
 READ = {  # text, columns and options, what is told
     "fortran": (shown([r.replace(",", "D0 ") for r in ROWS], "t u y"), {}, ""),
     "a true minus": (shown([r.replace("-", "\N{MINUS SIGN}") for r in ROWS]), {}, ""),
@@ -80,15 +79,6 @@ READ = {  # text, columns and options, what is told
     "packets": (
         shown([*ROWS[:300], *PACKET, *ROWS[300:]], "LabVIEW Measurement", *PACKET).replace(",", "\t"), {},
         "line 306: 'Channels\\t2' between rows, which go on evenly behind it, and 3 lines more, left out",
-    ),
-    "a JSON object a line": ("\n".join(map(json.dumps, OBJECTS)), {"columns": ("amp.u", "y")}, ""),
-    "JSON objects": (json.dumps(OBJECTS, indent=1), {"columns": ("amp.u", "y")}, ""),
-    "JSON arrays": (
-        json.dumps({"t": T.tolist(), "of": {"u": U.tolist(), "y": Y.tolist()}}), {"columns": ("of.u", "of.y")}, "",
-    ),
-    "JSON with dates": (
-        "\n".join(json.dumps(o | {"time": f"2026-11-12T10:00:{o['time']:09.6f}+01:00"}) for o in OBJECTS),
-        {"columns": ("amp.u", "y")}, "",
     ),
 }  # fmt: skip
 
@@ -135,7 +125,7 @@ REFUSED = {
         shown(timed(lambda t: t % 1.0), "sampling_time,u,y"),
         r"x:202: sampling_time falls by 0.995 s",
     ),
-    "JSON, cut off": ("\n".join(map(json.dumps, OBJECTS))[:-9], r"x:600: no JSON, .* may be cut off, remove it"),
+    "JSON": (json.dumps({"t": T.tolist(), "u": U.tolist()}), r"x: this is JSON: save its columns as CSV"),
 }
 
 

@@ -48,7 +48,7 @@ def command(
         experiment = VirtualExperiment(prepared)
         configuration = with_models(prepared.configuration, experiment, bar.console.print)
         tuned = any(axis.commissioned or axis.actuator for axis in configuration.axes.values())
-        total = (21 if tuned else 15) + (3 * len(shown) if figures else 0)
+        total = (18 if tuned else 12) + (3 * len(shown) if figures else 0)
         numbers = itertools.count(1)
 
         def progress() -> None:
@@ -65,17 +65,16 @@ def command(
                 pictures.draw(drawn, progress)
         written = pictures.put()
     rows = [row for row in table(runs, configuration) if row["axis"] in shown]
-    alone = [row for row in table(runs, configuration, feedforward_alone=True) if row["axis"] in shown]
     fast = [row for row in fast_table(quick, configuration) if row["axis"] in shown]
     if as_json:
-        found = {"rows": rows, "feedforward_alone": alone, "fast": fast, "seed": seed}
+        found = {"rows": rows, "fast": fast, "seed": seed}
         emit_json(found | {"figures": [str(file) for file in written]})
         pictures.require_written()
         return
     _print_rows(rows)
-    for told in _swinging([*rows, *alone, *fast]):
+    for told in _swinging([*rows, *fast]):
         echo(told)
-    for row in [*alone, *fast]:
+    for row in fast:
         echo(_in_words(row))
     if written:
         echo(f"{len(written)} figures in {folder}/")
@@ -108,16 +107,14 @@ def _print_rows(rows: list[dict[str, Any]]) -> None:
 
 
 def _in_words(row: dict[str, Any]) -> str:
-    """What the feedforward leaves alone, or a fast sine: the paper's table has no place for it."""
-    name = row["config"] if "amplitude_um" in row else "feedforward alone"
-    size = f", {row['amplitude_um']:g} um" if "amplitude_um" in row else ""
-    what = f"{name}, axis {row['axis']}, {row['frequency_hz']:g} Hz{size}"
-    if row.get("refused") is not None:
+    """A fast sine: the paper's table has no place for it."""
+    what = f"{row['config']}, axis {row['axis']}, {row['frequency_hz']:g} Hz, {row['amplitude_um']:g} um"
+    if row["refused"] is not None:
         return f"{what}: {row['refused']}"
     if row["true_std_error_um"] is None:
         return f"{what}: sigma {row['std_error_um']:.3f} um (measured position)"
-    share = f", {row['true_rms_percent']:.2f} % of the stroke" if size else ""
-    return f"{what}: sigma {row['true_std_error_um']:.3f} um{share} (true position)"
+    share = f"{row['true_rms_percent']:.2f} % of the stroke"
+    return f"{what}: sigma {row['true_std_error_um']:.3f} um, {share} (true position)"
 
 
 def _swinging(rows: list[dict[str, Any]]) -> list[str]:

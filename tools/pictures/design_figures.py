@@ -13,7 +13,7 @@ from micromanip.design.analyse.axis import analyse_axis
 from micromanip.design.analyse.loops import strain_loop
 from micromanip.design.commission.axis import commission_axis
 from micromanip.design.commission.closing import Options
-from micromanip.design.commission.report_sections import measured_response, responses
+from micromanip.design.commission.report_sections import measured_response, step_response
 from micromanip.design.plots.canvas import drawn
 from micromanip.design.plots.loops import drawn_plants, loop_plots, loops_of
 from micromanip.design.plots.paper import figure_5, figure_7
@@ -45,4 +45,4 @@ def commissioning_drawings(factory: Prepared) -> Iterator[tuple[str, Figure]]:
     yield "commission_strain", drawn([strain_nyquist])
     gain, _, coherence, _ = measured_response(found.outer.stage)
     yield "commission_stage", drawn([gain, coherence], columns=2)
-    yield "commission_outer", drawn(responses(found.outer.validation), columns=2)
+    yield "commission_outer", drawn([step_response(found.outer.validation)])

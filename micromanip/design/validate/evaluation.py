@@ -1,4 +1,4 @@
-"""The paper's experiment: configurations A, B, C at 1, 5 and 10 Hz, on all axes at once; and feedforward alone.
+"""The paper's experiment: configurations A, B, C at 1, 5 and 10 Hz, on all axes at once.
 
 Beyond the paper C, and D where there is one, on small sines of 50 to 150 Hz, told as a share of the stroke, peak to
 peak, as the literature on scanning microscopes does.
@@ -103,9 +103,9 @@ def _known(value: np.floating[Any]) -> float | None:
 
 
 def variant_of(axis: Axis, config: str, own_pid: bool) -> Axis:
-    """`axis` as configuration A, B, C, D or feedforward alone; with `own_pid` not with the anchor's PID."""
+    """`axis` as configuration A, B, C or D; with `own_pid` not with the anchor's PID."""
     pid = axis.inner if own_pid or config == TUNED else paper.ANCHOR_PID
-    mode = {"A": "pid", paper.FEEDFORWARD_ALONE: "feedforward"}.get(config, "pid+feedforward")
+    mode = "pid" if config == "A" else "pid+feedforward"
     model = axis.hysteresis_affine if config == "B" else axis.hysteresis
     if model is None or isinstance(model, NoModel):  # an axis that is not judged yet
         mode, model = "pid", NoModel(model="none")
@@ -149,11 +149,11 @@ def evaluate(
     tuned: bool = False,
     progress: Callable[[], None] = lambda: None,
 ) -> list[Run]:
-    """Twelve runs (A, B, C and feedforward alone at each frequency); `progress` is called after each.
+    """Nine runs (A, B and C at each frequency); `progress` is called after each.
 
     `tuned` adds D: C with the configuration's own PID instead of the anchor's.
     """
-    configs = (*paper.SIGMA_UM, *([TUNED] if tuned else []), paper.FEEDFORWARD_ALONE)
+    configs = (*paper.SIGMA_UM, *([TUNED] if tuned else []))
     sines = [(frequency_hz, paper.AMPLITUDE_UM, WINDOW_S) for frequency_hz in paper.FREQUENCIES_HZ]
     return _played(configuration, experiment, configs, own_pid, sines, progress)
 
@@ -223,9 +223,8 @@ def fast_table(runs: Sequence[Run | Faulted], configuration: Configuration) -> l
     return rows
 
 
-def table(runs: list[Run], configuration: Configuration, *, feedforward_alone: bool = False) -> list[dict[str, Any]]:
-    """Result rows of all axes, in the order axis, frequency, configuration; or those of the feedforward alone."""
-    wanted = [run for run in runs if (run.config == paper.FEEDFORWARD_ALONE) == feedforward_alone]
-    rows = [run.figures(name, i) for i, name in enumerate(configuration.axes) for run in wanted]
+def table(runs: list[Run], configuration: Configuration) -> list[dict[str, Any]]:
+    """Result rows of all axes, in the order axis, frequency, configuration."""
+    rows = [run.figures(name, i) for i, name in enumerate(configuration.axes) for run in runs]
     order = {name: i for i, name in enumerate(configuration.axes)}
     return sorted(rows, key=lambda row: (order[row["axis"]], row["frequency_hz"], row["config"]))

@@ -21,8 +21,6 @@ MAXIMUM_UM = {
     "C": {1.0: 0.525, 5.0: 0.739, 10.0: 0.590},
 }
 LABELS = {"A": "PID", "B": "PID + affine inverse", "C": "PID + tanh inverse"}
-FEEDFORWARD_ALONE = "FF"
-"""Not in the paper: the tanh inverse without any feedback."""
 
 ANCHOR_PID = Inner(mode="pid", K_V_per_um=0.6, Ti_ms=0.571, Td_ms=0.167, filter_ms=0.3)
 """The one tuning of all three configurations, found for the simulated plant so that A is the paper's A."""

@@ -46,22 +46,6 @@ def clipped(u: Array, y: Array) -> str | None:
     return None
 
 
-_LEAP, _QUIET, _FEWEST_LEAPS = 0.5, 0.25, 3
-"""Of the stroke: a leap over the whole of it, and what other steps and the input stay below."""
-
-
-def wrapped(u: Array, y: Array) -> str | None:
-    """How an output `y` (n,) leaps between its ends and goes on, as inputs `u` (n, m) don't; None: it does not."""
-    stroke = float(np.ptp(y))
-    steps = np.diff(y) / stroke
-    leaps = np.abs(steps) > _LEAP
-    on = np.abs(np.abs(steps[leaps]) - 1.0)
-    moved = np.abs(np.diff(u, axis=0))[leaps] / np.ptp(u, axis=0)
-    if leaps.sum() < _FEWEST_LEAPS or leaps.mean() > _QUIET or on.max() > _QUIET or np.median(moved) > _QUIET:
-        return None
-    return None if np.abs(steps[~leaps]).max() > _QUIET else f"leaps {leaps.sum()} times over its whole range"
-
-
 _LEAST_SAMPLES, _LEAST_PIECE, _FILLED = 200, 100, 3
 _WHOLE = 0.01
 _COPY = 1e-9
@@ -111,11 +95,6 @@ def load_linear(file: Path, wanted: Wanted, inputs: int = LISTS) -> TimeSeries:
     thin = _thinning(file, series.step_s, step_s)
     used, notes = _whole_parts(series.bridged())
     notes += _clipping(used)
-    notes += [
-        f"{name} {how} while the input moves little: if it is a counter that wraps, make it go on, numpy.unwrap"
-        for name in series.names[series.inputs :]
-        if (how := wrapped(series.values[:, : series.inputs], series[name])) is not None
-    ]
     return replace(_thinned(used, thin), step_s=step_s, notes=(*series.notes, *notes))
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from micromanip.design.identify.linear.experiments import clipped, load_linear, wrapped
+from micromanip.design.identify.linear.experiments import clipped, load_linear
 from micromanip.design.identify.linear.validated import coherence_of, fit_records
 from micromanip.recordings import Wanted
 
@@ -33,19 +33,6 @@ def test_a_clipped_output_is_told_of(noise, sign, behind):
     y = np.minimum(y, np.quantile(y, 0.9))
     assert found(u, y + behind * np.ptp(y) * noise).startswith("sticks at its top value ")
     assert found(u, -y + behind * np.ptp(y) * noise).startswith("sticks at its bottom value ")
-
-
-@pytest.mark.parametrize("codes", [0, 256])
-def test_a_counter_that_wraps_is_told_of_and_a_binary_answer_is_not(noise, codes):
-    u = np.cumsum(noise)
-    y = np.mod(0.3 * u, 8.0)
-    y = np.round(y * codes / 8.0) % codes if codes else y
-    assert wrapped(u[:, None], y).endswith("times over its whole range")
-    assert wrapped(u[:, None], 0.3 * u) is None
-    binary = np.sign(noise)
-    assert wrapped(binary[:, None], np.concatenate([[0.0], binary[:-1]])) is None
-    assert wrapped(binary[:, None], lfilter([0.0, 0.9], [1.0, -0.1], binary)) is None
-    assert wrapped(noise[:, None], noise) is None
 
 
 @pytest.mark.parametrize("codes", [0, 3, 50, 1000])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from math import isfinite, isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,34 +11,30 @@ import click
 from micromanip.client import Client
 from micromanip.errors import CheckFailed
 
-from .analyse_live import amplitude_option, inject, simulated_cell
+from .analyse_live import amplitude_option, inject
 from .axes import moved_axis_option
 from .echo import echo
 from .options import Quantity, emit_json, socket_option, subcommand
 
 if TYPE_CHECKING:
     from micromanip.design.analyse.health import Check
-    from micromanip.design.identify.response import Measured
-    from micromanip.settings.wiring.timing import FeedbackPath
 
 
 @subcommand("health", "micromanip hold && micromanip analyse health --axis all")
-@click.argument("config", type=click.Path(path_type=Path), metavar="[CONFIG]", required=False)
 @moved_axis_option
 @amplitude_option
-@click.option("--seed", type=Quantity("Seed"), default=1, help="Draws phases, and a simulation's noise.")
+@click.option("--seed", type=Quantity("Seed"), default=1, help="Draws phases.")
 @socket_option
-def command(config: Path | None, only: str, amplitude_um: float, seed: int, socket_path: Path, as_json: bool) -> None:
+def command(only: str, amplitude_um: float, seed: int, socket_path: Path, as_json: bool) -> None:
     """Measure gain, first mode, damping and margins of an axis in 20 s, beside those that were commissioned.
 
     At a change of the tool, say: the axis must be TRACKING or HOLDING, and is measured best held, always at the same
-    place (`micromanip hold`). A small multisine is played as by `analyse live`. With CONFIG the simulated cell is
-    measured, in virtual time.
+    place (`micromanip hold`). A small multisine is played as by `analyse live`.
 
     Exit code 1 where a figure is outside of what robustness was judged for, and where a margin is surely below
     `accept`.
     """
-    checks = _measured(config, only, amplitude_um, seed, socket_path)
+    checks = _measured(only, amplitude_um, seed, socket_path)
     problems = [f"axis {check.axis}: {problem}" for check in checks for problem in check.problems]
     if as_json:
         emit_json({"axes": [_document(check) for check in checks], "problems": problems})
@@ -50,39 +45,24 @@ def command(config: Path | None, only: str, amplitude_um: float, seed: int, sock
         raise CheckFailed("; ".join(problems) + "; commission again: micromanip commission CONFIG --axis ...")
 
 
-def _measured(config: Path | None, axis: str, amplitude_um: float, seed: int, socket_path: Path) -> list[Check]:
-    """The axes asked for, of what runs or of the simulated cell of `config`."""
+def _measured(axis: str, amplitude_um: float, seed: int, socket_path: Path) -> list[Check]:
+    """The axes asked for, of what runs."""
     from micromanip.design.analyse.health import DRAWS, checked, closed_loops
-    from micromanip.design.analyse.live_margins import measure_virtually
     from micromanip.settings.excitation_plan import require_axis
     from micromanip.settings.load import validate_document
     from micromanip.settings.text.source import Source
-    from micromanip.settings.wiring.timing import FeedbackPath, feedback_path
+    from micromanip.settings.wiring.timing import FeedbackPath
 
     checks = []
-    with contextlib.ExitStack() as opened:
-        if config is None:
-            client = opened.enter_context(Client(socket_path))
-            configuration = validate_document(Source.parse(Path("(running)"), client.configuration()["text"]))
-
-            def measured(name: str, loop: str) -> tuple[FeedbackPath, Measured]:
-                begun, plant = inject(client, name, loop, amplitude_um, seed, DRAWS)
-                return FeedbackPath(**begun["path"]), plant
-        else:
-            prepared = simulated_cell(config, seed)
-            configuration = prepared.configuration
-
-            def measured(name: str, loop: str) -> tuple[FeedbackPath, Measured]:
-                plant = measure_virtually(prepared, name, loop, amplitude_um, seed, DRAWS)
-                return feedback_path(configuration, prepared.wiring, name), plant
-
+    with Client(socket_path) as client:
+        configuration = validate_document(Source.parse(Path("(running)"), client.configuration()["text"]))
         if axis != "all":
             require_axis(configuration, axis)
         for name in configuration.axes if axis == "all" else [axis]:
-            found = {loop: measured(name, loop) for loop in closed_loops(configuration.axes[name], name)}
-            path = next(reversed(found.values()))[0]
-            plants = {loop: plant for loop, (_, plant) in found.items()}
-            checks.append(checked(configuration, path, name, plants))
+            loops = closed_loops(configuration.axes[name], name)
+            found = {loop: inject(client, name, loop, amplitude_um, seed, DRAWS) for loop in loops}
+            path = FeedbackPath(**next(reversed(found.values()))[0]["path"])
+            checks.append(checked(configuration, path, name, {loop: plant for loop, (_, plant) in found.items()}))
     return checks
 
 

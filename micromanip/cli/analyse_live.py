@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from micromanip.client import Client
-from micromanip.errors import CheckFailed, UsageError
+from micromanip.errors import CheckFailed
 
 from .axes import one_axis_option
 from .echo import echo
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from micromanip.design.analyse.live_margins import Running
     from micromanip.design.identify.response import Measured
     from micromanip.replies import Injected
-    from micromanip.settings.check import Prepared
 
 amplitude_option = click.option(
     "--amplitude-um", "amplitude_um", type=Quantity("Distance", least=0.001, most=10.0), default=0.3,
@@ -27,12 +26,7 @@ amplitude_option = click.option(
 )  # fmt: skip
 
 
-@subcommand(
-    "live",
-    "micromanip analyse live --axis x     or, in virtual time: micromanip analyse live "
-    "config/simulated.yaml --axis x --loop stage",
-)
-@click.argument("config", type=click.Path(path_type=Path), metavar="[CONFIG]", required=False)
+@subcommand("live", "micromanip analyse live --axis x --loop stage")
 @one_axis_option
 @click.option("--loop", type=click.Choice(["strain", "stage"]), default="strain", help="Its loop.")
 @amplitude_option
@@ -40,31 +34,26 @@ amplitude_option = click.option(
 @out_option("a picture", metavar="DIR")
 @socket_option
 def command(
-    config: Path | None, axis: str, loop: Any, amplitude_um: float, seed: int, folder: Path | None, socket_path: Path,
-    as_json: bool,
+    axis: str, loop: Any, amplitude_um: float, seed: int, folder: Path | None, socket_path: Path, as_json: bool,
 ) -> None:  # fmt: skip
     """Measure gain and phase margin of a loop, and Ms, while everything runs.
 
     A small multisine is added to the actuator's set-point, twice for 5 s, within the limits; it begins and ends softly,
     and is ended at once by a disarm, a fault, or the end of this command. The axis must be TRACKING or HOLDING; held
-    (`micromanip hold`) it is measured best. With CONFIG the simulated cell is measured, in virtual time.
+    (`micromanip hold`) it is measured best.
 
     Exit code 1 where measured and predicted do not agree, the confidence leaves it open, or margins are below `accept`.
     """
-    from micromanip.design.analyse.live_margins import document, judge_running, measure_virtually, simulated_actuator
-    from micromanip.settings.excitation_plan import require_axis
+    from micromanip.design.analyse.live_margins import DRAWS, document, judge_running
+    from micromanip.settings.load import validate_document
+    from micromanip.settings.text.source import Source
+    from micromanip.settings.wiring.timing import FeedbackPath
 
-    if config is not None:
-        prepared = simulated_cell(config)
-        require_axis(prepared.configuration, axis)
-        plant = measure_virtually(prepared, axis, loop, amplitude_um, seed)
-        path, where = _path(prepared, axis), f"{config}, in virtual time"
-    else:
-        prepared, path, plant = _live(axis, loop, amplitude_um, seed, socket_path)
-        where = f"the controller on {socket_path}"
-    modelled = loop == "strain" and prepared.wiring.virtual
-    actuator = simulated_actuator(prepared, axis) if modelled else None
-    found = judge_running(prepared.configuration, path, axis, loop, plant, actuator)
+    where = f"the controller on {socket_path}"
+    with Client(socket_path) as client:
+        begun, plant = inject(client, axis, loop, amplitude_um, seed, DRAWS)
+    running = validate_document(Source.of(begun["configuration"], Path("(running)")))
+    found = judge_running(running, FeedbackPath(**begun["path"]), axis, loop, plant)
     files = []
     if folder is not None:
         from micromanip.design.plots.canvas import save
@@ -78,35 +67,6 @@ def command(
         _print(found, where, files)
     if found.problem is not None:
         raise CheckFailed(f"axis {axis}, {found.loop.name}: {found.problem}")
-
-
-def simulated_cell(config: Path, seed: int | None = None) -> Prepared:
-    """The cell of `config`, with a `seed` of its noise; UsageError where it is not simulated."""
-    from micromanip.settings.check import prepare
-
-    prepared = prepare(config, seed)
-    if not prepared.wiring.virtual:
-        raise UsageError(f"{config} is not a simulated cell: start it, and leave CONFIG out")
-    return prepared
-
-
-def _path(prepared: Prepared, axis: str) -> Any:
-    from micromanip.settings.wiring.timing import feedback_path
-
-    return feedback_path(prepared.configuration, prepared.wiring, axis)
-
-
-def _live(axis: str, loop: str, amplitude_um: float, seed: int, socket_path: Path) -> tuple[Prepared, Any, Any]:
-    """What runs, and the response of its plant."""
-    from micromanip.design.analyse.live_margins import DRAWS
-    from micromanip.settings.check import prepared
-    from micromanip.settings.text.source import Source
-    from micromanip.settings.wiring.timing import FeedbackPath
-
-    with Client(socket_path) as client:
-        begun, plant = inject(client, axis, loop, amplitude_um, seed, DRAWS)
-    running = prepared(Source.of(begun["configuration"], Path("(running)")))
-    return running, FeedbackPath(**begun["path"]), plant
 
 
 def inject(

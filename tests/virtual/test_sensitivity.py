@@ -14,12 +14,14 @@ from micromanip.control.outer_gains import outer_gains
 from micromanip.control.pid import pid_system
 from micromanip.control.stage_loop import stage_loop
 from micromanip.design.analyse.describing import harmonics, inverse_operator
-from micromanip.design.analyse.live_margins import judge_running, measure_virtually
+from micromanip.design.analyse.live_margins import judge_running
 from micromanip.errors import CheckFailed
 from micromanip.rt.states import HOLDING, NO_COMMAND
 from micromanip.settings.check import prepare
 from micromanip.virtual.cell import VirtualCell
 from micromanip.virtual.experiment import VirtualExperiment
+
+from .injected import measure_virtually
 
 pytestmark = pytest.mark.long
 SIMULATED = Path(__file__).parents[2] / "config" / "simulated.yaml"

@@ -12,34 +12,26 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from micromanip.control.injection import Injection
 from micromanip.control.margins import Margins, margins
 from micromanip.control.outer_gains import outer_gains
 from micromanip.control.stage_loop import model_system, stage_loop
 from micromanip.design.analyse.loops import over_path, strain_loop
 from micromanip.errors import CheckFailed
 from micromanip.replies import Response
-from micromanip.rt.states import HOLD
-from micromanip.settings.check import Prepared
-from micromanip.settings.excitation_plan import COLUMNS, plan_excitation
 from micromanip.settings.schema.accept import Accept
 from micromanip.settings.schema.axis import Axis
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.schema.reference import Tracker
 from micromanip.settings.wiring.timing import FeedbackPath
-from micromanip.virtual.experiment import VirtualExperiment
-from micromanip.virtual.own_time import at_own_time
 
-from ..identify.actuation import DELAYS, Actuator, identify_actuator
+from ..identify.actuation import DELAYS
 from ..identify.response import Measured, Wanted, identify, of_spectra
 from ..identify.response.choice import NOTHING
-from .loop_analysis import SMALL_HZ, analyse_inverse, slopes_of, small_slope
+from .loop_analysis import SMALL_HZ, analyse_inverse, slopes_of
 from .sensitivity import AGREEMENT, Sensitivity, judge_loop
 
-Complex = NDArray[np.complex128]
 DRAWS = 2
 """Injections with other phases: what differs between them is not linear."""
 _NAMES = {"strain": "strain loop", "stage": "outer loop"}
@@ -47,8 +39,8 @@ _WINDOW, _ORDERS = 3, tuple(range(4, 10))
 """Lines over which plant and model are compared; orders of a model through so few: a higher one swings between."""
 _ERROR, _SURE, _MATTERS, _JUDGED_HZ = 0.12, 0.15, 0.05, 1500.0
 """How good that model must be, and up to where: above, the strain loop has little gain."""
-_SETTLE_S, _AFTER_S, _OPEN = 1.0, 0.1, 2.0
-"""Times in s; and how many times the measured Ms the confidence may leave."""
+_OPEN = 2.0
+"""How many times the measured Ms the confidence may leave."""
 
 
 @dataclass(frozen=True)
@@ -129,22 +121,13 @@ def judge_running(
     axis: str,
     loop: str,
     plant: Measured,
-    actuator: Actuator | None = None,
 ) -> Running:
-    """What the response of a loop's `plant` means; `actuator` is the model that the strain loop is predicted by."""
+    """What the response of a loop's `plant` means."""
     settings, period_s = configuration.axes[axis], configuration.loop.period_ns * 1e-9
     if loop == "stage":
         return _stage(configuration, path, axis, plant, period_s)
-    slopes = _slopes(settings, plant, actuator)
-    if actuator is None:
-        open_loop = _without_model(settings, path, plant, period_s)
-        measured = tuple(open_loop.measured_margins(slope) for slope in slopes)
-        return Running(axis, open_loop, slopes, measured, None, settings.accept)
-    seen = over_path(actuator.system, path)
-    predicted = tuple(margins(strain_loop(settings.running_inner, seen, slope)) for slope in slopes)
-    around = strain_loop(settings.running_inner, seen)
-    found = judge_loop(_NAMES[loop], plant, actuator.system, around, predicted[slopes.index(1.0)], window=_WINDOW)
-    return Running(axis, found, slopes, tuple(map(found.measured_margins, slopes)), predicted, settings.accept)
+    found, slopes = _without_model(settings, path, plant, period_s), _slopes(settings, plant)
+    return Running(axis, found, slopes, tuple(map(found.measured_margins, slopes)), None, settings.accept)
 
 
 def _stage(configuration: Configuration, path: FeedbackPath, axis: str, plant: Measured, period_s: float) -> Running:
@@ -160,11 +143,9 @@ def _stage(configuration: Configuration, path: FeedbackPath, axis: str, plant: M
     return Running(axis, found, (1.0,), (found.measured_margins(),), (predicted,), settings.accept)
 
 
-def _slopes(settings: Axis, plant: Measured, actuator: Actuator | None) -> tuple[float, ...]:
+def _slopes(settings: Axis, plant: Measured) -> tuple[float, ...]:
     model = settings.hysteresis
     inverse = analyse_inverse(model, settings) if isinstance(model, PrandtlIshlinskii) else None
-    if actuator is not None:
-        return slopes_of(settings, actuator.swing_um, inverse, small_slope(actuator.dynamics))[1]
     seen_um_per_V = float(np.interp(SMALL_HZ, plant.frequency_Hz, np.abs(plant.response)))
     return slopes_of(settings, 1.0, inverse, seen_um_per_V)[1]
 
@@ -218,40 +199,3 @@ def document(found: Running, loop: str) -> dict[str, Any]:
         "sensitivity": (1.0 / abs(1.0 + lines.measured)).tolist(),
         "sensitivity_predicted": None if found.predicted is None else (1.0 / abs(1.0 + lines.predicted)).tolist(),
     }
-
-
-def measure_virtually(
-    prepared: Prepared, axis: str, loop: str, amplitude_um: float, seed: int = 1, draws: int = DRAWS
-) -> Measured:
-    """The response of a loop's plant on the simulated cell as it is configured, held, in virtual time.
-
-    Raises CheckFailed where the cell does not track, or a fault ends it.
-    """
-    configuration = prepared.configuration
-    experiment, index = VirtualExperiment(prepared), list(configuration.axes).index(axis)
-    path = experiment.path(configuration, axis)
-    cell = experiment.cell(configuration, prepared.samples)
-    cell.arm()
-    cell.run(_SETTLE_S, command=HOLD)
-    found = []
-    for draw in range(draws):
-        wave = plan_excitation(configuration, path, axis, loop, amplitude_um, seed + draw)
-        found.append(_one_draw(prepared, cell, wave, loop, index, draw + 1))
-    faults = cell.faults()
-    if faults:
-        raise CheckFailed(f"the measurement was ended by a fault: {faults[0]}")
-    U, Y = (np.stack([spectra[k] for spectra in found]) for k in range(2))
-    return of_spectra(wave.frequency_Hz, U, Y)
-
-
-def _one_draw(prepared: Prepared, cell: Any, wave: Injection, loop: str, index: int, number: int) -> Complex:
-    wave.fill(cell.parameters[0]["axis"][index]["excitation"], number)
-    rows = cell.run(wave.cycles / wave.rate_hz + _AFTER_S)
-    moved = at_own_time(rows, prepared.configuration, prepared.wiring)["axis"][:, index]
-    columns = np.column_stack([np.asarray(moved[name], dtype=float) for name in COLUMNS[loop]])
-    return wave.spectra(rows["cycle"] - rows["cycle"][0], columns)
-
-
-def simulated_actuator(prepared: Prepared, axis: str) -> Actuator:
-    """The actuator's model on a simulated cell, in open loop and virtual time, as `analyse margins` takes it."""
-    return identify_actuator(prepared.configuration, VirtualExperiment(prepared), axis)

@@ -17,7 +17,7 @@ def predict_tuning(file: Path, config: Path, cut: tuple[float, float] | None, as
     """Predict, print, and exit with 1 where the cell would have stopped."""
     from micromanip.replay.counterfactual import DRAWS, FIGURES, SETTLE_S, Rerun, predict
     from micromanip.replay.fitting import fit_models
-    from micromanip.replay.window import recorded_configuration, require_comparable, take_window, tooth_caveats
+    from micromanip.replay.window import recorded_configuration, require_comparable, take_window
     from micromanip.settings.check import prepare
     from micromanip.settings.tuning_hash import changes_since
 
@@ -54,10 +54,7 @@ def predict_tuning(file: Path, config: Path, cut: tuple[float, float] | None, as
         "stops_share": found.stops,
         "undecided": [each._asdict() for each in found.undecided],
         "outrun": found.outrun,
-        "notes": [
-            *(f"{file}: {change}" for _, change in changes_since(recorded.axes)),
-            *tooth_caveats(window, tuned.parameters),
-        ],
+        "notes": [f"{file}: {change}" for _, change in changes_since(recorded.axes)],
     }
     emit_answer(document, _show, as_json)
     sys.exit(0 if found.stopped_s is None else 1)

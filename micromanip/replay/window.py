@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from micromanip.errors import CheckFailed, UsageError
 from micromanip.recordings import Telemetry
-from micromanip.rt.laws.frequency_lock import FOLLOWS
 from micromanip.rt.states import READY, STAGE, TRACKING
 from micromanip.rt.supervisor import AT_ONCE, MANY, REMEMBERED
 from micromanip.settings.check import validate
@@ -224,34 +223,3 @@ def counted_rows(window: Window, settle: int) -> NDArray[np.bool_]:
     last = np.maximum.accumulate(np.where(disturbed, rows, window.first))
     following = np.minimum.accumulate(np.where(disturbed, rows, len(rows) + REMEMBERED)[::-1])[::-1]
     return (rows > window.first) & (rows >= last + settle) & (rows <= following - REMEMBERED)
-
-
-def tooth_caveats(window: Window, parameters: NDArray[Any]) -> list[str]:
-    """Sentences on what a piece that does not begin with the arming leaves open about the observers of the tooth.
-
-    They are those of `parameters` (1,). Seconds of samples before the piece decide whether one is given up (W-216).
-    """
-    found: list[str] = []
-    if window.first > 0:
-        return found
-    given_up, anew = [], []
-    for i, name in enumerate(window.axes):
-        old, new = (each[0]["axis"][i]["outer"] for each in (window.parameters, parameters))
-        if new["tooth"] == 0:
-            continue
-        goes_on = old["tooth"] == new["tooth"] and old["tooth_range"] == new["tooth_range"]
-        if goes_on and window.state[0]["axis"][i]["estimator"]["given_up"] != FOLLOWS:
-            given_up.append(name)
-        elif old.tobytes() != new.tobytes():
-            anew.append(name)
-    if given_up:
-        found.append(
-            f"{', '.join(given_up)}: the tooth is not cancelled, as its observer had been given up before this piece "
-            "(W-216); armed anew, the other tuning would follow it again"
-        )
-    if anew:
-        found.append(
-            f"{', '.join(anew)}: whether the tooth's observer lasts where nothing cuts (W-216) this piece does not "
-            "tell; one that begins with the arming does"
-        )
-    return found

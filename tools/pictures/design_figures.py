@@ -43,6 +43,6 @@ def commissioning_drawings(factory: Prepared) -> Iterator[tuple[str, Figure]]:
     yield "commission_hysteresis", drawn(figure_5(found.tanh, found.held_out), columns=2)
     *_, strain_nyquist = loop_plots("Strain loop", loop, found.pid.margins[-1])
     yield "commission_strain", drawn([strain_nyquist])
-    gain, _, coherence, _ = measured_response(found.outer.stage)
+    gain, _, coherence = measured_response(found.outer.stage)
     yield "commission_stage", drawn([gain, coherence], columns=2)
     yield "commission_outer", drawn([step_response(found.outer.validation)])

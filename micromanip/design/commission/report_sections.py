@@ -112,7 +112,7 @@ def _stage(found: ClosedOuter) -> Section:
         "A multisine on the set-point excites the stage. The strain loop of this axis is closed; the other axes rest "
         "at their park voltages."
     )
-    return Section("Stage dynamics", text, figures, (tried_orders(found.stage), *measured_response(found.stage)))
+    return Section("Stage dynamics", text, figures, measured_response(found.stage))
 
 
 def resonance(stage: StageModel) -> tuple[float, float]:
@@ -166,15 +166,6 @@ def _experiment(found: Commissioned, runs: list[Run], index: int) -> Section:
 _COHERENT = 0.8
 
 
-def tried_orders(stage: StageModel) -> Plot:
-    """Held-out error of each order of the stage's model."""
-    tried = stage.found.tried
-    order, error = np.array(list(tried), dtype=float), np.array(list(tried.values()))
-    curve = Curve("held-out error", order, error, marks=True)
-    note = f"1 is the measurement's own confidence; order {stage.found.order} is used."
-    return Plot("Order of the stage's dynamics", "order", "error", (curve,), note, log_y=True)
-
-
 def measured_response(stage: StageModel) -> tuple[Plot, ...]:
     """Set-point to stage: model beside the measured response, and its coherence."""
     measured = stage.found.measured
@@ -191,11 +182,6 @@ def measured_response(stage: StageModel) -> tuple[Plot, ...]:
         Curve(f"coherence below {_COHERENT:g}", hertz, np.where(told, np.nan, angle), faint=True),
     )
     coherence = (Curve("coherence", hertz, measured.coherence),)
-    beside = 100.0 * np.abs(pairs[1][1] / seen - 1.0)
-    error = (
-        Curve("error", hertz, np.where(told, beside, np.nan)),
-        Curve(f"coherence below {_COHERENT:g}", hertz, np.where(told, np.nan, beside), faint=True),
-    )
     return (
         Plot("Set-point to stage: gain", "frequency, Hz", "um/um", gain, log_x=True, log_y=True),
         Plot("Set-point to stage: phase", "frequency, Hz", "degrees", phase, log_x=True),
@@ -207,7 +193,6 @@ def measured_response(stage: StageModel) -> tuple[Plot, ...]:
             "Where it is low, the measured curve means nothing.",
             log_x=True,
         ),
-        Plot("Model beside the measured response", "frequency, Hz", "%", error, log_x=True, log_y=True),
     )
 
 

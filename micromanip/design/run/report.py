@@ -242,7 +242,8 @@ def _density(runs: Sequence[RecordedRun], axis: str) -> Plot:
 
 
 def _loop(runs: Sequence[RecordedRun], axis: str) -> Plot:
-    curves = tuple(Curve(_name(runs, run), *(each.found for each in run.axis[axis].loop)) for run in runs)
+    pairs = ((run, run.axis[axis].loop) for run in runs)
+    curves = tuple(Curve(_name(runs, run), voltage.found, gauge.found) for run, (voltage, gauge) in pairs)
     return Plot(f"Axis {axis}", "voltage, V", "gauge, um", curves)
 
 

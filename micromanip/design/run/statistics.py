@@ -50,7 +50,7 @@ class AxisSums:
     squares: Sections = field(default_factory=lambda: Sections(_AVERAGED, _mean))
     error: Sections = field(default_factory=lambda: Sections(_SHOWN, _ends))
     left: Sections = field(default_factory=lambda: Sections(_SHOWN, _ends))
-    loop: tuple[Sections, ...] = field(default_factory=lambda: tuple(Sections(_SHOWN, _first) for _ in range(2)))
+    loop: tuple[Sections, Sections] = field(default_factory=lambda: (_firsts(), _firsts()))
     samples: int = 0
     sum_of_squares: float = 0.0
     greatest_um: float = 0.0
@@ -61,7 +61,7 @@ class AxisSums:
 class CellSums:
     """The cycles, those `shown`, their timing, and `states`: first and last cycle and the state between them."""
 
-    shown: Sections = field(default_factory=lambda: Sections(_SHOWN, _first))
+    shown: Sections = field(default_factory=lambda: _firsts())
     first: int = 0
     last: int = 0
     rows: int = 0
@@ -197,8 +197,8 @@ def _mean(sections: Array) -> Array:
     return np.asarray(sections.mean(axis=1))
 
 
-def _first(sections: Array) -> Array:
-    return sections[:, 0]
+def _firsts() -> Sections:
+    return Sections(_SHOWN, lambda sections: sections[:, 0])
 
 
 def _ends(sections: Array) -> Array:

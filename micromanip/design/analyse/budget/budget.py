@@ -233,7 +233,8 @@ class Grid:
         power = np.abs(np.fft.rfft(x)) ** 2 / len(x) ** 2
         power[1 : len(power) - (len(x) % 2 == 0)] *= 2.0
         place = (np.fft.rfftfreq(len(x), 1.0 / self.rate_hz) / self.bin_hz).astype(int)
-        return np.bincount(np.minimum(place, len(self.hertz) - 1), weights=power, minlength=len(self.hertz))
+        bins = np.minimum(place, len(self.hertz) - 1)
+        return np.asarray(np.bincount(bins, weights=power, minlength=len(self.hertz)), dtype=float)
 
 
 def shared_out(whole: Array, alone: Mapping[str, Array]) -> tuple[Cause, ...]:

@@ -165,7 +165,7 @@ def coherence_of(experiments: Sequence[Experiment]) -> Array:
     regular = s_uu + 1e-14 * max(float(power.max()), 1e-300) * np.eye(inputs)
     explained = np.einsum("fay,fay->y", s_uy.conj(), np.linalg.solve(regular, s_uy)).real
     whole = np.einsum("fyy->y", S[:, inputs:, inputs:]).real
-    return np.clip(explained / whole, 0.0, 1.0)
+    return np.asarray(np.clip(explained / whole, 0.0, 1.0))
 
 
 def _segments(experiments: Sequence[Experiment], segment: int) -> int:

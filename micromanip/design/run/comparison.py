@@ -23,6 +23,7 @@ from scipy.stats import t as student
 
 from micromanip.errors import CheckFailed
 from micromanip.faults import KINDS
+from micromanip.settings.change import ABSENT, differing, leaves
 
 from .statistics import TIMING_PERCENT, AxisSums, BANDS_Hz, RecordedRun
 from .sums import Counts
@@ -213,18 +214,9 @@ def _timing(counts: Counts) -> tuple[int, ...]:
 
 def configuration_changes(first: str, second: str) -> list[dict[str, Any]]:
     """Keys whose values differ in two configurations' texts: ``key``, ``old``, ``new``; None for what is not there."""
-    old, new = _flat("", yaml.safe_load(first)), _flat("", yaml.safe_load(second))
-    keys = [*old, *(key for key in new if key not in old)]
-    return [{"key": k, "old": old.get(k), "new": new.get(k)} for k in keys if old.get(k) != new.get(k)]
-
-
-def _flat(key: str, value: Any) -> dict[str, Any]:
-    if not isinstance(value, dict):
-        return {key: value}
-    found: dict[str, Any] = {}
-    for name, entry in value.items():
-        found |= _flat(f"{key}.{name}" if key else str(name), entry)
-    return found
+    found = differing(*(leaves(yaml.safe_load(text) or {}) for text in (first, second)))
+    known = {path: [None if value is ABSENT else value for value in pair] for path, pair in found.items()}
+    return [{"key": ".".join(map(str, path)), "old": old, "new": new} for path, (old, new) in known.items()]
 
 
 TOO_SHORT, NOT_JUDGED = "too short to judge", "not judged"

@@ -26,15 +26,14 @@ from ..identify.experiments import design, recording, samples_for
 from ..identify.hysteresis import HysteresisFit
 from ..identify.models import burn_in, hysteresis_models, identify_stage, record_hysteresis
 from ..synthesise import InvertedActuator, PidDesign, invert_actuator
-from .closing import ClosedOuter, Options, Say, close_strain, prove_outer
-from .guarded_experiment import GuardedExperiment
+from .closing import ClosedOuter, Options, close_strain, prove_outer
+from .guarded_experiment import GuardedExperiment, Say, Steps
 from .limit_cycle import Rest, strain_at_rest
 from .polarity import Polarity, check_polarity, check_rest, require_quiet
 from .prices import Price
 from .quality import HELD_OUT_PERCENT, Quality, judge_coverage, steepest_branch
 from .quiescent_spectrum import tooth_at_work
 from .stage_sensor_check import BEFORE_S, check_answer, check_travel, require_centred
-from .stop_report import Steps
 from .validation import coupling
 
 TRIANGLE_S = 12.0

@@ -17,11 +17,10 @@ from ..report.model import Evidence
 from .axis import Commissioned, commission_axis
 from .closing import DRAWN, Options
 from .coupled import Coupled, decoupled, look_at_coupling, with_coupling
-from .guarded_experiment import GuardedExperiment
+from .guarded_experiment import GuardedExperiment, Stopped
 from .production import Budgeted, Production, in_production, tried
 from .quiescent_spectrum import AtRest, look_at_rest
 from .report_sections import evidence
-from .stop_report import Stopped
 from .validation import follow
 
 # At the speed that the spindle has while it is commissioned following can only cost. So the trial is played once more

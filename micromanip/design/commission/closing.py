@@ -29,13 +29,13 @@ from ..identify.closed_loop_response import measure_outer_loop, measure_strain_l
 from ..identify.models import StageModel, with_response
 from ..identify.response import Wanted, identify
 from ..synthesise import OuterDesign, PidDesign, Reach, tune_outer, tune_pid
+from .guarded_experiment import Say
 from .limit_cycle import Held
 from .polarity import Polarity
 from .prices import Price, outer_prices, strain_prices
 from .validation import Validation, validate
 
 Array = NDArray[np.float64]
-Say = Callable[[str], None]
 
 BUS_SLOPE = 1.45
 """The PID holds its margins up to this multiple of the actuator's slope where the samples of a bus show less of it."""

@@ -17,6 +17,7 @@ remainder: none is negative, and the sum is the mean square of the error, less w
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,6 +65,8 @@ def played_budget(
     file, configuration = prepared.source.path, prepared.configuration
     if not prepared.wiring.virtual:
         raise CheckFailed(f"{file}: only a simulated cell is played; take a recording of a real one")
+    for axis in axes:  # refused before it is played
+        _laws(file, configuration, axis)
     say("playing the cell")
     rows = VirtualExperiment(prepared, process=True)(configuration, _ENTERED_S + seconds, prepared.samples)
     rows = rows[round(_ENTERED_S * configuration.loop.rate_hz) :]
@@ -79,15 +82,19 @@ def budget_of(
     say: Callable[[str], None] = lambda _: None,
 ) -> list[AxisBudget]:
     """The budget of each of `axes` in the rows that `configuration` left."""
-    if not isinstance(configuration.reference, Tracker):
-        raise CheckFailed(f"{telemetry.file}: what ran followed no tracker (reference.source: signal): no path error")
     found = []
     for axis in axes:
         say(f"axis {axis}")
-        stretch = tracking_stretch(telemetry, configuration, axis)
-        laws = AxisLaws(axis, configuration.axes[axis], configuration.reference.of(axis), telemetry.period_ns * 1e-9)
-        found.append(_explained(stretch, laws, coherence_s))
+        laws = _laws(telemetry.file, configuration, axis)
+        found.append(_explained(tracking_stretch(telemetry, configuration, axis), laws, coherence_s))
     return found
+
+
+def _laws(file: Path, configuration: Configuration, axis: str) -> AxisLaws:
+    if not isinstance(configuration.reference, Tracker):
+        raise CheckFailed(f"{file}: what ran followed no tracker (reference.source: signal): no path error")
+    tracker = configuration.reference.of(axis)
+    return AxisLaws(axis, configuration.axes[axis], tracker, configuration.loop.period_ns * 1e-9)
 
 
 def _explained(stretch: Stretch, laws: AxisLaws, coherence_s: float) -> AxisBudget:

@@ -34,8 +34,6 @@ def multisine(
     rate_hz: float,
     seconds: float,
     seed: int,
-    frequencies_hz: tuple[float, ...] = IDENTIFICATION_HZ,
-    shares: tuple[float, ...] = IDENTIFICATION_SHARE,
 ) -> Array:
     """Multisine (13), (n,), that just fills `low` .. `high` and stays well below the slew limit.
 
@@ -44,10 +42,10 @@ def multisine(
     played up to six times as slowly: a hysteresis model has to have seen the stroke, not the frequencies.
     """
     t = np.arange(round(seconds * rate_hz)) / rate_hz
-    omega = 2.0 * np.pi * np.array(frequencies_hz)
-    amplitude = np.array(shares)
+    omega = 2.0 * np.pi * np.array(IDENTIFICATION_HZ)
+    amplitude = np.array(IDENTIFICATION_SHARE)
     rng = np.random.default_rng(seed)
-    coarse = t[:: max(1, round(rate_hz / (20.0 * max(frequencies_hz))))]
+    coarse = t[:: max(1, round(rate_hz / (20.0 * max(IDENTIFICATION_HZ))))]
     trials = rng.uniform(0.0, 2.0 * np.pi, (_PHASE_TRIALS, len(omega)))
     waves = np.einsum("i,kit->kt", amplitude, np.sin(omega[None, :, None] * coarse + trials[:, :, None]))
     phases = trials[np.argmin(np.ptp(waves, axis=1))]

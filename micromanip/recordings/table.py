@@ -27,8 +27,7 @@ class Table(Mapping[str, Array]):
     """Columns (n,) by their name in `file`; columns without a name are called "1", "2" and so on.
 
     `units` has those that the file states apart from the name, `lines` the line of the text at which each row stands;
-    None where a file has no lines. `clocks` names the column of the time of each, where a file has several: only
-    columns with the same one belong together. `texts` are the columns that hold no numbers, each with its first field;
+    None where a file has no lines. `texts` are the columns that hold no numbers, each with its first field;
     `notes` say what of the file is in none of them.
     """
 
@@ -38,7 +37,6 @@ class Table(Mapping[str, Array]):
         columns: Mapping[str, Array | Callable[[], Array]],
         units: Mapping[str, str] | None = None,
         lines: Sequence[int] | None = None,
-        clocks: Mapping[str, str] | None = None,
         texts: Mapping[str, str] | None = None,
         notes: Sequence[str] = (),
     ) -> None:
@@ -46,7 +44,6 @@ class Table(Mapping[str, Array]):
         self.kind = ""
         self._columns = dict(columns)
         self._units = dict(units or {})
-        self._clocks = dict(clocks or {})
 
     def __getitem__(self, name: str) -> Array:
         found = self._columns[name]
@@ -124,15 +121,8 @@ class Table(Mapping[str, Array]):
         """The column of the time of `names`: by its unit, its name, a word of it, or the first that begins with t.
 
         Of several that are times by unit or name, the one that is in most groups with them; one by a letter must
-        never fall, one by a word only if another doesn't. CheckFailed where they have several topics' clocks.
+        never fall, one by a word only if another doesn't.
         """
-        if clocks := {self._clocks[name]: name for name in names if name in self._clocks}:
-            if len(clocks) > 1:
-                told = " and ".join(clocks.values())
-                raise CheckFailed(
-                    f"{self.file}: {told} are of different topics, each with its own times: take one's only"
-                )
-            return next(iter(clocks))
         others = [name for name in self if name not in names]
         timed = [name for name in others if _dimension(self.unit(name)) == "time"]
         plain = [name for name in others if self.unit(name) is None]

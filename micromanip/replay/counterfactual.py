@@ -205,13 +205,13 @@ class Prediction:
 class Rerun:
     """Runs the cycles of a window with other parameters; room for the rows is made once."""
 
-    def __init__(self, window: Window, models: Models, settle_s: float = SETTLE_S) -> None:
-        """Raises CheckFailed where nothing is left behind `settle_s`."""
+    def __init__(self, window: Window, models: Models) -> None:
+        """Raises CheckFailed where nothing is left behind `SETTLE_S`."""
         self.window, self.models = window, models
-        self.first = window.first + round(settle_s * 1e9 / window.period_ns)
+        self.first = window.first + round(SETTLE_S * 1e9 / window.period_ns)
         if len(window.rows) <= self.first + 1:
             raise CheckFailed(
-                f"{window.file}: only {window.seconds:.2f} s of it track, less than the {settle_s:g} s that the other "
+                f"{window.file}: only {window.seconds:.2f} s of it track, less than the {SETTLE_S:g} s that the other "
                 "tuning is given to settle"
             )
         self.counts = counted_rows(window, self.first - window.first)
@@ -219,7 +219,7 @@ class Rerun:
         if self.counts.sum() < least * (1.0 - 1e-9):
             raise CheckFailed(
                 f"{window.file}: so many cycles are missing that of {window.seconds:.2f} s only "
-                f"{self.counts.sum() * window.period_ns * 1e-9:.2f} s count, which lie {settle_s:g} s behind the last "
+                f"{self.counts.sum() * window.period_ns * 1e-9:.2f} s count, which lie {SETTLE_S:g} s behind the last "
                 "gap: what another tuning does in a gap a recording does not tell; choose a quieter piece with --cut"
             )
         self._rows = np.zeros(len(window.rows), ROW)

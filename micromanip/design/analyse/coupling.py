@@ -17,7 +17,6 @@ period (``response/measured.py``); at rest it is that of the mean over the lowes
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -81,9 +80,7 @@ class Coupling:
         return float(size[i, j, k]), float(self.frequency_Hz[k]), self.axes[i], self.axes[j]
 
 
-def measure_coupling(
-    configuration: Configuration, experiment: Experiment, seed: int, say: Callable[[str], None] = lambda _: None
-) -> Coupling:
+def measure_coupling(configuration: Configuration, experiment: Experiment, seed: int) -> Coupling:
     """Move each axis of `configuration`, all of which are tuned; the others are held at their working points.
 
     Raises CheckFailed where a sensor has gaps.
@@ -93,8 +90,7 @@ def measure_coupling(
     cutoff_Hz = min(_RMS_UM[-1][0], 0.4 * rate_hz, band)
     held = with_axes(configuration, mode="strain", actuator=None)
     seen: list[tuple[list[Measured], list[Measured]]] = []
-    for j, name in enumerate(names):
-        say(f"axis {name} moves, the others are held")
+    for j in range(len(names)):
         wave = multisine(_RMS_UM, _LOW_HZ, cutoff_Hz, rate_hz, seed=seed + j, lead_s=_LEAD_S, periods=3, draws=1)
         seen.append(_moved(held, experiment, j, wave))
     return assembled(names, [stages for stages, _ in seen], [gauges for _, gauges in seen])

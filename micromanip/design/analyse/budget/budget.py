@@ -211,13 +211,12 @@ class Grid:
     """Bins of frequency from 0 to half of the loop's rate; `hertz` (n,) are their middles."""
 
     rate_hz: float
-    bin_hz: float = BIN_HZ
 
     @cached_property
     def hertz(self) -> Array:
         """Middles of the bins."""
-        count = round(0.5 * self.rate_hz / self.bin_hz)
-        return np.asarray((np.arange(count) + 0.5) * self.bin_hz)
+        count = round(0.5 * self.rate_hz / BIN_HZ)
+        return np.asarray((np.arange(count) + 0.5) * BIN_HZ)
 
     @cached_property
     def omega(self) -> Array:
@@ -232,7 +231,7 @@ class Grid:
         """Power (n,) of a signal `x` (m,): the sum is its mean square (Parseval)."""
         power = np.abs(np.fft.rfft(x)) ** 2 / len(x) ** 2
         power[1 : len(power) - (len(x) % 2 == 0)] *= 2.0
-        place = (np.fft.rfftfreq(len(x), 1.0 / self.rate_hz) / self.bin_hz).astype(int)
+        place = (np.fft.rfftfreq(len(x), 1.0 / self.rate_hz) / BIN_HZ).astype(int)
         bins = np.minimum(place, len(self.hertz) - 1)
         return np.asarray(np.bincount(bins, weights=power, minlength=len(self.hertz)), dtype=float)
 

@@ -27,7 +27,7 @@ from micromanip.settings.schema.reference import AxisTracker, Tracker
 from micromanip.settings.text.source import Source
 from micromanip.virtual.experiment import at_limit
 
-from .budget import PREDICTION, TRACKER, Grid
+from .budget import BIN_HZ, PREDICTION, TRACKER, Grid
 from .loop import AxisLaws, Loop
 from .tracking import Tracking
 
@@ -195,7 +195,7 @@ def mistaken(followed: Followed, laws: AxisLaws, grid: Grid) -> Mistaken:
     passed = followed.smoothing.share(grid.hertz)
     passed = np.where(passed > _NOTHING, passed, 0.0)
     highest_Hz = 0.5 / (followed.tracking.every * laws.period_s)
-    white = np.where(grid.hertz < highest_Hz, followed.noise_um**2 * grid.bin_hz / highest_Hz, 0.0)
+    white = np.where(grid.hertz < highest_Hz, followed.noise_um**2 * BIN_HZ / highest_Hz, 0.0)
     true = np.abs(to_stage) ** 2
     return Mistaken(
         white * true * (1.0 - (1.0 - passed) ** 2),

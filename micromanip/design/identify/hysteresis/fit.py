@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -151,7 +150,6 @@ def fit(
     burn_in: int | Flags = 0,
     starts: int = 8,
     seed: int = 0,
-    progress: Callable[[], None] = lambda: None,
 ) -> HysteresisFit:
     """Fit `structure` to a record (n,), (n,); the first `burn_in` samples do not count, or those that it (n,) excludes.
 
@@ -170,8 +168,6 @@ def fit(
             tried.append(_solve(coarse, start, v[::thin].copy(), y[::thin].copy(), used[::thin], 80))
         except (ValueError, np.linalg.LinAlgError):
             continue  # a start may leave the range of floating point; the others go on
-        finally:
-            progress()
     if not tried:
         raise ValueError("no start of the fit converged; the record may not show a hysteresis loop")
     best = min(tried, key=lambda candidate: candidate[1])[0]

@@ -48,7 +48,6 @@ def _plays(
     kappa: float,
     r: Any,
     rho: Any,
-    alpha: float,
     start: float,
     dstart: Any,
     y: Any,
@@ -72,11 +71,11 @@ def _plays(
         change = u[k] - u[k - 1] if k > 0 else 0.0
         speed = abs(change) / speed_step
         sign = 1.0 if change > 0.0 else -1.0
-        total = alpha * u[k]
+        total = u[k]
         kappa_total = 0.0
         start_total = 0.0
         for j in range(shapes):
-            by_shape[k, j] = alpha * du[k, j]
+            by_shape[k, j] = du[k, j]
         for i in range(plays):
             threshold = r[i] + kappa * speed
             side = 0.0
@@ -126,7 +125,6 @@ def respond(
     du: Array,
     r: Array,
     rho: Array,
-    alpha: float = 1.0,
     kappa: float = 0.0,
     step_s: float = 1.0,
     start: float = 0.0,
@@ -147,7 +145,6 @@ def respond(
         kappa,
         r,
         rho,
-        alpha,
         start,
         np.zeros(du.shape[1]) if dstart is None else dstart,
         result.y,

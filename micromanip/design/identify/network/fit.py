@@ -123,6 +123,8 @@ STAGES = ((1, 60), (5, 40), (20, 40))
 """Branches a free run lasts and evaluations of the cost, before the free run over the whole record."""
 REVERSAL_SHARE, REVERSAL_NOISES = 0.001, 8.0
 """A turning point counts beyond this share of the input's span, and so many standard deviations of its noise."""
+RIDGE = 1e-3
+"""Holds weights small that the record says nothing about."""
 SAMPLES = 4000
 """Samples of a record that are trained on; the turning points are found in all of them."""
 _GRID = 2.0**24
@@ -187,25 +189,20 @@ def fit_network(
     starts: int = 8,
     seed: int = 0,
     burn_in: int = 0,
-    reversal: float | None = None,
     evaluations: int = 300,
-    ridge: float = 1e-3,
     progress: Callable[[str], None] | None = None,
 ) -> NetworkFit:
     """Train a network of `neurons` for output `y` (n,) from input `u` (n,).
 
     Best of `starts`, seeded, each trained on single branches first and in ever longer free runs after that; one that
     runs away on a course it has not seen is no choice while another does not. The first `burn_in` samples do not
-    count. `reversal`, in the unit of u, tells a turning point from noise; chosen by default. `ridge` holds weights
-    small that the record says nothing about. Raises ValueError for arrays that differ in length, or an even number of
-    neurons.
+    count. Raises ValueError for arrays that differ in length, or an even number of neurons.
     """
     if len(u) != len(y):
         raise ValueError(f"input and output must be equally long, not {len(u)} and {len(y)} samples")
     if neurons < 3 or neurons % 2 == 0:
         raise ValueError(f"neurons come in pairs and one: an odd number from 3 on, not {neurons}")
-    if reversal is None:
-        reversal = max(REVERSAL_SHARE * float(np.ptp(u)), REVERSAL_NOISES * white_noise(u))
+    reversal = max(REVERSAL_SHARE * float(np.ptp(u)), REVERSAL_NOISES * white_noise(u))
     scaling = Scaling.of(u, y)
     course = _course(u, y, scaling, reversals(u, reversal), burn_in)
     rng = np.random.default_rng(seed)
@@ -213,7 +210,7 @@ def fit_network(
     for number in range(starts):
         theta = _start(rng, neurons // 2, course)
         for segment, most in (*STAGES, (0, evaluations)):
-            theta = levenberg_marquardt(theta, course, segment, most, ridge)
+            theta = levenberg_marquardt(theta, course, segment, most, RIDGE)
         fit = NetworkFit(_physical(theta, course, scaling), theta, course, scaling, reversal, 0.0)
         rms = float(np.sqrt(np.mean((fit.predict(u) - y)[burn_in:] ** 2)))
         trained.append((_strays(fit, u, y), rms, number, fit))

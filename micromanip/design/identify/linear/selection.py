@@ -12,11 +12,8 @@ from .fit import fit_linear, last_quarter_says_much, says_much
 from .modal import Complex, Experiment, Modes
 from .model import LinearFit, delayed, strict_errors
 
-_INNER, _REFINED = 0.75, 8
-"""Share of the record that candidates are fitted to; steps of refinement that are tried beside none."""
-_CLOSE = 1.5
-"""The order chosen by the free run is kept while its strict error is within this factor of the least."""
-_OTHERS = 3
+_REFINED = 8
+"""Steps of refinement that are tried beside none."""
 _NO_WORSE = 1.0 + 1e-9
 _STABLE = 1.0 - 1e-6
 _SLOWEST, _LINES, _ALL = 4, 8, 0.999
@@ -49,42 +46,48 @@ def select(
 ) -> Selected:
     """Fit to `experiments`, with an `order` or the best.
 
-    Candidates are compared by their strict error on the last quarter of the experiments, fitted to what lies before.
     The part held out is looked at only to see that the model is not worse than ARX(1) there; a model that is, is
     replaced where no order was asked for, and told of. Raises ValueError as `fit_linear` does.
     """
-    plain = fit_linear(experiments, dt, order, progress=progress)
-    arx1 = fit_arx1(experiments, dt, plain.delays)
-    direct = bool(np.any(plain.modes.D))
-
-    def again(pairs: Sequence[Experiment], states: int, refinements: int) -> LinearFit:
-        return fit_linear(pairs, dt, states, delays=plain.delays, direct=direct, refinements=refinements)
-
-    progress("comparing on what was left out")
-    notes: list[str] = []
-    model = plain
-    inner, left_out = _parted(experiments)
-    tells = last_quarter_says_much(experiments)
-    errors = _compared(plain, order, inner, left_out, again) if tells else {}
-    if not tells and order is None:
+    model = fit_linear(experiments, dt, order, progress=progress)
+    arx1 = fit_arx1(experiments, dt, model.delays)
+    notes = []
+    if order is None and not last_quarter_says_much(experiments):
         notes.append(
-            f"order {plain.order} is chosen by the error on all that is fitted to, as little moves in its "
+            f"order {model.order} is chosen by the error on all that is fitted to, as little moves in its "
             "last quarter: a record with more movement tells more, --order sets another"
         )
-    if errors:
-        first = errors.get((plain.order, _REFINED), np.inf)
-        best = min(errors, key=lambda key: errors[key])
-        if first > _CLOSE * errors[best] or first > errors.get((plain.order, 0), np.inf) * _CLOSE:
-            states, steps = best
-            model = replace(again(experiments, *best), tried=plain.tried)
-            how = "" if steps else ", not refined,"
-            chosen = f"{how} instead of {plain.order}" if states != plain.order else " is not refined"
-            notes.append(
-                f"order {states}{chosen}: strict error {errors[best]:.3g} % instead of "
-                f"{first:.3g} % on the last quarter of what is fitted to"
-            )
     notes += [*_of_one_frequency(experiments, dt), *_of_mirrored(model, experiments)]
-    return _no_worse_than_arx1(model, arx1, plain, experiments, held_out, order, again, notes)
+    progress("comparing with ARX(1)")
+    limit, found = error_of(arx1, held_out), error_of(model, held_out)
+    if not says_much(held_out, experiments):
+        notes.append(
+            "in the part held out hardly anything moves, so its figures say little: split elsewhere, or give --split 1 "
+            "and another record with --validate"
+        )
+        return Selected(model, arx1, notes)
+    if not np.isfinite(limit) or found <= limit * _NO_WORSE:
+        return Selected(model, arx1, notes)
+    if order is not None:
+        notes.append(
+            f"order {order} predicts worse than ARX(1): strict error {found:.5g} %, ARX(1) {limit:.5g} %; "
+            "another --order, or a longer record"
+        )
+        return Selected(model, arx1, notes)
+    tried, direct = [(limit, arx1, "ARX(1)")], bool(np.any(model.modes.D))
+    for states, steps in itertools.product((model.order, 1, 2), (_REFINED, 0)):
+        try:
+            other = fit_linear(experiments, dt, states, delays=model.delays, direct=direct, refinements=steps)
+        except (ValueError, np.linalg.LinAlgError):
+            continue
+        tried.append((error_of(other, held_out), other, f"order {states}{'' if steps else ', not refined'}"))
+    error, best, name = min(tried, key=lambda entry: entry[0])
+    notes.append(
+        f"{name} instead of order {model.order}, which predicts worse than ARX(1) (strict error {found:.5g} %, "
+        f"ARX(1) {limit:.5g} %, {name} {error:.5g} %): chosen on the part held out, which flatters its figures; "
+        "record more"
+    )
+    return Selected(replace(best, tried=model.tried), arx1, notes)
 
 
 def _of_one_frequency(experiments: Sequence[Experiment], dt: float) -> list[str]:
@@ -133,78 +136,6 @@ def _regressed_poles(experiments: Sequence[Experiment]) -> Complex:
 
 def _pole(z: complex) -> str:
     return f"{z.real:.4f}" if abs(z.imag) < 1e-6 else f"{z.real:.4f} +-{abs(z.imag):.4f}j"
-
-
-def _parted(experiments: Sequence[Experiment]) -> tuple[list[Experiment], list[Experiment]]:
-    counts = [round(_INNER * len(u)) for u, _ in experiments]
-    first = [(u[:count], y[:count]) for (u, y), count in zip(experiments, counts, strict=True)]
-    return first, [(u[count:], y[count:]) for (u, y), count in zip(experiments, counts, strict=True)]
-
-
-def _compared(
-    plain: LinearFit,
-    order: int | None,
-    inner: Sequence[Experiment],
-    left_out: Sequence[Experiment],
-    again: Callable[[Sequence[Experiment], int, int], LinearFit],
-) -> dict[tuple[int, int], float]:
-    """Strict error (percent) by order and steps of refinement, of what can be fitted to the shorter part."""
-    orders = [plain.order]
-    if order is None:
-        orders += [each for each in sorted(plain.tried, key=lambda n: plain.tried[n]) if each != plain.order][:_OTHERS]
-        orders += [each for each in (1, 2) if each in plain.tried and each not in orders]
-    errors = {}
-    for states in orders:
-        for steps in (_REFINED, 0):
-            try:
-                fitted = again(inner, states, steps)
-            except (ValueError, np.linalg.LinAlgError):
-                continue
-            error = error_of(fitted, left_out)
-            if np.isfinite(error):
-                errors[states, steps] = error
-    return errors
-
-
-def _no_worse_than_arx1(
-    model: LinearFit,
-    arx1: LinearFit,
-    plain: LinearFit,
-    experiments: Sequence[Experiment],
-    held_out: Sequence[Experiment],
-    order: int | None,
-    again: Callable[[Sequence[Experiment], int, int], LinearFit],
-    notes: list[str],
-) -> Selected:
-    limit, found = error_of(arx1, held_out), error_of(model, held_out)
-    if not says_much(held_out, experiments):
-        notes.append(
-            "in the part held out hardly anything moves, so its figures say little: split elsewhere, or give --split 1 "
-            "and another record with --validate"
-        )
-        return Selected(model, arx1, notes)
-    if not np.isfinite(limit) or found <= limit * _NO_WORSE:
-        return Selected(model, arx1, notes)
-    if order is not None:
-        notes.append(
-            f"order {order} predicts worse than ARX(1): strict error {found:.5g} %, ARX(1) {limit:.5g} %; "
-            "another --order, or a longer record"
-        )
-        return Selected(model, arx1, notes)
-    tried = [(limit, arx1, "ARX(1)")]
-    for key in itertools.product((plain.order, 1, 2), (_REFINED, 0)):
-        try:
-            other = again(experiments, *key)
-        except (ValueError, np.linalg.LinAlgError):
-            continue
-        tried.append((error_of(other, held_out), other, f"order {key[0]}{'' if key[1] else ', not refined'}"))
-    error, best, name = min(tried, key=lambda entry: entry[0])
-    notes.append(
-        f"{name} instead of order {model.order}, which predicts worse than ARX(1) (strict error {found:.5g} %, "
-        f"ARX(1) {limit:.5g} %, {name} {error:.5g} %): chosen on the part held out, which flatters its figures; "
-        "record more"
-    )
-    return Selected(replace(best, tried=plain.tried), arx1, notes)
 
 
 def fit_arx1(experiments: Sequence[Experiment], dt: float, delays: tuple[int, ...]) -> LinearFit:

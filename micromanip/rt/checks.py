@@ -20,6 +20,7 @@ from .arming import (
     gather,
     judge,
     lift_fraction,
+    lift_target,
     stage_loss,
     sweep_offset,
 )
@@ -70,9 +71,7 @@ def arming_step(p: Record, s: Record, phase: int, fraction: float) -> float:
             own["lifted"] = 1
         order["offset"] = 0.0
         if phase == SWEEPING and axis["mode"] != states.VOLTAGE:
-            follows = axis["mode"] == states.STAGE or axis["reference"]["kind"] == SIGNAL
-            target_um = axis["centre_um"] if follows else a["reference"]["w"][0]
-            order["offset"] = sweep_offset(p, axis, target_um, fraction)
+            order["offset"] = sweep_offset(p, axis, lift_target(axis, a), fraction)
         if checking and own["check"][kind]["turn"] == turn + 1:
             order["offset"] = axis["check"][kind]["step"] * check_step(place - turn)
             value = a["stage"]["value"] if kind == OF_STAGE else a["strain"]["value"]

@@ -72,23 +72,17 @@ def withdraw(s: Record) -> bool:
 
 
 @compiled
-def rests(p: Record, s: Record) -> bool:
-    """After a missed deadline the trial rests: what the stall does to the error is not the tuning's fault."""
-    if s["overruns"] != s["trial_overruns"]:
-        s["trial_overruns"] = s["overruns"]
-        s["trial_rest"] = p["trial_rest"]
-    s["trial_rest"] = max(0, s["trial_rest"] - 1)
-    return s["trial_rest"] > 0
-
-
-@compiled
 def takes_back(p: Record, s: Record) -> bool:
     """Go on with the trial of the tuning `p` that was promoted; True where the one before must be put in force."""
     if s["shadow"] != states.ON_TRIAL:
         return False
     worse = s["state"] != states.TRACKING or s["fault"] != states.NO_FAULT or s["trial_cycles"] == _WITHDRAWN
     axis, share, value, limit = -1, -1.0, 0.0, 0.0  # which one is to blame, and the largest error
-    judged = not rests(p, s)
+    # after a missed deadline the trial rests: what the stall does to the error is not the tuning's fault
+    if s["overruns"] != s["trial_overruns"]:
+        s["trial_overruns"], s["trial_rest"] = s["overruns"], p["trial_rest"]
+    s["trial_rest"] = max(0, s["trial_rest"] - 1)
+    judged = s["trial_rest"] == 0
     for i in range(p["axes"]):
         a = s["axis"][i]
         if p["axis"][i]["mode"] == states.VOLTAGE:

@@ -69,23 +69,20 @@ def is_parked(p: Record, s: Record) -> bool:
 
 
 @compiled
-def ends_hold(p: Record, s: Record, retracted: bool) -> bool:
-    """Whether a hold that can't be resumed is over: the tool is out of the cut, or the time is up."""
-    waits_for_nobody = s["fault"] != states.NO_FAULT or s["stopping"] != 0
-    return waits_for_nobody and (retracted or s["cycle"] - s["entered_cycle"] >= p["hold_cycles"])
-
-
-@compiled
 def finish_phase(p: Record, s: Record, retracted: bool) -> None:
-    """Go on to the next state where arming, a hold or a ramp has come to its end."""
+    """Go on to the next state where arming, a hold or a ramp has come to its end.
+
+    A hold that can't be resumed ends once the tool is out of the cut, or the time is up.
+    """
     passed = s["cycle"] - s["entered_cycle"]
     state = s["state"]
+    waits_for_nobody = s["fault"] != states.NO_FAULT or s["stopping"] != 0
+    hold_over = state == states.HOLDING and waits_for_nobody and (retracted or passed >= p["hold_cycles"])
+    faded = state == states.RAMPING and s["soft"] != 0 and passed >= p["authority_cycles"]
     if state == states.ARMING and passed >= arming_cycles(p, s):
         s["tracking_cycle"] = s["cycle"]
         enter(s, states.TRACKING)
-    elif (state == states.HOLDING and ends_hold(p, s, retracted)) or (
-        state == states.RAMPING and s["soft"] != 0 and passed >= p["authority_cycles"]
-    ):
+    elif hold_over or faded:
         begin_ramp(p, s)
     elif state == states.RAMPING and s["soft"] == 0 and passed >= p["ramp_cycles"] and is_parked(p, s):
         if s["fault"] != states.NO_FAULT:

@@ -210,13 +210,6 @@ def watch_amplifier(axis: Record, a: Record, w: Record, active: bool) -> int:
 
 
 @compiled
-def is_excited(axis: Record, a: Record) -> bool:
-    """Whether an axis is moved in open loop for a recording: its gauge is needed then, as if the loop were closed."""
-    played = axis["mode"] == states.VOLTAGE and axis["reference"]["kind"] == SAMPLES
-    return played and a["setpoint_um"] != axis["limiter"]["park_V"]
-
-
-@compiled
 def watch_axis(p: Record, s: Record, i: int, moving: bool, enabled: bool) -> None:
     """Watch axis `i` by what it did in the cycle before: its loops while `moving`, its amplifier while `enabled`.
 
@@ -229,7 +222,9 @@ def watch_axis(p: Record, s: Record, i: int, moving: bool, enabled: bool) -> Non
     outer = moving and axis["mode"] == states.STAGE and phase == CLOSED
     tracking = moving and s["state"] == states.TRACKING
     tooth_lost = outer and axis["outer"]["tooth"] > 0 and a["estimator"]["given_up"] != FOLLOWS
-    found = watch_strain(axis, a, w, inner or (driven and is_excited(axis, a)))
+    # moved in open loop for a recording: the gauge is needed then, as if the loop were closed
+    played = driven and not inner and axis["reference"]["kind"] == SAMPLES
+    found = watch_strain(axis, a, w, inner or (played and a["setpoint_um"] != axis["limiter"]["park_V"]))
     found |= watch_stage(axis["watch"], a, w, outer)
     found |= watch_apart(axis, a, w, outer)
     found |= condition(states.TOOTH_LOST, tooth_lost)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from micromanip.rt.laws import hysteresis as law
 from micromanip.rt.laws.feedforward import HYSTERESIS_STATE, feedforward_voltage, start_feedforward
-from micromanip.rt.laws.hysteresis import SHAPING, admit, inverse_output, inverse_state, model_output, shape, unshape
+from micromanip.rt.laws.hysteresis import SHAPING, admit, inverse_plays, inverse_state, model_output, shape, unshape
 
 from .builders import VOLTS, admissible, courses, hysteresis, models, plays, record, shapes
 from .kernels import inverse_course, model_course
@@ -126,7 +126,7 @@ def test_admit_projects_onto_the_admissible_states(p, y, start):
     assert (again == z).all()
     # the inverse, fed with the same displacement, has nothing to move
     moved = z.copy()
-    inverse_output(p, moved, y)
+    inverse_plays(p, moved, y, 0.0)
     assert moved[:n] == pytest.approx(z[:n], rel=0, abs=1e-10)
 
 

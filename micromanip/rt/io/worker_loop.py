@@ -69,13 +69,6 @@ def take_wanted(g: Record, image: Record) -> None:
 
 
 @compiled
-def note_decided(g: Record, words: Any) -> None:
-    """Tell the loop whether what it will be given is rest, and in whose hand the outputs are."""
-    store_release(words, of.AT_REST, 1 if rests(g) else 0)
-    store_release(words, of.OUTPUT_STATE, g["state"][0])
-
-
-@compiled
 def publish(image: Record, inbox: Record) -> int:
     """Hand fresh samples to the loop; how many inputs have one."""
     fresh = 0
@@ -175,7 +168,8 @@ def serve(service: Any, gate: Any, turns: Any, images: Any, inbox: Any, memories
         if is_due or now - g["decided_ns"][0] >= st["look_ns"]:
             take_wanted(g, image)
             decide(g, now)
-            note_decided(g, words)
+            store_release(words, of.AT_REST, 1 if rests(g) else 0)
+            store_release(words, of.OUTPUT_STATE, g["state"][0])
             if g["state"][0] == of.SAFE_RAMP:
                 return ON_THE_RAMP
         if is_due:

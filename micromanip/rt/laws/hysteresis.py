@@ -119,12 +119,6 @@ def inverse_plays(p: Record, z: Any, y: float, widening: float) -> float:
 
 
 @compiled
-def inverse_output(p: Record, z: Any, y: float) -> float:
-    """Voltage (V) of the inverse (7) for displacement `y` (um); advances its play states `z`."""
-    return unshape(p["shaping"], inverse_plays(p, z, y, 0.0))
-
-
-@compiled
 def inverse_parameters(p: Record) -> None:
     """Fill ``r_hat`` (8) and ``rho_hat`` (9) of `p` from ``alpha``, ``r`` and ``rho``."""
     before = p["alpha"]

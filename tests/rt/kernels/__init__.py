@@ -7,7 +7,7 @@ from micromanip.rt.jit import Compiler
 from micromanip.rt.laws.estimator import output, predict, predict_to, remember, start_estimator, update
 from micromanip.rt.laws.excitation import excitation
 from micromanip.rt.laws.feedforward import feedforward_voltage
-from micromanip.rt.laws.hysteresis import inverse_output, model_output, play
+from micromanip.rt.laws.hysteresis import inverse_plays, model_output, play, unshape
 from micromanip.rt.laws.learned import add_learned
 from micromanip.rt.laws.lqg import outer_setpoint
 from micromanip.rt.laws.move import advance_move
@@ -41,7 +41,7 @@ def model_course(p: Any, w: Any, v: Any, out: Any) -> None:
 def inverse_course(p: Any, z: Any, y: Any, out: Any) -> None:
     """Inverse model along the displacements `y`."""
     for k in range(len(y)):
-        out[k] = inverse_output(p, z, y[k])
+        out[k] = unshape(p["shaping"], inverse_plays(p, z, y[k], 0.0))
 
 
 @compiled

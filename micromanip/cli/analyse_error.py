@@ -43,9 +43,9 @@ def command(
     It is what the signals of a recording show; a configuration (.yaml) of a simulated cell is played in virtual time.
     docs/analyse.md explains it.
     """
-    from .results import Pictures
+    from .results import pictures_in
 
-    with Pictures(folder) as pictures, steps() as bar:
+    with pictures_in(folder) as pictures, steps() as bar:
         if file.suffix.lower() in _CONFIGURATIONS:
             budgets, about = _of_configuration(file, only, seconds, seed, coherence_s, bar.say)
         else:

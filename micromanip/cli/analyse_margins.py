@@ -14,7 +14,7 @@ from .axes import axis_option, chosen_axes
 from .echo import echo
 from .options import Quantity, config_argument, emit_json, subcommand
 from .progress import steps
-from .results import Pictures, out_option, provenance
+from .results import out_option, pictures_in, provenance
 
 if TYPE_CHECKING:
     from micromanip.design.commission.coupled import Coupled
@@ -47,7 +47,7 @@ def command(
     shown = chosen_axes(prepared.configuration.axes, only, config)
     seeds = range(seed, seed + samples)
     analyses = []
-    with Pictures(folder if figures else None) as pictures, steps() as bar:
+    with pictures_in(folder if figures else None) as pictures, steps() as bar:
         for name in shown:
 
             def progress(what: str, axis: str = name) -> None:

@@ -47,12 +47,12 @@ def command(
     from micromanip.design.analyse.path.seen import seen_path
     from micromanip.settings.check import prepare
 
-    from .results import Pictures
+    from .results import pictures_in
 
     prepared = prepare(config)
     chosen = chosen_axes(prepared.configuration.axes, only, config)
     path = seen_path(file, chosen)
-    with Pictures(folder) as pictures:
+    with pictures_in(folder) as pictures:
         found = preview_of(prepared, path, reserve_um, tolerance_um)
         if folder is not None:
             from micromanip.design.plots.findings import draw_previews

@@ -15,7 +15,7 @@ from .axes import require_axis_of
 from .echo import echo
 from .options import Quantity, config_argument, emit_json, subcommand
 from .progress import show_compiling, steps
-from .results import Pictures, out_option, provenance
+from .results import out_option, pictures_in, provenance
 
 
 @subcommand("evaluate", "micromanip evaluate config/simulated.yaml --axis x --out out/evaluate")
@@ -43,7 +43,7 @@ def command(
     if real:
         raise UsageError(f"evaluate runs in virtual time: driver {real[0]} of {config} can't, it has a time of its own")
     shown = [only] if only else names
-    with Pictures(folder if figures else None) as pictures, steps() as bar:
+    with pictures_in(folder if figures else None) as pictures, steps() as bar:
         show_compiling(bar.console.print)
         experiment = VirtualExperiment(prepared)
         configuration = with_models(prepared.configuration, experiment, bar.console.print)

@@ -14,7 +14,7 @@ from .echo import echo
 from .options import Quantity, emit_json, subcommand
 from .progress import steps
 from .recording_options import Target, echo_sources, recording_options
-from .results import Pictures, out_option
+from .results import out_option, pictures_in
 
 if TYPE_CHECKING:
     from micromanip.recordings import TimeSeries
@@ -69,7 +69,7 @@ def command(
     # the part is that of FILE; the other record has its own length
     held_out = load_record(validate, replace(wanted, cut=None)) if validate else None
     echo_sources([record, *([held_out] if held_out else [])])
-    with Pictures(folder) as pictures, steps() as bar:
+    with pictures_in(folder) as pictures, steps() as bar:
         bar.say(f"fitting {kind}")
         request = Request(kind, creep, plays, seed, burn_in_s, range_um)
         result = fit_record(record, held_out, request, lambda what: bar.say(f"fitting {what}"))

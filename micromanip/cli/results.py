@@ -14,8 +14,7 @@ import shutil
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -104,31 +103,14 @@ def provenance(prepared: Prepared, axis: str, seed: int | None) -> str:
 
 
 class Pictures:
-    """Pictures drawn beside their place and put there together; the folder is tried at the beginning.
+    """Pictures drawn beside their place and put there together.
 
     A disk that fills keeps those that were whole, and the command's other results: `require_written` then says so.
     """
 
-    def __init__(self, folder: Path | None) -> None:
-        """None: nothing is drawn."""
-        self._folder = folder
-        self._open = contextlib.ExitStack()
-        self._drafts = Path()
+    def __init__(self, folder: Path | None, drafts: Path) -> None:
+        self._folder, self._drafts = folder, drafts
         self._problem: OSError | None = None
-
-    def __enter__(self) -> Self:
-        if self._folder is not None:
-            with contextlib.ExitStack() as opening:
-                opening.enter_context(results_folder(self._folder))
-                self._drafts = Path(tempfile.mkdtemp(prefix=".drafts-", dir=self._folder))
-                opening.callback(shutil.rmtree, self._drafts, ignore_errors=True)
-                self._open = opening.pop_all()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._open.close()
 
     def draw(self, pictures: Callable[[Path], Iterable[object]], drawn: Callable[[], None] = lambda: None) -> None:
         """Let `pictures` write into the folder that it is called with, `drawn` after each; after a failure no more."""
@@ -157,6 +139,19 @@ class Pictures:
         if self._problem is not None:
             cause = system_error(self._problem, f"--out {self._folder}")
             raise type(cause)(f"the figures are not complete: {cause}") from self._problem
+
+
+@contextlib.contextmanager
+def pictures_in(folder: Path | None) -> Iterator[Pictures]:
+    """Pictures for `folder`, which is tried at the beginning; None: nothing is drawn."""
+    if folder is None:
+        yield Pictures(None, Path())
+        return
+    with (
+        results_folder(folder),
+        tempfile.TemporaryDirectory(prefix=".drafts-", dir=folder, ignore_cleanup_errors=True) as drafts,
+    ):
+        yield Pictures(folder, Path(drafts))
 
 
 @contextlib.contextmanager

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from micromanip.cli.results import Pictures, publish, run_folder
+from micromanip.cli.results import pictures_in, publish, run_folder
 from micromanip.errors import DeviceUnavailable, PermissionDenied, UsageError, system_error
 
 from .command import code_of
@@ -101,7 +101,7 @@ def test_a_disk_that_fills_while_drawing_keeps_what_is_whole(tmp_path):
         yield
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(where / "half.png"))
 
-    with Pictures(tmp_path / "out") as pictures:
+    with pictures_in(tmp_path / "out") as pictures:
         pictures.draw(drawing)
         pictures.draw(drawing)
         assert pictures.put() == [tmp_path / "out" / "whole.png"]

@@ -26,6 +26,7 @@ _ASTRAY_CYCLES = 60
 """So many cycles in a row a loop may not track without its outputs."""
 _WITH_THE_LOOP = ("at rest", "following")
 """Outputs that are where the loop has them."""
+_AT_REST = ("STARTING", "READY", "FAULT", "OFF")
 _SAID_SAFE = "at their safe value"
 MODULES = {"loop": "host.loop_process", "recorder": "host.recording.recorder", "black box": "host.trips.process"}
 MODULES["worker"] = "bus.worker_process"
@@ -94,6 +95,7 @@ class WatchedBench:
         self.running = Running(self.folder, None, *places, config=self.config)
         end = time.monotonic() + _START_S
         while self.alive and time.monotonic() < end:
+            self.amplifier.latched = False  # by its watchdog, since nobody wrote to it for so long
             with suppress(MicromanipError, TimeoutError), self.client() as client:
                 if client.status()["state"] == "READY":
                     self.note("a controller is READY")
@@ -282,7 +284,7 @@ class WatchedBench:
         """By documented means: the file mended, the link whole, a controller in READY with that file in force."""
         self.wait_for_what_lasts()
         self.port.mend()
-        self.amplifier.reset()
+        self.amplifier.mend()
         self.config.write_text(self.text)
         end = time.monotonic() + _BACK_S
         while (refused := self._ready(end)) is None:
@@ -311,14 +313,11 @@ class WatchedBench:
                 if restarts > 3:
                     break
                 self.let_go()
-                self.amplifier.reset()
                 if "--at-rest" in self._said_last:
                     self._vouch()
                 self.start()
                 end = max(end, time.monotonic() + _BACK_S / 2)
                 continue
-            if self.amplifier.latched:  # by its watchdog, since the link was lost
-                self.amplifier.reset()
             try:
                 with self.client() as client:
                     status = client.status()
@@ -331,6 +330,8 @@ class WatchedBench:
                         continue
                     if status["state"] == "READY" and all(link["link"] == "up" for link in links):
                         return None
+                    if status["state"] in _AT_REST:  # a person resets no device under the hand of a loop
+                        self.amplifier.latched = False
                     if status["state"] in verbs:
                         getattr(client, verbs[status["state"]])()
             except (MicromanipError, TimeoutError) as problem:

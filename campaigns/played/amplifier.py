@@ -114,11 +114,11 @@ class Amplifier:
             for name in OUTPUTS:
                 self._move(name, volts[name], itself=True)
 
-    def reset(self):
-        """What a person does at its front: nothing fails, nothing is latched; it is at rest where it was switched."""
+    def mend(self):
+        """It is on, its readings are good, it takes what is written; what is latched stays so, for a person."""
         with self.lock:
             self.switch(True)
-            self.fails, self.refuses, self.latched = None, False, False
+            self.fails, self.refuses = None, False
 
     def rest(self):
         """A person turns its outputs to rest."""

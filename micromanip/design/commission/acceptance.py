@@ -126,6 +126,7 @@ def _sines(found: Commissioned, runs: list[Run], index: int) -> list[Criterion]:
     """The sines on the gauge."""
     out, accept = [], found.configuration.axes[found.axis].accept
     sine, floor = asked(found.configuration, found.axis), found.polarity.noise_um
+    slew = found.configuration.axes[found.axis].setpoint.slew_um_per_ms
     for run in runs:
         if run.config == "C":
             sigma, way = run.figures(found.axis, index)["std_error_um"], _on_the_way(found, run.frequency_hz)
@@ -135,7 +136,9 @@ def _sines(found: Commissioned, runs: list[Run], index: int) -> list[Criterion]:
                 f": set-point less gauge, {sine.offset_um:.0f} +- {sine.amplitude_um:.0f} um, rms; "
                 f"noise at rest {floor:.3f} um"
             )
-            value, name = f"{told(sigma, limit + way, 4)} um", f"sigma at {run.frequency_hz:g} Hz"
+            value, name = f"{told(sigma, limit + way, 3)} um", f"sigma at {run.frequency_hz:g} Hz"
+            if (speed := 2e-3 * np.pi * run.frequency_hz * sine.amplitude_um) > slew:
+                value += f": setpoint.slew_um_per_ms is {slew:g}, the sine takes {speed:.3g}; see accept.stroke_um"
             out.append(Criterion(found.axis, name, sigma <= limit + way, value, wanted, acceptance=True))
     return out
 

@@ -1,8 +1,8 @@
 """Random interleavings of commands, kills, stops, cuts, sets and bad files on devices with habits of their own.
 
 A device has its own watchdog or none, may latch, is switched off and on, can't always be read back, fails in its
-readings, is deaf once opened. What no host can prevent is not drawn: a value that its line held back until after its
-watchdog began (``Habits.longest_under_way_s``).
+readings, is deaf and silent once opened. What no host can prevent is not drawn: a value that its line held back until
+after its watchdog began (``Habits.longest_under_way_s``).
 
 Each interleaving follows from the seed and its number, the device's habits from those of its group: ``--bus rtu --only
 17`` plays one again, with ``--shrink`` it looks for fewer steps that break the same rule.

@@ -18,7 +18,7 @@ CUTS = ("reset", "refused", "hole", "late", "deaf")
 hole: connections stand, nothing goes either way, and what was sent is lost. late: the same, but what was sent to the
 device arrives when the cut is mended, as TCP would have it, unless it was held back for too long (`Habits`). deaf:
 commands arrive, answers don't."""
-LOOK_S = 0.002
+LOOK_S, _STALL_S = 0.002, 0.02
 _READ_BYTES = 65536
 _RESET = struct.pack("=ii", 1, 0)
 _IN_OPEN = 0x20
@@ -70,16 +70,20 @@ class Port:
             self._close()
 
     def _run(self):
+        ended_s = time.monotonic()
         while not self._ending.is_set():
             with self.lock:
                 ends = self._ends()
             with suppress(OSError, ValueError):
                 select.select(ends, [], [], LOOK_S)
             began_s = time.monotonic()
+            if (stalled_s := began_s - ended_s - LOOK_S) > _STALL_S:  # this process, and no device, stood still
+                self.amplifier.stand_still(stalled_s)
             with self.frozen:
                 stood_s = time.monotonic() - began_s
                 with self.lock, self.amplifier.lock:
                     self._turn(stood_s)
+            ended_s = time.monotonic()
 
     def _turn(self, stood_s):
         """What came while it stood still counts as held back."""
@@ -98,7 +102,8 @@ class Port:
                     self._hear(link, data)
             for link in self._links():
                 for answer in link.say():
-                    self._send(link, 0.0, answer)
+                    if time.monotonic() >= link.deaf_until_s:
+                        self._send(link, 0.0, answer)
         while self._outbox and self._outbox[0][0] <= time.monotonic():
             _, _, link, data = heapq.heappop(self._outbox)
             if self._cut not in ("hole", "late", "deaf", "refused") and self.amplifier.hears:

@@ -98,8 +98,12 @@ def read_text(file: Path) -> Table:
     named = _unlike([name or str(k) for k, name in enumerate(names, 1)])
     kept = [k for k, kind in enumerate(kinds) if kind and (names[k] or np.isfinite(values[k]).any())]
     stated = {named[k]: "s" if kinds[k] == "stamp" else units[k] for k in kept}
-    begin = dialect.fields(lines[0])
-    texts = {named[k]: begin[k] for k, kind in enumerate(kinds) if not kind and (begin[k] or names[k])}
+    rows = [dialect.fields(line) for line in lines[:: max(1, len(lines) // _SAMPLED)]]
+    texts = {
+        named[k]: next((row[k] for row in rows if dialect.number(row[k]) is None), rows[0][k])
+        for k, kind in enumerate(kinds)
+        if not kind and (rows[0][k] or names[k])
+    }
     return Table(file, {named[k]: values[k] for k in kept}, stated, numbers, texts=texts, notes=notes)
 
 
@@ -287,8 +291,11 @@ def _header(file: Path, before: Sequence[str], dialect: _Dialect, kinds: Sequenc
     lines = [names for names in lines if len(names) != count or not all(map(_TYPES.fullmatch, names))][-2:]
     if not lines or len(lines[-1]) == 1 != count:
         return nothing, nothing
+    comment = before[-1].strip()[:1] in _COMMENT
+    if comment and any(np.isfinite(dialect.number(name) or np.nan) for name in lines[-1]):
+        return nothing, nothing  # "# gain of channel 20" has no names
     if len(lines[-1]) != count:
-        if before[-1].strip()[:1] in _COMMENT or not before[-1].strip(_NOTHING):
+        if comment or not before[-1].strip(_NOTHING):
             return nothing, nothing  # a comment, or nothing but separators
         raise CheckFailed(
             f"{file}:{len(before)}: the header has {len(lines[-1])} names, the rows have {count} values each"

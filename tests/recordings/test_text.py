@@ -228,6 +228,10 @@ def test_each_program_s_text_gives_the_same_numbers(name, tmp_path):
     assert same(written(tmp_path / "x.txt", text), columns).notes == ()
 
 
+def test_a_comment_with_a_number_has_no_names(tmp_path):
+    same(written(tmp_path / "x.txt", "# channel gain 20\n" + "\n".join(lines(" "))), ("2", "3"), time="1")
+
+
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "cp1252"])
 def test_encodings(encoding, tmp_path):
     file = written(tmp_path / "x.csv", "t (s),u (V),y (µm)\n" + "\n".join(lines()), encoding)
@@ -347,6 +351,10 @@ BAD = {
     "an input of texts": (
         "t,u,y\n" + "\n".join(f"{t},{u} V,{y}" for t, u, y in map(split, lines())),
         r"u holds no numbers",
+    ),
+    "thousands in a column": (
+        "t;u;y\n" + "\n".join(f"{t};{u};{1e4 * float(y):,.1f}" for t, u, y in map(split, lines())),
+        r"y holds no numbers, but '-?\d+,\d",
     ),
     "blocks": ("t u y\n" + "\n".join([*lines(" ")[:300], "", *lines(" ")[:300]]), r"x.csv:303: t falls by 1.49"),
     "points among commas": (

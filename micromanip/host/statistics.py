@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from micromanip.rt import mailbox as w
+from micromanip.rt.bus_image import FOLLOWING, OUTPUT_NAMES, UNKNOWN
 from micromanip.rt.mailbox import lower_edge
-from micromanip.rt.states import SHADOW_NAMES
+from micromanip.rt.states import OFF, SHADOW_NAMES, STATE_NAMES
 from micromanip.settings.schema.reference import Tracker
 from micromanip.status_reply import AxisValues, Durations, LearningStatus, Link, PathError, Recorded, Status
 
@@ -77,6 +78,12 @@ def path_errors(controller: Controller) -> dict[str, PathError]:
     return report
 
 
+def _seen_from(state: str, link: Link) -> Link:
+    """A link as its worker told it before the cell's state was asked for: a loop that has ended is not followed."""
+    over = state == STATE_NAMES[OFF] and link["outputs"] == OUTPUT_NAMES[FOLLOWING]
+    return {**link, "outputs": OUTPUT_NAMES[UNKNOWN]} if over else link
+
+
 def report(
     controller: Controller,
     gathered: Gathered,
@@ -106,7 +113,7 @@ def report(
         "configuration": str(controller.prepared.source.path),
         "configuration_sha256": controller.prepared.source.hash,
         "trips": list(trips),
-        "links": dict(links or {}),
+        "links": {name: _seen_from(controller.state, link) for name, link in (links or {}).items()},
         "recording": recording,
         "learning": learning,
     }

@@ -7,6 +7,7 @@ import pytest
 from micromanip.errors import DeviceUnavailable
 from micromanip.host import loop_links
 from micromanip.host.loop_links import follow
+from micromanip.host.statistics import _seen_from
 
 
 def link(outputs, up="up", **counts):
@@ -42,3 +43,11 @@ def test_a_clock_that_can_not_be_followed_is_told_with_what_is_known(monkeypatch
     monkeypatch.setattr(loop_links, "_LOCKS_IN_S", 0.0)
     with pytest.raises(DeviceUnavailable, match=r"driver cell: .* lock to its clock: clock_drift_ppb 900000$"):
         waited(iter([{"cell": link("at rest")}] * 3), steering="cell")
+
+
+@pytest.mark.parametrize(
+    ("state", "outputs", "told"),
+    [("TRACKING", "following", "following"), ("OFF", "following", "unknown"), ("OFF", "at rest", "at rest")],
+)
+def test_no_link_follows_a_loop_that_has_ended(state, outputs, told):
+    assert _seen_from(state, {"link": "up", "outputs": outputs})["outputs"] == told

@@ -17,7 +17,8 @@ RULES = ("range", "slew", "unarmed", "claim", "charged", "astray", "crash", "ret
 that tracks on while its outputs are in nobody's or the worker's hand; tracebacks and bugs; back to READY; nothing left
 behind."""
 SHOWN = "state"
-"""Shown and not judged: OFF while the device is elsewhere, in a report that says so itself under `links`."""
+"""Shown and not judged: OFF while the device is elsewhere, in a report that says so itself under `links`; and what is
+said while a line that acknowledges nothing holds values back."""
 REST_V = 0.5
 """So near to rest is at rest, where somebody claims it: what is on its way moves by more than that."""
 REST_NS = 1_000_000_000

@@ -154,14 +154,15 @@ class WatchedBench:
 
     def _believe(self, status, from_ns, to_ns, whence):
         """Note what a report says of the outputs."""
+        rule = SHOWN if self.cell.blind and self.port.is_cut else "claim"
         if status["state"] in ("READY", "OFF"):
             elsewhere = [link["outputs"] for link in status["links"].values() if link["outputs"] not in _WITH_THE_LOOP]
             links = [(link["link"], link["outputs"]) for link in status["links"].values()]
             who = f"{whence} says state {status['state']}" + (f", outputs {elsewhere[0]}" if elsewhere else f" {links}")
-            self.oracle.claim(from_ns, to_ns, who, SHOWN if elsewhere and status["state"] == "OFF" else "claim")
+            self.oracle.claim(from_ns, to_ns, who, SHOWN if elsewhere and status["state"] == "OFF" else rule)
         for name, link in status["links"].items():
             if link["outputs"] == "at rest":
-                self.oracle.claim(from_ns, to_ns, f"{whence} says outputs of {name} at rest")
+                self.oracle.claim(from_ns, to_ns, f"{whence} says outputs of {name} at rest", rule)
 
     def _observe(self):
         """Ask and listen all the time, in a thread of its own."""

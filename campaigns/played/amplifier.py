@@ -99,10 +99,11 @@ class Amplifier:
         for name, before in self._falls_from.items():
             self._move(name, (1.0 - share) * before, itself=True)
 
-    def stand_still(self, seconds):
-        """For so long nobody looked at what came: no time for its watchdog."""
+    def feed(self):
+        """A command came in time for its watchdog, if that has not begun."""
         with self.lock:
-            self._fed_s = None if self._fed_s is None else self._fed_s + seconds
+            if self._fed_s is not None and self._falls_from is None:
+                self._fed_s = time.monotonic()
 
     def switch(self, on):
         """Switch it off, or on; without power it has 0 V."""

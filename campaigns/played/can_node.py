@@ -39,6 +39,10 @@ class CanBus:
         self.mend()
         self._cut = "deaf" if how == "deaf" else "late"
 
+    @property
+    def is_cut(self):
+        return self._cut is not None
+
     def mend(self):
         self._cut = None
 

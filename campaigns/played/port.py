@@ -52,6 +52,10 @@ class Port:
             if how == "refused":
                 self._close()
 
+    @property
+    def is_cut(self):
+        return self._cut is not None
+
     def mend(self):
         """As before the cut; what was held back arrives."""
         with self.lock:
@@ -77,16 +81,17 @@ class Port:
             with suppress(OSError, ValueError):
                 select.select(ends, [], [], LOOK_S)
             began_s = time.monotonic()
-            if (stalled_s := began_s - ended_s - LOOK_S) > _STALL_S:  # this process, and no device, stood still
-                self.amplifier.stand_still(stalled_s)
+            stalled = began_s - ended_s > LOOK_S + _STALL_S
             with self.frozen:
                 stood_s = time.monotonic() - began_s
                 with self.lock, self.amplifier.lock:
-                    self._turn(stood_s)
+                    self._turn(stood_s, stalled)
             ended_s = time.monotonic()
 
-    def _turn(self, stood_s):
-        """What came while it stood still counts as held back."""
+    def _turn(self, stood_s, stalled):
+        """What came while the device stood still counts as held back; while this process did, as come in time."""
+        if stalled and self._cut is None and select.select(self._ends(), [], [], 0.0)[0]:
+            self.amplifier.feed()
         self.amplifier.look()
         if stood_s > self.amplifier.habits.longest_under_way_s and self._cut != "refused":
             for _ in self._read():

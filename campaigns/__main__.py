@@ -114,7 +114,6 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1, help="what random cases follow from (1)")
     parser.add_argument("--bus", help="this bus only, where a campaign knows several")
     parser.add_argument("--only", default="", help="this case: a number, a module, or a regular expression of names")
-    parser.add_argument("--shrink", action="store_true", help="devices: fewer steps of case ONLY that do the same")
     parser.add_argument("--jobs", type=int, default=1, help="processes at a time, where cases compute")
     parser.add_argument("--json", action="store_true", help="one document on standard output instead of the tables")
     parser.add_argument("--write", action="store_true", help="write docs/reports/NAME.md too")
@@ -132,7 +131,7 @@ def main() -> int:
         return min(1, subprocess.run(typed, cwd=ROOT, check=False).returncode)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # with all that was started brought to its end
     with tempfile.TemporaryDirectory(prefix=f"{given.name}-") as folder:
-        asked = Asked(Path(folder), given.seed, count, given.bus, given.only, given.shrink, given.jobs)
+        asked = Asked(Path(folder), given.seed, count, given.bus, given.only, given.jobs)
         report: Report = importlib.import_module(f"campaigns.{given.name}").run(asked)
     print(json.dumps(report.document(), indent=2, default=float) if given.json else report.text)
     if given.write:

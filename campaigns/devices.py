@@ -5,7 +5,7 @@ readings, is deaf and silent once opened. What no host can prevent is not drawn:
 after its watchdog began (``Habits.longest_under_way_s``).
 
 Each interleaving follows from the seed and its number, the device's habits from those of its group: ``--bus rtu --only
-17`` plays one again, with ``--shrink`` it looks for fewer steps that break the same rule.
+17`` plays one again.
 """
 
 import multiprocessing
@@ -20,16 +20,13 @@ from .report import Report
 from .virtual_worker import interleaved
 from .watched_bench import WatchedBench
 
-GROUP, TRIES, WORKER = 6, 3, "worker"
-"""So many interleavings are played on one device. What goes by real processes does not break each time: so often each
-set of steps is tried. The worker alone is played in virtual time."""
+GROUP, WORKER = 6, "worker"
+"""So many interleavings are played on one device. The worker alone is played in virtual time."""
 
 
 def run(asked):
     """`count` of them on each bus, or on the one that was asked for; ten times as many of the worker alone."""
     buses = [asked.bus] if asked.bus else [*CELLS, WORKER]
-    if asked.shrink:
-        return _shrunk(asked, buses[0], int(asked.only))
     chosen = [int(asked.only)] if asked.only else None
     numbers = {bus: chosen or range(asked.count * (10 if bus == WORKER else 1)) for bus in buses}
     groups = sorted({(number // _size(bus), bus) for bus in buses for number in numbers[bus]})
@@ -94,29 +91,3 @@ def judged(report, outcomes, title):
         report.tables["Broken"] = broken
         report.wrong += [f"{row['bus']}: number {row['number']} broke {row['broken']}" for row in broken]
     return report
-
-
-def _shrunk(asked, bus, number):
-    """The fewest steps found that break a rule which interleaving `number` breaks."""
-    bench, steps = _bench(asked, bus, number // GROUP), plan(asked.seed, number)
-    try:
-        bench.start_known()
-        rules, k = _broken(bench, number, steps), 0
-        while rules and k < len(steps):
-            fewer = steps[:k] + steps[k + 1 :]
-            asked.tell("; ".join(map(str, fewer)))
-            if found := _broken(bench, number, fewer) & rules if fewer else set():
-                steps, rules = fewer, found
-            else:
-                k += 1
-    finally:
-        bench.end()
-    rows = [{"step": k + 1, "what": str(step)} for k, step in enumerate(steps)]
-    return Report({f"fewest steps of number {number}": rows}, [], [f"breaks {rule}" for rule in sorted(rules)])
-
-
-def _broken(bench, number, steps):
-    for _ in range(TRIES):
-        if broken := interleave(bench, number, steps).broken:
-            return broken
-    return set()

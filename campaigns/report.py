@@ -21,7 +21,6 @@ class Asked:
     count: int = 0
     bus: str | None = None
     only: str = ""
-    shrink: bool = False
     jobs: int = 1
 
     def tell(self, line: str) -> None:

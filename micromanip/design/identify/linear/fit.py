@@ -228,7 +228,7 @@ def refine(modes: Modes, experiments: Sequence[Experiment], steps: int, *, direc
 
 _REFINEMENTS = 8
 _CHANNEL_ROWS, _SAMPLES_A_ROW = 120, 10
-_LONGEST_DELAY = 20
+_SHORT_DELAY, _LONGEST_DELAY = 20, 200
 _GRID = 2.0**24
 
 
@@ -274,7 +274,7 @@ def fit_linear(
         progress("delays")
         lags = [delay + 1 for delay in delays or ()]
         if delays is None:
-            lags = first_answers(scaled, min(_LONGEST_DELAY, shortest // (4 * channels)))
+            lags = _first_answers(scaled, shortest // (4 * channels))
         found = choose(scaled, order, lags, direct, rows, progress, fixed=delays is not None)
         order, delays, direct, tried = found.order, found.delays, found.direct, found.tried
     late = tuple(int(delay) for delay in delays)
@@ -300,6 +300,18 @@ def fit_linear(
 
 def _gridded(scaled: Array) -> Array:
     return np.asarray(np.rint(scaled * _GRID) / _GRID)
+
+
+def _first_answers(experiments: Sequence[Experiment], most: int) -> list[int]:
+    """The lag at which each input first shows; looked for among few first, then among up to `most` or `_LONGEST_DELAY`.
+
+    An input that shows at none of them may act slowly from the first on.
+    """
+    found = first_answers(experiments, min(_SHORT_DELAY, most))
+    if None in found and most > _SHORT_DELAY:
+        later = first_answers(experiments, min(_LONGEST_DELAY, most))
+        found = [late if lag is None else lag for lag, late in zip(found, later, strict=True)]
+    return [lag or 0 for lag in found]
 
 
 def _check(pairs: Sequence[Experiment], dt: float, delays: Sequence[int] | None) -> None:

@@ -25,8 +25,8 @@ _TRACE = 1e-7
 """Ridge, relative: without noise the past outputs are linearly dependent."""
 
 
-def first_answers(experiments: Sequence[Experiment], lags: int) -> list[int]:
-    """The lag (samples, 0 .. `lags`) at which each input first shows in any output; 0 where it never does.
+def first_answers(experiments: Sequence[Experiment], lags: int) -> list[int | None]:
+    """The lag (samples, 0 .. `lags`) at which each input first shows in any output; None where it does not.
 
     Signals of the experiments ``(u (n, inputs), y (n, outputs))`` should be of like size.
     """
@@ -50,7 +50,7 @@ def first_answers(experiments: Sequence[Experiment], lags: int) -> list[int]:
     b = (inverse @ cross)[by_u].reshape(lags + 1, inputs, outputs)[:, ::-1]
     spread = np.sqrt(np.sum(inverse**2, axis=1))[by_u].reshape(lags + 1, inputs)[:, ::-1, None] * error
     shows = (np.abs(b) > _SIGNIFICANT * spread) & (np.abs(b) > _VISIBLE * np.abs(b).max(axis=0))
-    return [int(np.argmax(seen)) for seen in shows.any(axis=2).T]
+    return [int(np.argmax(seen)) if seen.any() else None for seen in shows.any(axis=2).T]
 
 
 @dataclass(frozen=True)

@@ -88,7 +88,7 @@ def test_exact_without_noise():
         assert model.errors(u, y)[0] == pytest.approx(100.0, abs=1e-3)
 
 
-@pytest.mark.parametrize("delays", [(0, 3), (4, 1), (2, 2)])
+@pytest.mark.parametrize("delays", [(0, 3), (4, 1), (2, 2), (0, 30)])
 def test_delays_are_found(delays):
     A, B, C, D = system()
     model = fit_linear(experiments(delays=delays), 1e-3)

@@ -11,10 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from micromanip_drivers.simulated import mechanics
-from micromanip_drivers.simulated.bouc_wen import bouc_wen_step
 from micromanip_drivers.simulated.driver import SimulatedCell
 from micromanip_drivers.simulated.options import Options, Plant
-from micromanip_drivers.simulated.preisach import everett
+from micromanip_drivers.simulated.preisach import bouc_wen_step, everett
 from micromanip_drivers.simulated.records import CONTEXT, CREEP_OPERATORS, SUBSTEPS
 from numpy.typing import NDArray
 from scipy.linalg import block_diag

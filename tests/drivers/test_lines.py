@@ -7,7 +7,7 @@ from .simulated_bench import Bench, quiet
 
 
 def bench(**options):
-    lines = {"retract_s": 0.05, "amplifier_bleed_ms": 20.0, **options.pop("lines", {})}
+    lines = {"retract_s": 0.05, **options.pop("lines", {})}
     return Bench(quiet(lines=lines, **options))
 
 

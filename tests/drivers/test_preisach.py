@@ -15,9 +15,9 @@ def operator(reversible=(0.0, 0.0, 0.0)):
     p = np.zeros(1, PREISACH)[0]
     p["c"], p["d"] = PLANT.preisach_c_um_per_V2, PLANT.preisach_d_per_V
     p["k1"], p["k2"] = PLANT.preisach_k1, PLANT.preisach_k2
-    p["reversible"], p["saturation_V"] = reversible, PLANT.saturation_V
+    p["reversible"] = reversible
     s = np.zeros(1, MEMORY)[0]
-    reset_memory(p, s)
+    reset_memory(s)
     return p, s
 
 

@@ -12,6 +12,14 @@ from .options import Options, Plant
 from .records import CREEP_TIMES_S, MECHANICAL_STATES, SUBSTEPS
 
 _JOINT_SPREAD = (1.0, 0.97, 1.03)
+_PATH_HZ = (0.11, 0.29, 0.83)
+"""Of the robot's slow path error."""
+_DAC_SPAN_V, _DAC_BITS = 300.0, 16
+_DRIFT_UM_PER_K, _DRIFT_TIME_S = 0.5, 600.0
+_BLEED_S = 0.02
+"""Time constant of a disabled amplifier."""
+FORCE_NOISE_HZ = 30.0
+"""Bandwidth of the machining force's coloured noise."""
 
 
 def fill_plant(p: Any, plant: Plant, period_ns: int) -> None:
@@ -20,7 +28,7 @@ def fill_plant(p: Any, plant: Plant, period_ns: int) -> None:
     preisach = p["preisach"]
     preisach["c"], preisach["d"] = plant.preisach_c_um_per_V2, plant.preisach_d_per_V
     preisach["k1"], preisach["k2"] = plant.preisach_k1, plant.preisach_k2
-    preisach["reversible"], preisach["saturation_V"] = plant.reversible_um, plant.saturation_V
+    preisach["reversible"] = plant.reversible_um
     if plant.bouc_wen is not None:
         other = plant.bouc_wen
         p["bouc_wen"]["present"], p["bouc_wen"]["lag_share"] = 1, other.lag_share
@@ -33,9 +41,10 @@ def fill_plant(p: Any, plant: Plant, period_ns: int) -> None:
     p["lever"] = plant.lever
     p["creep_gain"] = plant.creep_per_operator
     p["creep_step"] = -np.expm1(-step_s / CREEP_TIMES_S)
-    p["dac_step_V"] = plant.dac_span_V / 2**plant.dac_bits
+    p["dac_step_V"] = _DAC_SPAN_V / 2**_DAC_BITS
     p["low_V"], p["high_V"] = plant.amplifier_range_V
     p["amplifier_step"] = -np.expm1(-step_s * 2 * np.pi * plant.amplifier_Hz)
+    p["bleed_step"] = -np.expm1(-step_s / _BLEED_S)
     p["slew_V"] = plant.amplifier_slew_V_per_ms * 1e3 * step_s
     p["amplifier_noise_V"] = plant.amplifier_noise_mV * 1e-3
     moved, driven = mechanics.discrete(plant, step_s)
@@ -52,8 +61,8 @@ def fill_plant(p: Any, plant: Plant, period_ns: int) -> None:
     p["strain_step_um"] = 2 * plant.strain_range_um / 2**plant.strain_bits
     p["stage_zero_um"], p["stage_range_um"] = plant.stage_zero_um, plant.stage_range_um
     p["stage_noise_um"], p["acceleration_noise"] = plant.stage_noise_nm * 1e-3, plant.acceleration_noise
-    p["drift_um"] = plant.drift_um_per_K * plant.ambient_step_K
-    p["drift_step"] = -np.expm1(-period_ns * 1e-9 / plant.drift_time_constant_s)
+    p["drift_um"] = _DRIFT_UM_PER_K * plant.ambient_step_K
+    p["drift_step"] = -np.expm1(-period_ns * 1e-9 / _DRIFT_TIME_S)
 
 
 def fill_surroundings(p: Any, options: Options, i: int, period_ns: int) -> None:
@@ -64,13 +73,10 @@ def fill_surroundings(p: Any, options: Options, i: int, period_ns: int) -> None:
     p["force_step"] = -np.expm1(-period_s / (force.rise_ms * 1e-3))
     p["tooth_N"], p["tooth_omega"] = force.tooth_N, 2 * np.pi * force.tooth_Hz
     p["harmonics"][: len(force.harmonics)] = force.harmonics
-    p["runout"], p["teeth"] = force.runout, force.teeth
-    p["speed_share"] = 0.01 * force.speed_percent
-    p["speed_after_s"], p["speed_within_s"] = force.speed_after_s, force.speed_within_s
     p["force_noise_N"] = force.noise_N
-    p["force_noise_decay"] = np.exp(-period_s * 2 * np.pi * force.noise_Hz)
+    p["force_noise_decay"] = np.exp(-period_s * 2 * np.pi * FORCE_NOISE_HZ)
     p["deviation_um"] = (*path.amplitudes_um, path.joint_um)
-    p["deviation_omega"] = 2 * np.pi * np.array([*path.frequencies_Hz, path.joint_Hz * _JOINT_SPREAD[i]])
+    p["deviation_omega"] = 2 * np.pi * np.array([*_PATH_HZ, path.joint_Hz * _JOINT_SPREAD[i]])
     p["deviation_phase"] = np.array([0.0, 1.1, 2.3, 0.7]) * i
     p["tracker_periods"] = max(1, round(1.0 / (tracker.rate_Hz * period_s)))
     p["tracker_latency_ns"] = round(tracker.latency_ms * 1e6)

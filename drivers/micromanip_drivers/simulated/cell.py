@@ -4,13 +4,21 @@ from __future__ import annotations
 
 from typing import Any
 
-from micromanip.driver import entries, now_ns, sleep_until
+from micromanip.driver import entries
 
 from .bus import receive_samples, send_outputs, send_samples, write
 from .compiled import compiled
-from .discharge import DISCHARGE_STEP_NS, DISCHARGE_STEPS, begin_discharge, discharge_to, end_discharge
 from .faults import disturb, exchange_error, remember
-from .lines import advance_lines, cut_share, follow_enable, latch_switches, powered, read_lines, worked_periods
+from .lines import (
+    advance_lines,
+    cut_share,
+    follow_enable,
+    latch_switches,
+    make_safe,
+    powered,
+    read_lines,
+    worked_periods,
+)
 from .plant import drive, machining_force, move, push, quantised
 from .preisach import preisach_step, reset_memory
 from .records import CONTEXT, CREEP_OPERATORS, MECHANICAL_STATES, SUBSTEPS
@@ -22,7 +30,7 @@ def rest(c: Any) -> None:
     """All axes at rest at 0 V, on the branch that comes up from negative saturation, creep in balance."""
     for i in range(c["axes"]):
         p, s = c["p"][i], c["s"][i]
-        reset_memory(p["preisach"], s["memory"])
+        reset_memory(s["memory"])
         pure = preisach_step(p["preisach"], s["memory"], 0.0)
         if p["bouc_wen"]["present"] != 0:
             pure = 0.0  # symmetric about 0 V, where it begins
@@ -123,22 +131,10 @@ def begin(c: Any) -> int:
 
 
 @compiled
-def discharge(c: Any) -> int:
-    """Every voltage to 0 in 0.2 s, noted for whoever looks."""
-    step = begin_discharge(c)
-    while step < DISCHARGE_STEPS:
-        step += 1
-        discharge_to(c, step)
-        sleep_until(c["timespec"], now_ns(c["timespec"]) + DISCHARGE_STEP_NS)
-    end_discharge(c)
-    return 0
-
-
-@compiled
 def end(c: Any) -> int:
     """Switch the amplifier off."""
     c["opened"] = 0
     return 0
 
 
-ENTRIES = entries(compiled, CONTEXT, begin, exchange, discharge, end)
+ENTRIES = entries(compiled, CONTEXT, begin, exchange, make_safe, end)

@@ -13,7 +13,7 @@ from micromanip.driver import Channel, ConfigError, CyclicDriver, Functions, did
 
 from . import options as o
 from .axis_context import fill_plant, fill_surroundings
-from .discharge import discharge_in_host
+from .lines import make_safe
 from .played_path import fill_path
 from .records import (
     AXIS_LINES,
@@ -26,7 +26,6 @@ from .records import (
     IN_FLIGHT,
     MAX_AXES,
     PATH,
-    SUBSTEPS,
     SWITCHES,
 )
 
@@ -123,7 +122,7 @@ class SimulatedCell(CyclicDriver):
         return Functions(*cell.ENTRIES.addresses)
 
     def safe_in_host(self) -> Callable[[NDArray[np.uint8]], int]:
-        return discharge_in_host
+        return lambda context: make_safe(context.view(CONTEXT)[0])
 
     def _unknown(self, channel: str) -> str:
         """What to say of a channel that is none of the inputs."""
@@ -143,8 +142,6 @@ class SimulatedCell(CyclicDriver):
         line["retract_periods"] = self._periods(lines.retract_s)
         if lines.heartbeat_ms is not None:
             line["heartbeat_periods"] = self._periods(lines.heartbeat_ms * 1e-3)
-        step_s = self.period_ns * 1e-9 / SUBSTEPS
-        c["p"]["bleed_step"] = -np.expm1(-step_s / (lines.amplifier_bleed_ms * 1e-3))
 
     def _check_couplings(self) -> None:
         rows, count = self.options.couplings, len(self.options.axes)

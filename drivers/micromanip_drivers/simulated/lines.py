@@ -100,3 +100,13 @@ def follow_enable(line: Any, inputs: Any) -> None:
     """The enable circuit acts on the amplifier itself; `inputs` show it as a scheduled fault left it."""
     if line["present"] != 0 and inputs[line["first_input"]]["sequence"] > 0:
         line["enable"] = inputs[line["first_input"]]["value"]
+
+
+@compiled
+def make_safe(c: Any) -> int:
+    """Every voltage to 0 and the amplifier off, noted for whoever looks; with the loop dead nothing rings."""
+    for i in range(c["axes"]):
+        c["s"][i]["latched_V"] = 0.0
+    c["lines"]["amplifier_enable"] = 0
+    c["safe"] = 1
+    return 0

@@ -15,6 +15,9 @@ from .options import Plant
 
 Matrix = NDArray[np.float64]
 
+_STRAIN_HZ = 2500.0
+"""Bandwidth of the strain gauge."""
+
 
 def continuous(plant: Plant) -> tuple[Matrix, Matrix]:
     """``x' = A x + B [u, F]`` in um, s and N; all modes have the damping ratio of `plant`."""
@@ -32,7 +35,7 @@ def continuous(plant: Plant) -> tuple[Matrix, Matrix]:
     a[places, speeds] = 1.0
     a[np.ix_(speeds, places)] = -dynamic
     a[np.ix_(speeds, speeds)] = -damper
-    a[4, 0], a[4, 4] = 2.0 * np.pi * plant.strain_Hz, -2.0 * np.pi * plant.strain_Hz
+    a[4, 0], a[4, 4] = 2.0 * np.pi * _STRAIN_HZ, -2.0 * np.pi * _STRAIN_HZ
     b[1, 0] = 1e6 * kp / mass[0]
     b[3, 1] = 1e6 / mass[1]
     return a, b

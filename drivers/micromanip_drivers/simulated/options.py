@@ -23,8 +23,6 @@ from micromanip.driver.quantities import (
     SecondsOrZero,
     Seed,
     Speed,
-    Volts,
-    VoltsAboveZero,
 )
 
 from .records import EXCHANGE, HARMONICS, MAX_FAULTS, MOST_LATE
@@ -71,7 +69,6 @@ class Plant(_Options):
         default=(0.72, -2e-4, -2e-6), description="Reversible part: um per V, V^2, V^3."
     )
     bouc_wen: BoucWen | None = Field(default=None, description="Bouc-Wen hysteresis; null: the Preisach operator.")
-    saturation_V: Volts = Field(default=-20.0, description="Negative saturation.")
     creep_per_operator: NotNegative = Field(
         default=0.005, description="Share of the displacement per creep operator, of which there are 13."
     )
@@ -80,8 +77,6 @@ class Plant(_Options):
     amplifier_slew_V_per_ms: Speed = Field(default=40.0, description="Slew rate of the amplifier.")
     amplifier_noise_mV: NotNegative = Field(default=2.0, description="Noise of the amplifier, rms.")
     late_cycles: int = Field(default=0, ge=0, le=MOST_LATE, description="Delay of every voltage in cycles.")
-    dac_bits: int = Field(default=16, ge=8, le=32, description="Resolution of the output converter.")
-    dac_span_V: VoltsAboveZero = Field(default=300.0, description="Span of the output converter.")
     piezo_N_per_um: Positive = Field(default=400.0, description="Stiffness of the stack.")
     actuator_kg: Positive = Field(default=2.0, description="Moving mass of the stack.")
     lever: Positive = Field(default=5.31, description="Lever ratio of the flexure.")
@@ -91,7 +86,6 @@ class Plant(_Options):
     damping: NotNegative = Field(default=0.04, description="Damping ratio of both modes.")
     strain_noise_nm: NotNegative = Field(default=55.0, description="White noise of the strain gauge, rms.")
     strain_hum_nm: NotNegative = Field(default=10.0, description="50 Hz hum of the strain gauge, amplitude.")
-    strain_Hz: Hertz = Field(default=2500.0, description="Bandwidth of the strain gauge.")
     second_mode: SecondMode | None = Field(default=None, description="A second mode of the flexure; null: none.")
     strain_range_um: Distance = Field(default=180.0, description="Range of the strain gauge, +-.")
     strain_bits: int = Field(default=16, ge=8, le=32, description="Resolution of the strain gauge.")
@@ -99,8 +93,6 @@ class Plant(_Options):
     stage_range_um: Distance = Field(default=300.0, description="Range of the capacitive sensor, +-.")
     stage_zero_um: Micrometres = Field(default=329.9, description="Zero of the capacitive sensor in stage position.")
     acceleration_noise: NotNegative = Field(default=0.02, description="Noise of the accelerometer, m/s^2 rms.")
-    drift_um_per_K: Real = Field(default=0.5, description="Thermal drift of the stage.")
-    drift_time_constant_s: Seconds = Field(default=600.0, description="Time constant of the drift.")
     ambient_step_K: Real = Field(default=2.0, description="Initial distance from thermal equilibrium.")
 
 
@@ -118,15 +110,7 @@ class Force(_Options):
     harmonics: tuple[Real, ...] = Field(
         default=(), max_length=HARMONICS, description="Shares of tooth_N at 2, 3, ... times that frequency."
     )
-    teeth: int = Field(default=4, ge=1, le=64, description="Teeth of the tool.")
-    runout: Real = Field(default=0.0, description="Share of tooth_N once per turn of the spindle.")
-    speed_percent: Annotated[float, Field(ge=-20, le=20)] = Field(
-        default=0.0, description="Change of the spindle's speed under load."
-    )
-    speed_after_s: SecondsOrZero = Field(default=0.0, description="Beginning of the change after engagement.")
-    speed_within_s: Seconds = Field(default=0.1, description="Duration of the change, linear.")
     noise_N: NotNegative = Field(default=5.0, description="Coloured noise, rms.")
-    noise_Hz: Hertz = Field(default=30.0, description="Bandwidth of the coloured noise.")
 
 
 class Deviation(_Options):
@@ -140,9 +124,6 @@ class Deviation(_Options):
     start_s: SecondsOrZero = Field(default=5.0, description="Start of the file after the loop's start.")
     amplitudes_um: tuple[Micrometres, Micrometres, Micrometres] = Field(
         default=(130.0, 60.0, 30.0), description="Amplitudes of the path error."
-    )
-    frequencies_Hz: tuple[Hertz, Hertz, Hertz] = Field(
-        default=(0.11, 0.29, 0.83), description="Frequencies of the path error."
     )
     joint_um: DistanceOrZero = Field(default=30.0, description="Amplitude of the joint oscillation.")
     joint_Hz: Hertz = Field(
@@ -169,9 +150,6 @@ class Lines(_Options):
     """
 
     retract_s: Seconds = Field(default=0.5, description="Time from feed-hold until the tool is out of the cut.")
-    amplifier_bleed_ms: Milliseconds = Field(
-        default=20.0, description="Time constant of the stack's discharge by a disabled amplifier."
-    )
     heartbeat_ms: Milliseconds | None = Field(
         default=None,
         description="Longest constant heartbeat; then the amplifier switches off. null: no watchdog.",

@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from .bouc_wen import bouc_wen_step
 from .compiled import compiled
 from .noise import normal
 from .played_path import played
-from .preisach import preisach_step
+from .preisach import bouc_wen_step, preisach_step
 from .records import CREEP_OPERATORS, DEVIATION_SINES, HARMONICS, MECHANICAL_STATES, SUBSTEPS
 
 
@@ -83,21 +82,12 @@ def machining_force(p: Any, s: Any, t_s: float) -> float:
 
 @compiled
 def swing(p: Any, t_s: float) -> float:
-    """Force of the teeth over ``tooth_N``, `t_s` after the tool has engaged: its sine, harmonics, and the run-out.
-
-    While the speed changes evenly its integral is a parabola; what was turned by then is the angle.
-    """
-    share = p["speed_share"]
-    changed_s = max(0.0, min(p["speed_within_s"], t_s - p["speed_after_s"]))
-    faster_s = max(0.0, t_s - p["speed_after_s"] - p["speed_within_s"])
-    turned_s = t_s + share * (0.5 * changed_s * changed_s / p["speed_within_s"] + faster_s)
-    angle = p["tooth_omega"] * turned_s
+    """Force of the teeth over ``tooth_N``, `t_s` after the tool has engaged: its sine and harmonics."""
+    angle = p["tooth_omega"] * t_s
     total = math.sin(angle)
     for k in range(HARMONICS):
         if p["harmonics"][k] != 0.0:
             total += p["harmonics"][k] * math.sin((k + 2.0) * angle)
-    if p["runout"] != 0.0:
-        total += p["runout"] * math.sin(angle / p["teeth"])
     return total
 
 

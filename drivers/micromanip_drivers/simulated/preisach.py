@@ -14,6 +14,8 @@ from .compiled import compiled
 from .records import STACK
 
 _CENTRE_V, _WIDTH_V = 60.0, 75.0
+SATURATION_V = -20.0
+"""Negative saturation."""
 
 
 @compiled
@@ -35,12 +37,12 @@ def everett(p: Any, a: float, b: float) -> float:
 
 
 @compiled
-def reset_memory(p: Any, s: Any) -> None:
+def reset_memory(s: Any) -> None:
     """Negative saturation: the memory is empty."""
     s["depth"] = 1
-    s["extremum_V"][0] = p["saturation_V"]
+    s["extremum_V"][0] = SATURATION_V
     s["output_um"][0] = 0.0
-    s["input_V"] = p["saturation_V"]
+    s["input_V"] = SATURATION_V
     s["merged"] = 0
 
 
@@ -69,7 +71,7 @@ def _remember(p: Any, s: Any) -> None:
 @compiled
 def preisach_step(p: Any, s: Any, v: float) -> float:
     """Displacement (um) after input `v` (V): irreversible part from the memory plus reversible part."""
-    v = max(v, p["saturation_V"])
+    v = max(v, SATURATION_V)
     rising = (s["depth"] - 1) % 2 == 0
     if (rising and v < s["input_V"]) or (not rising and v > s["input_V"]):
         _remember(p, s)
@@ -84,3 +86,19 @@ def preisach_step(p: Any, s: Any, v: float) -> float:
     s["input_V"] = v
     r = p["reversible"]
     return _branch(p, s, v) + v * (r[0] + v * (r[1] + v * r[2]))
+
+
+@compiled
+def bouc_wen_step(p: Any, s: Any, v: float) -> float:
+    """Free displacement (um) at `v` (V), a sub-step after the one before, of another class of hysteresis: Bouc-Wen.
+
+    ``w = linear v + square v^2 - z``, ``dz = (fall - (with_sign sgn(dv z) + without_sign) |z|) dv``, and a share of `w`
+    follows through a first-order lag: the faster, the wider the loop. Wen, J. Eng. Mech. Div. 102 (1976).
+    """
+    change, z = v - s["input_V"], s["internal_um"]
+    same = 1.0 if change * z >= 0.0 else -1.0
+    z += (p["fall"] - (p["with_sign"] * same + p["without_sign"]) * abs(z)) * change
+    s["input_V"], s["internal_um"] = v, z
+    whole = p["linear"] * v + p["square"] * v * v - z
+    s["lagging_um"] += p["lag_step"] * (whole - s["lagging_um"])
+    return (1.0 - p["lag_share"]) * whole + p["lag_share"] * s["lagging_um"]

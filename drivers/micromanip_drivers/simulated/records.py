@@ -51,9 +51,7 @@ def _record(*fields: tuple[Any, ...]) -> np.dtype[Any]:
     return np.dtype(list(fields), align=True)
 
 
-PREISACH = _record(
-    ("c", "f8"), ("d", "f8"), ("k1", "f8"), ("k2", "f8"), ("reversible", "f8", (3,)), ("saturation_V", "f8")
-)
+PREISACH = _record(("c", "f8"), ("d", "f8"), ("k1", "f8"), ("k2", "f8"), ("reversible", "f8", (3,)))
 MEMORY = _record(
     ("extremum_V", "f8", (STACK,)), ("output_um", "f8", (STACK,)), ("depth", "i8"), ("input_V", "f8"), ("merged", "i8")
 )
@@ -106,11 +104,6 @@ AXIS_PARAMETERS = _record(
     ("tooth_N", "f8"),
     ("tooth_omega", "f8"),
     ("harmonics", "f8", (HARMONICS,)),
-    ("runout", "f8"),
-    ("teeth", "f8"),
-    ("speed_share", "f8"),
-    ("speed_after_s", "f8"),
-    ("speed_within_s", "f8"),
     ("force_noise_N", "f8"),
     ("force_noise_decay", "f8"),
     ("deviation_um", "f8", (DEVIATION_SINES,)),
@@ -129,7 +122,6 @@ AXIS_STATE = _record(
     ("decided_V", "f8", (MOST_LATE,)),
     ("creep_um", "f8", (CREEP_OPERATORS,)),
     ("latched_V", "f8"),
-    ("charged_V", "f8"),
     ("amplifier_V", "f8"),
     ("x", "f8", (MECHANICAL_STATES,)),
     ("free_x", "f8", (MECHANICAL_STATES,)),
@@ -207,7 +199,6 @@ CONTEXT = _record(
     ("opened", "i8"),
     ("safe", "i8"),
     ("pushes", "i8"),
-    ("timespec", "i8", (2,)),
     ("lines", LINES),
     ("bus", BUS),
     ("faults", "i8"),

@@ -1,9 +1,12 @@
-"""How long to wait before a lost link is tried again, and when a process has been started too often."""
+"""When errors are a lost link, how long to wait before it is tried again, when a process has been started too often."""
 
 from __future__ import annotations
 
 import random
+import time
 from collections import deque
+
+from .errors import BusError, LinkError
 
 _FIRST_S, _LONGEST_S, _STABLE_S = 0.05, 2.0, 1.0
 _JITTER = 0.2
@@ -39,3 +42,27 @@ class RestartLimit:
         if not full:
             self._times.append(now_s)
         return not full
+
+
+_ERRORS, _AMONG = 10, 40
+"""So many errors among the last calls are a lost link."""
+
+
+class Patience:
+    """Remembers how the last calls of a driver went, since its link has come up."""
+
+    def __init__(self) -> None:
+        self._failed: deque[bool] = deque(maxlen=_AMONG)
+        self._good_ns = time.monotonic_ns()
+
+    def note(self, failed: bool, calls: int, now_ns: int) -> None:
+        """So many calls, up to `now_ns`, that went well or not."""
+        self._failed.extend([failed] * min(calls, _AMONG))
+        if sum(self._failed) < _ERRORS - 1:
+            self._good_ns = now_ns
+
+    def judge(self, problem: BusError, patience_ns: int) -> None:
+        """Raises LinkError where `problem` is one of too many, for longer than `patience_ns`."""
+        impatient = time.monotonic_ns() - self._good_ns >= patience_ns
+        if impatient and sum(self._failed) >= _ERRORS - 1:
+            raise LinkError(f"{_ERRORS} errors in the last {_AMONG} calls; the last: {problem}") from problem

@@ -1,4 +1,4 @@
-"""Where the outputs of a device begin whose link has just been opened: what it has, not what it was given last.
+"""A link opened, and where the outputs of its device begin: what it has, not what it was given last.
 
 The one place that says what a device may have after silence (``docs/decisions/0017-bus-workers.md``).
 """
@@ -12,13 +12,31 @@ from collections.abc import Callable
 from micromanip.rt.io.gate import EQUAL_V, VOLTAGE
 
 from .driver import BusDriver
-from .errors import OutputsUnknown
+from .errors import OutputsUnknown, StillOpening
 from .inbox import Inbox
 from .output_writer import OutputWriter
 from .safe_state import Beginning, Bounds, Known, Left, SafeState
 from .watchdog import Watchdog
 
+_PAUSE_S = 0.02
 _SLICE_NS = 20_000_000
+
+
+def opened(driver: BusDriver, goes_on: Callable[[StillOpening, float], bool]) -> bool:
+    """Open `driver`, however often it takes; False where ``goes_on(problem, seconds since the beginning)`` ends it.
+
+    Raises what ``open`` does.
+    """
+    began = time.monotonic()
+    while True:
+        try:
+            driver.open()
+        except StillOpening as problem:
+            if not goes_on(problem, time.monotonic() - began):
+                return False
+            time.sleep(_PAUSE_S)
+        else:
+            return True
 
 
 def begin(

@@ -10,7 +10,7 @@ from typing import Self
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from micromanip.errors import did_you_mean
+from micromanip.errors import ConfigError, did_you_mean
 from micromanip.quantities import Range, Real, Scale
 
 SIZES = {
@@ -64,6 +64,22 @@ class Scaled(Section):
 
     scale: Scale = Field(default=1.0, description="Physical unit per count: value = scale x number + offset.")
     offset: Real = Field(default=0.0, description="Value of the number 0.")
+
+
+class Written(Section):
+    """What is written over and over."""
+
+    cyclic_safe: bool = Field(
+        default=False, strict=True, description="The manual allows endless writing: it does not wear flash memory."
+    )
+
+    def must_last(self, key: str, rate_hz: float) -> None:
+        """Raises ConfigError where nobody has said that it may be written at that rate; `key` is where it stands."""
+        if not self.cyclic_safe:
+            raise ConfigError(
+                f"{key}cyclic_safe: {rate_hz:g} writes per second wear out a device that keeps them in flash memory; "
+                "say cyclic_safe: true if its manual allows them for ever"
+            )
 
 
 class Commanded(Scaled):

@@ -25,8 +25,8 @@ from micromanip.rt.bus_image import (
     UNKNOWN,
 )
 
-from .backoff import BackOff
-from .beginning import begin
+from .backoff import BackOff, Patience
+from .beginning import begin, opened
 from .driver import BusDriver, Outcome
 from .errors import (
     BusError,
@@ -41,9 +41,7 @@ from .errors import (
 from .image import ProcessImage
 from .inbox import Inbox
 from .last_given import LastGiven
-from .opening import opened
 from .output_writer import OutputWriter
-from .patience import Patience
 from .report import Report, tell
 from .safe_state import SafeOutput, SafeState, Values
 from .schedule import Schedule

@@ -2,12 +2,11 @@
 
     CyclicDriver, Functions, SIGNAL                    a driver that the loop calls (docs/write-a-driver.md)
     SafeOutput, Wire                                   limits of one of its outputs; where its wire stands
-    Compiler, entries, *_SIGNATURE, now_ns,            what it needs if numba compiles it
-    sleep_until, minimum_jerk
+    Compiler, entries, *_SIGNATURE, now_ns             what it needs if numba compiles it
     BusDriver, BusOptions, Channel, Task, Load,        a driver in a worker process (docs/write-a-driver.md)
     Inbox, Sample, Outcome, Answer, Steady
     Watchdog                                           what a device does without commands, and when it is switched on
-    Section, Typed, Scaled, Commanded,                 keys of an option's section, of a number in a device: its type,
+    Section, Typed, Scaled, Written, Commanded,        keys of an option's section, of a number in a device: its type,
     SIZES, PACKED, BITS, number_range                  scale and range; bytes or bits of each type, what it holds
     BusError and those derived from it                 what a bus driver raises
     ConfigError, did_you_mean                          options that make no sense together; a name that nobody knows
@@ -44,7 +43,7 @@ from micromanip.bus.errors import (
     TransientError,
 )
 from micromanip.bus.inbox import Inbox, Sample
-from micromanip.bus.number_options import BITS, PACKED, SIZES, Commanded, Scaled, Section, Typed, number_range
+from micromanip.bus.number_options import BITS, PACKED, SIZES, Commanded, Scaled, Section, Typed, Written, number_range
 from micromanip.bus.safe_state import SafeOutput
 from micromanip.bus.watchdog import Watchdog
 from micromanip.errors import CheckFailed, ConfigError, did_you_mean
@@ -54,19 +53,16 @@ from micromanip.rt.records import SIGNAL
 if TYPE_CHECKING:
     from micromanip.recordings.path_deviation import read_path_deviation
     from micromanip.rt.entries import entries
-    from micromanip.rt.intrinsics import CONTEXT_SIGNATURE, EXCHANGE_SIGNATURE, now_ns, sleep_until
+    from micromanip.rt.intrinsics import CONTEXT_SIGNATURE, EXCHANGE_SIGNATURE, now_ns
     from micromanip.rt.jit import Compiler
-    from micromanip.rt.laws.move import minimum_jerk
 
 _LATE = {
     "CONTEXT_SIGNATURE": "micromanip.rt.intrinsics",
     "EXCHANGE_SIGNATURE": "micromanip.rt.intrinsics",
     "Compiler": "micromanip.rt.jit",
     "entries": "micromanip.rt.entries",
-    "minimum_jerk": "micromanip.rt.laws.move",
     "now_ns": "micromanip.rt.intrinsics",
     "read_path_deviation": "micromanip.recordings.path_deviation",
-    "sleep_until": "micromanip.rt.intrinsics",
 }
 """What imports numba, or readers of files, and where it stands."""
 

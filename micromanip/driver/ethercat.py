@@ -13,8 +13,6 @@ from micromanip.bus.ethercat.al_states import (
     al_code_in_words,
     state_name,
 )
-from micromanip.bus.ethercat.area import in_first_area
-from micromanip.bus.ethercat.coe import abort_in_words
 from micromanip.bus.ethercat.esi import EsiDevice, EsiEntry, EsiPdo, esi_products, read_esi
 from micromanip.bus.ethercat.esi_assigned import apart
 from micromanip.bus.ethercat.esi_types import field_type
@@ -28,4 +26,4 @@ from micromanip.bus.ethercat.frames import (
     framed,
     unframed,
 )
-from micromanip.bus.ethercat.process_data import PackedNumber, bytes_of, packed_numbers
+from micromanip.bus.ethercat.process_data import PackedNumber, bytes_of, in_first_area, packed_numbers

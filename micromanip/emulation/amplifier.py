@@ -71,10 +71,8 @@ class Amplifier:
         self.refused = 0
         """Commands that were not finite."""
         self.arrived = {name: Arrived() for name in rest_V}
-        self._arrived_since_report = {name: Arrived() for name in rest_V}
         self.switches: dict[str, Arrived] = {}
-        """What came in for digital outputs, once something has."""
-        self._switches_since_report: dict[str, Arrived] = {}
+        """What came in for digital outputs, where something has."""
         self._plant = plant
         self._watchdog_ns = math.inf if watchdog_ms is None else watchdog_ms * 1e6
         self.in_force = dict(rest_V)
@@ -98,13 +96,11 @@ class Amplifier:
         self._commanded_ns = clock_ns
         for name in values.keys() & self.arrived.keys():
             self.arrived[name].add(values[name])
-            self._arrived_since_report[name].add(values[name])
         if not self.ok:
             self.ok = not self._ramp_from and self._asks_for_rest(values)
         for name, value in values.items():
             if name not in self.rest_V:
-                for kept in (self.switches, self._switches_since_report):
-                    kept.setdefault(name, Arrived()).add(value)
+                self.switches.setdefault(name, Arrived()).add(value)
                 self._plant.write(name, value)
             elif self.ok:
                 self._put(name, value)
@@ -120,11 +116,8 @@ class Amplifier:
         for name, figures in arrived.items():
             if name in self.rest_V:
                 self.in_force[name] = figures.last
-                merged = (self.arrived, self._arrived_since_report)
-            else:
-                merged = (self.switches, self._switches_since_report)
-            for kept in merged:
-                kept.setdefault(name, Arrived()).merge(figures)
+            kept = self.arrived if name in self.rest_V else self.switches
+            kept.setdefault(name, Arrived()).merge(figures)
 
     def tick(self, clock_ns: int, plant_ns: int) -> None:
         """Time passes, on the clock and in the plant: look after the watchdog and the ramp."""
@@ -144,15 +137,10 @@ class Amplifier:
         self.ok = False
         self._ramp_from, self._ramp_ns = dict(self.in_force), plant_ns
 
-    def take_report(self) -> dict[str, Arrived]:
-        """What arrived since the last call; a step from the last command before it counts too."""
-        report = self._arrived_since_report
-        self._arrived_since_report = {name: Arrived(last=before.last) for name, before in report.items()}
-        return report
-
-    def take_switches(self) -> dict[str, Arrived]:
-        """The same of the digital outputs: those of which anything arrived."""
-        report, self._switches_since_report = self._switches_since_report, {}
+    def take_report(self) -> tuple[dict[str, Arrived], dict[str, Arrived]]:
+        """What arrived for analog and digital outputs since the last call; a step from the last command counts too."""
+        report = self.arrived, self.switches
+        self.arrived, self.switches = {name: Arrived(last=before.last) for name, before in self.arrived.items()}, {}
         return report
 
     def _ramp(self, plant_ns: int) -> None:

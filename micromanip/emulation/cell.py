@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -73,23 +73,16 @@ class EmulatedCell:
         return {name: volts for amplifier in self.amplifiers for name, volts in amplifier.in_force.items()}
 
     def report(self) -> dict[str, Any]:
-        """Figures since the start."""
+        """Outputs and switches since the last call, the rest since the start."""
+        arrived = [amplifier.take_report() for amplifier in self.amplifiers]
         return {
             "path_error_um": self.errors.report(),
-            "outputs": self._outputs(lambda amplifier: amplifier.arrived),
-            "switches": self._outputs(lambda amplifier: amplifier.switches),
+            "outputs": _figures(outputs for outputs, _ in arrived),
+            "switches": _figures(switches for _, switches in arrived),
             "amplifier_trips": sum(amplifier.trips for amplifier in self.amplifiers),
             "refused_commands": sum(amplifier.refused for amplifier in self.amplifiers),
             "stalls": self.plant.stalls.report(),
         }
-
-    def report_since_last(self) -> dict[str, Any]:
-        """Outputs, switches and the latest event since the last call, the rest since the start."""
-        report = self.report()
-        self.plant.stalls.latest_ms = 0.0
-        report["outputs"] = self._outputs(Amplifier.take_report)
-        report["switches"] = self._outputs(Amplifier.take_switches)
-        return report
 
     def _amplifier_ok(self, signal: str) -> float:
         """Of the amplifier that drives the signal's axis; of all of them for a signal without an axis."""
@@ -97,11 +90,9 @@ class EmulatedCell:
         concerned = [amplifier for amplifier in self.amplifiers if voltage in amplifier.rest_V] or self.amplifiers
         return float(all(amplifier.ok for amplifier in concerned))
 
-    def _outputs(self, figures: Any) -> dict[str, Any]:
-        merged: Mapping[str, Arrived] = {}
-        for amplifier in self.amplifiers:
-            merged = {**merged, **figures(amplifier)}
-        return {name: arrived.report() for name, arrived in merged.items()}
+
+def _figures(found: Iterable[Mapping[str, Arrived]]) -> dict[str, Any]:
+    return {name: arrived.report() for each in found for name, arrived in each.items()}
 
 
 @dataclass

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -100,7 +99,7 @@ class Devices:
         try:
             document = parsed(line)
             if "report" in document:
-                return self._report(self.cell.report_since_last)
+                return self.report()
             if "inject" in document:
                 self._inject(document)
             else:
@@ -110,15 +109,12 @@ class Devices:
         return {"ok": True}
 
     def report(self) -> dict[str, Any]:
-        """Figures since the start."""
-        return self._report(self.cell.report)
-
-    def _report(self, of_cell: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+        """Figures: what arrived since the last report, the rest since the start."""
         return {
             "elapsed_s": (self.loop.now_ns() - self._began_ns) * 1e-9,
             "cpu_s": time.process_time() - self._began_cpu_s,
             "devices": {name: device.report() for name, device in self.emulated.items()},
-            **of_cell(),  # to which the devices have told theirs now
+            **self.cell.report(),  # to which the devices have told theirs now
         }
 
     def _inject(self, document: dict[str, Any]) -> None:

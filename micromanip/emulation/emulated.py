@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+from micromanip.bus.cyclic import CyclicDriver
 from micromanip.errors import nearest
 from micromanip.settings.schema.model import Configuration, Output, Switch
 from micromanip.settings.text.source import Source
@@ -42,13 +43,14 @@ class Surroundings:
     watchdog_ms: float
 
     def options(self, driver: str) -> Any:
-        """The keys of a driver, read by the driver itself as for a run: validated, with their defaults, by attribute.
+        """The keys of a driver, as of `built`: validated, with their defaults, by attribute."""
+        return self.built(driver)[1]
 
-        Raises ConfigError, with file, line and key, for whatever the driver would refuse.
-        """
+    def built(self, driver: str) -> tuple[CyclicDriver, Any]:
+        """A driver as for a run, and its keys. Raises ConfigError, at file, line and key, for what it would refuse."""
         silent_ns = round(self.configuration.faults.link.silent_ms * 1e6)
         entry = self.configuration.drivers[driver]
-        return build_driver(self.source, driver, entry, self.configuration.loop.period_ns, silent_ns)[1]
+        return build_driver(self.source, driver, entry, self.configuration.loop.period_ns, silent_ns)
 
     def wires(self, driver: str) -> Wires:
         """What the configuration connects to `driver`; ConfigError with file and line for what the plant lacks."""
@@ -74,11 +76,11 @@ class Surroundings:
         rest_V = {name: output.park_V for name, output in self.configuration.outputs.items() if output.driver == driver}
         return Wires(signals, outputs, rest_V)
 
-    def amplifier(self, wires: Wires, period_ms: float = 0.0) -> Amplifier | None:
-        """The amplifier behind the outputs of a driver, commanded every `period_ms` at least; None without outputs."""
+    def amplifier(self, wires: Wires, rates_hz: Iterable[float] = ()) -> Amplifier | None:
+        """The amplifier behind the outputs of a driver, commanded at these rates; None without outputs."""
         if not wires.outputs:
             return None
-        watchdog_ms = max(self.watchdog_ms, _MISSED_PERIODS * period_ms)
+        watchdog_ms = max([self.watchdog_ms, *(_MISSED_PERIODS * 1e3 / rate_hz for rate_hz in rates_hz)])
         amplifier = Amplifier(self.cell.plant, wires.rest_V, watchdog_ms)
         self.cell.amplifiers.append(amplifier)
         return amplifier

@@ -30,15 +30,10 @@ class Stalls:
     _late = False
     count: int = 0
     longest_ms: float = 0.0
-    latest_ms: float = 0.0
-    """How late an event came at most since somebody last set this to 0, also where it was no stall."""
-    skipped_ms: float = 0.0
-    """Time in which the plant stood still, because making it up would have blocked for too long."""
 
     def behind(self, late_ns: int) -> None:
         """What happens now should have happened `late_ns` ago: a stall, until that is made up."""
         late_ms = late_ns * 1e-6
-        self.latest_ms = max(self.latest_ms, late_ms)
         late = late_ns >= STALL_PERIODS * PERIOD_NS
         self.count += late and not self._late
         self._late = late
@@ -47,12 +42,7 @@ class Stalls:
 
     def report(self) -> dict[str, float]:
         """For a document."""
-        return {
-            "count": self.count,
-            "longest_ms": self.longest_ms,
-            "latest_ms": self.latest_ms,
-            "skipped_ms": self.skipped_ms,
-        }
+        return {"count": self.count, "longest_ms": self.longest_ms}
 
 
 class PlantInRealTime:
@@ -129,7 +119,5 @@ class PlantInRealTime:
         self._written = True
 
     def _stalled(self, periods: int) -> None:
-        ms = self._period_ns * 1e-6
         self.stalls.count += 1
-        self.stalls.longest_ms = max(self.stalls.longest_ms, periods * ms)
-        self.stalls.skipped_ms += max(0, periods - MOST_PERIODS) * ms
+        self.stalls.longest_ms = max(self.stalls.longest_ms, periods * self._period_ns * 1e-6)

@@ -5,7 +5,7 @@ import socket
 
 import pytest
 
-from micromanip.bus import device_identity, link_kind
+from micromanip.bus import device_identity
 from micromanip.bus.device_identity import identities, identity, real_because
 
 
@@ -85,7 +85,7 @@ def test_a_can_interface_is_judged_by_what_the_kernel_says_of_it(tmp_path, monke
 
 
 def test_the_kernel_is_asked_what_kind_of_interface_it_is(monkeypatch):
-    assert link_kind.kind_of_link("lo") == ""
-    assert link_kind.kind_of_link("nosuchcan0") is None
+    assert device_identity.kind_of_link("lo") == ""
+    assert device_identity.kind_of_link("nosuchcan0") is None
     monkeypatch.setattr(socket, "AF_NETLINK", 4711)
-    assert link_kind.kind_of_link("lo") is None, "a service may not ask"
+    assert device_identity.kind_of_link("lo") is None, "a service may not ask"

@@ -35,7 +35,7 @@ class Controller:
         self.devices = Devices(file, loop=VirtualLoop(), **options)
         self.heard = []
         self._count = 0
-        self._line = self.devices.emulated["can0"].bus.line
+        self._line = self.devices.emulated["can0"].line
         self._line.attach(self)
         self.devices.start()
 

@@ -65,7 +65,6 @@ def test_a_long_stall_is_counted_and_not_made_up(plant):
     plant.advance_to(BEGIN_NS + 10_001 * PERIOD_NS)
     assert plant.stalls.count == 1
     assert plant.stalls.longest_ms == pytest.approx(1000.0)
-    assert plant.stalls.skipped_ms == pytest.approx(1000.0 - MOST_PERIODS * 0.1)
     assert plant.time_ns == BEGIN_NS + 10_001 * PERIOD_NS, "samples carry the clock's time all the same"
     assert bench.exchange() == 0
     assert bench.exchange(periods=MOST_PERIODS) == 0

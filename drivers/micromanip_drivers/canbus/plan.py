@@ -9,9 +9,36 @@ import math
 from collections.abc import Sequence
 from typing import Literal
 
+import can
+
 from micromanip.driver import OutputRefused
 
 from .bit_field import BitField
+
+
+class Layout:
+    """Signals in a frame: its identifier, with whether that has 29 bits, and the bytes of its data."""
+
+    identity: tuple[int, bool]
+    length: int
+    fields: Sequence[BitField]
+
+
+class Incoming(Layout):
+    """A frame that is received: how old its values are then, and which input is its first signal."""
+
+    latency_ns: int
+    first: int
+
+
+class Outgoing(Layout):
+    """A frame that is sent, with the outputs that are its signals, one after the other."""
+
+    indices: tuple[int, ...]
+
+    def empty(self) -> can.Message:
+        """It, before anything is written into it."""
+        raise NotImplementedError
 
 
 class UnpackPlan:

@@ -10,13 +10,13 @@ from micromanip.driver.wire import DeviceCounter
 from .bit_field import bit_field
 from .database import identity, whole_number
 from .options import Received
-from .plan import UnpackPlan
+from .plan import Incoming, UnpackPlan
 
 _BAD = -1
 """Status of samples whose device says 0, and 0 is not good."""
 
 
-class ReceivedMessage:
+class ReceivedMessage(Incoming):
     """One message of cantools, with what the configuration says of it; its inputs begin at index `first`.
 
     Raises ConfigError for a counter or status signal that isn't there or doesn't count.

@@ -13,10 +13,10 @@ from micromanip.driver import Channel, ConfigError, OutputRefused
 from .bit_field import bit_field
 from .database import identity, start_value, switches_bitrate, whole_number
 from .options import Sent
-from .plan import PackPlan
+from .plan import Outgoing, PackPlan
 
 
-class SentMessage:
+class SentMessage(Outgoing):
     """One message of cantools, with what the configuration says of it; its outputs begin at index `first`.
 
     Raises ConfigError for a counter that isn't there or doesn't count, and for a signal without a value to rest at.
@@ -61,7 +61,6 @@ class SentMessage:
         return can.Message(data=data, **self._frame)
 
     def empty(self) -> can.Message:
-        """The same with no bit set in its data."""
         return can.Message(data=bytes(self.length), **self._frame)
 
     def count_in(self, record: Any) -> None:

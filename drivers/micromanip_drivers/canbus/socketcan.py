@@ -8,19 +8,18 @@ from __future__ import annotations
 import select
 import socket
 import struct
-import time
 from pathlib import Path
 
 import can
 from can.interfaces.socketcan.socketcan import dissect_can_frame
 
-SO_TIMESTAMPNS, SO_MEMINFO = 35, 55
+from ..kernel_times import ANCILLARY_BYTES, KernelTimes
+
+_SO_MEMINFO = 55
 EXTENDED, _REMOTE, _ERROR = 0x80000000, 0x40000000, 0x20000000
 _FD_SIZE = 72
 _BITRATE_SWITCH, _ERROR_STATE = 0x01, 0x02
-_TIMESPEC = struct.Struct("@ll")
 _MEMORY = struct.Struct("@9I")  # SK_MEMINFO_..., of which the last is that of drops
-_ANCILLARY = socket.CMSG_SPACE(_TIMESPEC.size)
 _ARPHRD_CAN = "280"
 _IFF_UP = 1
 NETWORKS = Path("/sys/class/net")
@@ -31,8 +30,7 @@ class KernelReader:
 
     def __init__(self, raw: socket.socket) -> None:
         self._socket = raw
-        raw.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
-        self._earliest_ns = time.monotonic_ns()  # what is still in the queue came after that
+        self._times = KernelTimes(raw)
 
     @property
     def fileno(self) -> int:
@@ -42,42 +40,23 @@ class KernelReader:
     @property
     def overflows(self) -> int:
         """Frames that did not fit into the socket's queue."""
-        return int(_MEMORY.unpack(self._socket.getsockopt(socket.SOL_SOCKET, SO_MEMINFO, _MEMORY.size))[-1])
+        return int(_MEMORY.unpack(self._socket.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, _MEMORY.size))[-1])
 
     def drain(self, limit: int) -> list[tuple[can.Message, int]]:
         """What is there, `limit` frames at most. Raises OSError."""
         frames: list[tuple[can.Message, int]] = []
         while len(frames) < limit:
             try:
-                data, ancillary, _, _ = self._socket.recvmsg(_FD_SIZE, _ANCILLARY, socket.MSG_DONTWAIT)
+                data, ancillary, _, _ = self._socket.recvmsg(_FD_SIZE, ANCILLARY_BYTES, socket.MSG_DONTWAIT)
             except BlockingIOError:
-                self._earliest_ns = time.monotonic_ns()
+                self._times.queue_is_empty()
                 break
-            frames.append((frame_of(data), self._received_ns(ancillary)))
+            frames.append((frame_of(data), self._times.received_ns(ancillary)))
         return frames
 
     def wait(self, seconds: float) -> None:
         """Until a frame is there, or so long."""
         select.select([self._socket], [], [], seconds)
-
-    def _received_ns(self, ancillary: list[tuple[int, int, bytes]]) -> int:
-        """Time of reception.
-
-        The monotonic clock is read first: if this process is stalled in between, the frame looks older, never newer
-        than it is. A wall clock that was stepped makes nonsense of the difference, so it counts only within what is
-        known for sure: the frame came after the one before it and after the queue was last seen empty, and before now.
-        """
-        now_ns = time.monotonic_ns()
-        wall_ns = time.time_ns()
-        stamp_ns: int | None = None
-        for _, kind, data in ancillary:
-            if kind == SO_TIMESTAMPNS:
-                seconds, nanoseconds = _TIMESPEC.unpack_from(data)
-                stamp_ns = seconds * 1_000_000_000 + nanoseconds
-        if stamp_ns is not None:
-            self._earliest_ns = min(now_ns, max(self._earliest_ns, now_ns - (wall_ns - stamp_ns)))
-            return self._earliest_ns
-        return now_ns
 
 
 def frame_of(frame: bytes) -> can.Message:

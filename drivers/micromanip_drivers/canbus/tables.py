@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Iterator, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import can
 import numpy as np
@@ -15,6 +15,7 @@ from micromanip.driver.wire import FLOATING, MAX_BYTES, SIGNED, UNSIGNED, lend
 
 from .bit_field import BitField
 from .link import CanLink
+from .plan import Incoming, Outgoing
 from .received_message import ReceivedMessage
 from .records import CONTEXT, MAX_FIELDS, MAX_GOOD, MAX_MESSAGES, MAX_WATCHED
 from .sent_message import SentMessage
@@ -22,45 +23,6 @@ from .socketcan import EXTENDED, frame_of
 
 _EXACT_BITS = 53
 _LEAST_BYTES, _LENGTH_AT, _MOST_DATA = 16, 4, 64
-
-
-class Layout(Protocol):
-    """Signals in a frame."""
-
-    @property
-    def identity(self) -> tuple[int, bool]:
-        """Its identifier, and whether that has 29 bits."""
-
-    @property
-    def length(self) -> int:
-        """Bytes of its data."""
-
-    @property
-    def fields(self) -> Sequence[BitField]:
-        """Where its signals lie."""
-
-
-class Incoming(Layout, Protocol):
-    """A frame that is received."""
-
-    @property
-    def latency_ns(self) -> int:
-        """How old its values are when it comes."""
-
-    @property
-    def first(self) -> int:
-        """The input that is its first signal."""
-
-
-class Outgoing(Layout, Protocol):
-    """A frame that is sent."""
-
-    @property
-    def indices(self) -> Sequence[int]:
-        """The outputs that are its signals, one after the other."""
-
-    def empty(self) -> can.Message:
-        """It, before anything is written into it."""
 
 
 class Tables:

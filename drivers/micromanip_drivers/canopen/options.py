@@ -164,11 +164,6 @@ class CanOpenOptions(LinkOptions):
 
     sync_hz: SampleRate | None = Field(default=None, description="Rate of the controller's SYNC; null: none.")
     own_node_id: NodeId = Field(default=127, description="Number of the controller on the bus, in its heartbeat.")
-    own_heartbeat_ms: Milliseconds | None = Field(
-        default=None,
-        description="Period of the controller's heartbeat; null: a third of the shortest watchdog_ms that watches it, "
-        "or none.",
-    )
     nodes: dict[Name, NodeOptions] = Field(min_length=1, description="Devices by name.")
 
     @model_validator(mode="after")
@@ -190,8 +185,6 @@ class CanOpenOptions(LinkOptions):
 
     @property
     def heartbeat_period_ms(self) -> int | None:
-        """Period of our own heartbeat; None if nobody wants it."""
-        if self.own_heartbeat_ms is not None:
-            return self.own_heartbeat_ms
+        """Period of our own heartbeat, a third of the shortest time that a node waits for it; None if none does."""
         waiting = [n.watchdog_ms for n in self.nodes.values() if n.watchdog_ms and n.watchdog_by == "heartbeat"]
         return max(1, min(waiting) // 3) if waiting else None

@@ -9,12 +9,12 @@ import can
 from micromanip.driver import Channel, Inbox, TransientError
 
 from ..canbus.bit_field import BitField
-from ..canbus.plan import PackPlan, UnpackPlan
+from ..canbus.plan import Incoming, Outgoing, PackPlan, UnpackPlan
 from .plan import PdoPlan
 from .sampling import Sampling
 
 
-class ReceivedPdo:
+class ReceivedPdo(Incoming):
     """A TPDO of a node; its inputs begin at index `first`."""
 
     def __init__(self, pdo: PdoPlan, first: int, latency_s: float, sampling: Sampling) -> None:
@@ -45,7 +45,7 @@ class ReceivedPdo:
         inbox.put_all(self.first, self._plan.values(data), taken_ns, 0, lost)
 
 
-class SentFrame:
+class SentFrame(Outgoing):
     """A task: a frame that is `data`, with values in its `fields`; its outputs begin at index `first`."""
 
     def __init__(self, identifier: int, data: bytes, fields: Sequence[BitField] = (), first: int = 0) -> None:
@@ -59,7 +59,6 @@ class SentFrame:
         return self._message(self._plan.data(values[self._own]) if self.fields else self._data)
 
     def empty(self) -> can.Message:
-        """It, before any value is written into it."""
         return self._message(self._data)
 
     def _message(self, data: bytes) -> can.Message:

@@ -72,8 +72,6 @@ def _manage(link: Link, station: int, k: int, start: int, length: int, control: 
 
 _PATIENCE_S = 3.0
 """For a state that was asked for."""
-_SUPPORTED_MODES = 0x6502
-_CODE_BYTES = 2
 
 
 def bring_to_safeop(link: Link, options: EthercatOptions, image: Image, period_ns: int) -> Clocks:

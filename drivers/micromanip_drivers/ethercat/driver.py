@@ -44,11 +44,8 @@ class Ethercat(LoopWire):
         super().__init__(options, period_ns, options.outputs, "terminals")
         self._image = Image(options)
         _require_own_names(options)
-        if options.outputs and not options.cyclic_safe:
-            raise ConfigError(
-                f"cyclic_safe: {1e9 / period_ns:g} writes per second wear out a terminal that keeps them in flash "
-                "memory; say cyclic_safe: true if the manuals allow them for ever"
-            )
+        if options.outputs:
+            options.must_last("", 1e9 / period_ns)
         for name, terminal in options.terminals.items():
             if terminal.sync0_shift_us is not None and terminal.sync0_shift_us * 1e3 >= period_ns:
                 raise ConfigError(

@@ -1,4 +1,4 @@
-"""The master's end of a slave's mailbox: SDOs expedited, normal, in segments, with complete access."""
+"""The master's end of a slave's mailbox: SDOs expedited and normal; nothing of a PDO or a setting is longer."""
 
 from __future__ import annotations
 
@@ -7,15 +7,12 @@ import time
 from itertools import count
 
 from micromanip.driver import DeviceFault, LinkError
-from micromanip.driver.ethercat import abort_in_words, coe, registers
+from micromanip.driver.ethercat import coe, registers
 
 from .link import Link
 from .scan import Slave
 
 _ANSWER_S = 2.0
-_HEADERS_BYTES = 16
-"""Of mailbox, CoE and SDO, with the length of a normal transfer."""
-_SEGMENT_HEADERS_BYTES = 9
 _SDO = struct.Struct(coe.SDO_HEADER)
 _EMERGENCY = 1
 
@@ -32,27 +29,18 @@ class Mailbox:
         self._counter = count()
         self._heard, self._is_asked_again = 0, False
 
-    def read(self, index: int, subindex: int, *, complete: bool = False) -> bytes:
-        """An object's entry, or with `complete` all from that one on. Raises DeviceFault with the abort code."""
-        command = coe.UPLOAD << 5 | (coe.COMPLETE if complete else 0)
-        said, body = self._asked(index, subindex, _SDO.pack(command, index, subindex) + bytes(4))
+    def read(self, index: int, subindex: int) -> bytes:
+        """An object's entry that one mail holds. Raises DeviceFault with the abort code, and for a longer one."""
+        said, body = self._asked(index, subindex, _SDO.pack(coe.UPLOAD << 5, index, subindex) + bytes(4))
         if said & coe.EXPEDITED:
             return body[: 4 - (said >> 2 & 3)] if said & coe.SIZE_GIVEN else body[:4]
         (length,) = struct.unpack_from("<I", body)
-        data, toggle = body[4 : 4 + length], 0
-        while len(data) < length:
-            request = struct.pack("<B7x", coe.UPLOAD_SEGMENT << 5 | toggle)
-            said, part = self._asked(index, subindex, request, segment=True)
-            part = part[: 7 - (said >> 1 & 7)] if len(part) <= 7 else part
-            data, toggle = data + part, toggle ^ coe.TOGGLE
-            if said & coe.LAST_SEGMENT or not part:
-                break
-        if len(data) < length:
+        if len(body) < 4 + length:
             raise DeviceFault(
-                f"{self._link.name}: terminal {self._name}: object 0x{index:04x}:{subindex:02x} ends after "
-                f"{len(data)} of {length} bytes"
+                f"{self._link.name}: terminal {self._name}: object 0x{index:04x}:{subindex:02x} has {length} bytes, "
+                "more than one mail holds"
             )
-        return data[:length]
+        return body[4 : 4 + length]
 
     def read_number(self, index: int, subindex: int, size: int) -> int:
         """An unsigned number of `size` bytes. Raises DeviceFault also where the object has another length."""
@@ -65,24 +53,13 @@ class Mailbox:
         return int.from_bytes(data, "little")
 
     def write(self, index: int, subindex: int, data: bytes) -> None:
-        """Write an object's entry. Raises DeviceFault with the abort code."""
-        if 1 <= len(data) <= 4:
-            command = coe.DOWNLOAD << 5 | coe.EXPEDITED | coe.SIZE_GIVEN | (4 - len(data)) << 2
-            self._asked(index, subindex, _SDO.pack(command, index, subindex) + data.ljust(4, b"\0"))
-            return
-        room = self._out[1] - _HEADERS_BYTES
-        command = coe.DOWNLOAD << 5 | coe.SIZE_GIVEN
-        head = _SDO.pack(command, index, subindex) + struct.pack("<I", len(data))
-        self._asked(index, subindex, head + data[:room])
-        at, toggle, room = room, 0, self._out[1] - _SEGMENT_HEADERS_BYTES
-        while at < len(data):
-            part, at = data[at : at + room], at + room
-            command = coe.DOWNLOAD_SEGMENT << 5 | toggle | max(0, 7 - len(part)) << 1
-            command |= coe.LAST_SEGMENT if at >= len(data) else 0
-            self._asked(index, subindex, bytes([command]) + part.ljust(7, b"\0"), segment=True)
-            toggle ^= coe.TOGGLE
+        """Write an object's entry, of 8 bytes at most. Raises DeviceFault with the abort code."""
+        command, sent = coe.DOWNLOAD << 5 | coe.SIZE_GIVEN, struct.pack("<I", len(data)) + data
+        if len(data) <= 4:
+            command, sent = command | coe.EXPEDITED | (4 - len(data)) << 2, data.ljust(4, b"\0")
+        self._asked(index, subindex, _SDO.pack(command, index, subindex) + sent)
 
-    def _asked(self, index: int, subindex: int, sdo: bytes, *, segment: bool = False) -> tuple[int, bytes]:
+    def _asked(self, index: int, subindex: int, sdo: bytes) -> tuple[int, bytes]:
         """Command and data of the answer to a request."""
         body = struct.pack(coe.COE_HEADER, coe.SDO_REQUEST << 12) + sdo
         head = struct.pack(coe.MAILBOX_HEADER, len(body), 0, 0, coe.COE | (next(self._counter) % 7 + 1) << 4)
@@ -98,16 +75,15 @@ class Mailbox:
                 continue  # of another protocol, or the device's own: the AL state tells of what matters
             said = answer[2]
             if said >> 5 == coe.ABORT and len(answer) >= 10:
-                (code,) = struct.unpack_from("<I", answer, 6)
+                from canopen.sdo.exceptions import SdoAbortedError  # the loop's process has no other use for it
+
+                aborted = SdoAbortedError(*struct.unpack_from("<I", answer, 6))
                 raise DeviceFault(
-                    f"{self._link.name}: terminal {self._name} refuses object 0x{index:04x}:{subindex:02x}: "
-                    f"{abort_in_words(code)} (0x{code:08x})"
+                    f"{self._link.name}: terminal {self._name} refuses object 0x{index:04x}:{subindex:02x}: {aborted}"
                 )
             if said >> 5 != coe.ANSWERS[sdo[0] >> 5]:
                 self._require_before(end)
                 continue  # it belongs to an earlier request
-            if segment:
-                return said, answer[3:]
             if len(answer) >= 10 and _SDO.unpack_from(answer, 2)[1:] == (index, subindex):
                 return said, answer[6:]
             self._require_before(end)

@@ -41,7 +41,7 @@ from typing import Annotated
 
 from pydantic import Field, field_validator, model_validator
 
-from micromanip.driver import BITS, PACKED, Scaled, Section, Typed, did_you_mean, number_range
+from micromanip.driver import BITS, PACKED, Scaled, Section, Typed, Written, did_you_mean, number_range
 from micromanip.driver.quantities import Latency, SampleRate
 from micromanip.driver.wire import LoopOutput, LoopWireOptions
 from micromanip_drivers.line.section import Name, Whole
@@ -215,7 +215,7 @@ class Lock(Section):
     )
 
 
-class EthercatOptions(LoopWireOptions):
+class EthercatOptions(LoopWireOptions, Written):
     """A line of terminals."""
 
     interface: Interface = Field(description="Network interface, for this line only.")
@@ -233,11 +233,6 @@ class EthercatOptions(LoopWireOptions):
         default=None,
         description="Locks the loop's deadlines to the first terminal's clock, requires `clocks`; null: this "
         "machine's clock.",
-    )
-    cyclic_safe: bool = Field(
-        default=False,
-        strict=True,
-        description="The manuals allow endless writing of the outputs: it does not wear flash memory.",
     )
     terminals: dict[Name, Terminal] = Field(
         min_length=1, max_length=MOST_TERMINALS, description="Terminals in their order from the master."

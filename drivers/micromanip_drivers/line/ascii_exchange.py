@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from micromanip.driver import Channel, ConfigError
+from micromanip.driver import Channel
 
 from . import ascii_presets
 from .ascii_options import Ascii, AsciiOutput, Read, Write
@@ -31,11 +31,8 @@ class Exchange:
         self.name, self.rate_hz = name, exchange.rate_hz
         self.writes = isinstance(exchange, Write)
         key = f"ascii.{'write' if self.writes else 'read'}.{name}"
-        if isinstance(exchange, Write) and not exchange.cyclic_safe:
-            raise ConfigError(
-                f"{key}.cyclic_safe: {exchange.rate_hz:g} writes per second wear out a device that keeps them in flash "
-                "memory; say cyclic_safe: true if its manual allows them for ever"
-            )
+        if isinstance(exchange, Write):
+            exchange.must_last(f"{key}.", exchange.rate_hz)
         self.indices = {label: index for index, label in enumerate(exchange.fields, first)}
         self.scales = {label: (field.scale, field.offset) for label, field in exchange.fields.items()}
         outputs: Mapping[str, tuple[int, AsciiOutput]] = {

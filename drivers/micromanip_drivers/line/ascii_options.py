@@ -60,7 +60,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, field_validator, model_validator
 
-from micromanip.driver import Commanded, Scaled, Section
+from micromanip.driver import Commanded, Scaled, Section, Written
 from micromanip.driver.quantities import Latency, Range, SampleRate
 
 from .section import Name
@@ -159,15 +159,10 @@ class Read(_Exchange):
         return self
 
 
-class Write(_Exchange):
+class Write(_Exchange, Written):
     """Values sent at a fixed rate."""
 
     fields: dict[Name, AsciiOutput] = Field(min_length=1, description="The outputs by name.")
-    cyclic_safe: bool = Field(
-        default=False,
-        strict=True,
-        description="The manual allows endless writing: it does not wear flash memory.",
-    )
 
     @model_validator(mode="after")
     def _fields_are_sent(self) -> Self:

@@ -220,8 +220,7 @@ class BinaryFraming(Framing):
     def _ask_who(self, identity: IdentityFrame, deadline_ns: int) -> None:
         before, strange = self._reader.received, 0
         while (now_ns := time.monotonic_ns()) < deadline_ns:
-            if identity.request:
-                self._port.send(identity.request)
+            self._port.send(identity.request)
             until_ns = min(deadline_ns, now_ns + _ASK_NS)
             while time.monotonic_ns() < until_ns:
                 for frame, _ in self._reader.frames(until_ns):
@@ -233,7 +232,7 @@ class BinaryFraming(Framing):
                     if strange >= _STRANGE:
                         raise IdentityMismatch(f"{self._port.name} has {' and '.join(differences)}")
                 self._reader.pardon()
-                if strange and identity.request:
+                if strange:
                     break
         raise LinkError(f"{self._port.name} {self._reader.unheard(before, 'does not say who it is')}")
 

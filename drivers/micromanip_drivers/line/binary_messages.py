@@ -14,10 +14,18 @@ from micromanip.driver.wire import FramePlan, GroupPlan, NumberCodec
 
 from .binary_options import Binary, BinaryIdentity, Received, Sent
 from .frame_options import Counter, Status
-from .frame_parts import Part, StatusWord, laid_out, part
+from .frame_parts import (
+    Incoming,
+    InputNumber,
+    OutputNumber,
+    PacketCounter,
+    Part,
+    StatusWord,
+    laid_out,
+    mismatches,
+    part,
+)
 from .line_time import LineTime
-from .number import InputNumber, OutputNumber, mismatches
-from .packet_counter import PacketCounter
 
 NOT_FINITE = -1
 """Status of a sample that is no number."""
@@ -63,8 +71,7 @@ class IdentityFrame:
         parts = [one for name, known in options.numbers.items() for one in part(f"numbers.{name}", known)]
         self.length = frames.length(key, options, parts)
         self.kind = options.kind
-        asked = bytes.fromhex(options.request) if options.request else b""
-        self.request = frames.sealed(bytearray(asked + bytes(frames.crc_size))) if asked else b""
+        self.request = frames.sealed(bytearray(bytes.fromhex(options.request) + bytes(frames.crc_size)))
         self._numbers = {name: (NumberCodec(known), known.value) for name, known in options.numbers.items()}
 
     def mismatches(self, frame: bytes) -> Sequence[str]:
@@ -76,7 +83,7 @@ class IdentityFrame:
         return {name: codec.read(frame) for name, (codec, _) in self._numbers.items()}
 
 
-class ReceivedFrame:
+class ReceivedFrame(Incoming):
     """A message that the device sends; its inputs begin at index `first`. Raises ConfigError."""
 
     def __init__(self, frames: Frames, name: str, options: Received, first: int, line_time: LineTime) -> None:
@@ -130,11 +137,8 @@ class SentFrame:
         self.name, self.rate_hz = name, options.rate_hz
         self.length = frames.length(key, options, [*part("counter", options.counter), *fields])
         self.seconds = line_time.seconds(self.length)
-        if options.fields and not options.cyclic_safe:
-            raise ConfigError(
-                f"{key}.cyclic_safe: {options.rate_hz:g} writes per second wear out a device that keeps them in flash "
-                "memory; say cyclic_safe: true if its manual allows them for ever"
-            )
+        if options.fields:
+            options.must_last(f"{key}.", options.rate_hz)
         latency_s = self.seconds if options.latency_us is None else options.latency_us * 1e-6
         self.channels = [
             Channel(label, options.rate_hz, latency_s, field.safe) for label, field in options.fields.items()

@@ -47,7 +47,7 @@ from typing import Annotated
 
 from pydantic import Field, model_validator
 
-from micromanip.driver import Section
+from micromanip.driver import Section, Written
 from micromanip.driver.quantities import Latency, SampleRate
 
 from .frame_options import Counter, Crc, InputField, Known, Length, OutputField, Status, WholeNumber
@@ -77,15 +77,10 @@ class Received(_Message):
     fields: dict[Name, InputField] = Field(min_length=1, description="Inputs by name.")
 
 
-class Sent(_Message):
+class Sent(_Message, Written):
     """A frame to the device with the latest values; without fields a mere request."""
 
     fields: dict[Name, OutputField] = Field(default={}, description="Outputs by name.")
-    cyclic_safe: bool = Field(
-        default=False,
-        strict=True,
-        description="The manual allows endless writing: it does not wear flash memory.",
-    )
     reply: Name | None = Field(
         default=None, description="Message of `receive` that answers it at the same rate; null: no answer."
     )
@@ -94,9 +89,7 @@ class Sent(_Message):
 class BinaryIdentity(Section):
     """The device that must answer, asked at the start."""
 
-    request: HexBytes | None = Field(
-        default=None, description="Request without its CRC, hexadecimal; null: the device sends it by itself."
-    )
+    request: HexBytes = Field(min_length=2, description="Request without its CRC, hexadecimal.")
     kind: Kind | None = Field(default=None, description="Kind of the answer.")
     bytes: Count | None = Field(default=None, description="Length of the answer, as for a message.")
     numbers: dict[Name, Known] = Field(min_length=1, description="Expected numbers.")

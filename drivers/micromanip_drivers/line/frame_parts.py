@@ -1,13 +1,17 @@
-"""Parts of a frame beside its values: where they lie, its sender's word on whether all is well."""
+"""Parts of a frame: where they lie, numbers as values and back, its counter, its sender's word whether all is well."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import math
+from collections.abc import Iterable, Mapping, Sequence
 
-from micromanip.driver import ConfigError
-from micromanip.driver.wire import NumberCodec
+import numpy as np
+from numpy.typing import NDArray
 
-from .frame_options import Number, Status, overlap
+from micromanip.driver import ConfigError, OutputRefused
+from micromanip.driver.wire import DeviceCounter, NumberCodec
+
+from .frame_options import InputField, Number, OutputField, Status, overlap
 
 Part = tuple[str, int, int]
 """Key in the configuration, first byte, byte behind the last."""
@@ -47,3 +51,94 @@ class StatusWord:
         """0, or the device's word for what is wrong."""
         word = int(self._codec.read(frame)) & self._mask
         return 0 if word in self._good else word or _BAD
+
+
+class InputNumber:
+    """A number of a frame as a value: scale x number + offset."""
+
+    def __init__(self, options: InputField) -> None:
+        self._codec = NumberCodec(options)
+        self._scale, self._offset = options.scale, options.offset
+
+    def value(self, data: bytes | bytearray, at: int = 0) -> float:
+        """The value; not finite where a floating-point number is not."""
+        return self._codec.read(data, at) * self._scale + self._offset
+
+
+class OutputNumber:
+    """A value as a number of a frame, with the range that it may have."""
+
+    def __init__(self, name: str, options: OutputField) -> None:
+        self._name = name
+        self._codec = NumberCodec(options)
+        self._scale, self._offset = options.scale, options.offset
+        ends = sorted(end * options.scale + options.offset for end in (self._codec.low, self._codec.high))
+        self._low, self._high = ends if options.range is None else options.range
+
+    def put(self, data: bytearray, value: float) -> None:
+        """Write `value`, rounded to the nearest number. Raises OutputRefused."""
+        if not math.isfinite(value):
+            raise OutputRefused(f"{self._name} is {value}: nothing was sent")
+        number = (value - self._offset) / self._scale
+        if not self._codec.floating and math.isfinite(number):  # a small scale may make it infinite
+            number = round(number)
+        if not (self._low <= value <= self._high and self._codec.low <= number <= self._codec.high):
+            raise OutputRefused(
+                f"{self._name} is {value:g}, it may be {self._low:g} to {self._high:g}: nothing was sent"
+            )
+        self._codec.write(data, number)
+
+
+def mismatches(numbers: Mapping[str, tuple[NumberCodec, int]], data: bytes) -> Sequence[str]:
+    """Which of the `numbers`, given with what they must be, are other ones in `data`: in words."""
+    found = ((name, codec.read(data), wanted) for name, (codec, wanted) in numbers.items())
+    return [f"{name} {number}, the configuration says {wanted}" for name, number, wanted in found if number != wanted]
+
+
+class PacketCounter(DeviceCounter):
+    """`by_sample`: the number is that of the packet's first sample, else that of the packet."""
+
+    def __init__(self, options: Number, by_sample: bool = False) -> None:
+        super().__init__(8 * options.size)
+        self._codec, self.by_sample = NumberCodec(options), by_sample
+        self._more = 0
+
+    def samples_before(self, packet: bytes, samples: int = 1) -> int | None:
+        """Samples known to be missing before the `samples` of a packet; None for a packet that is not fresh."""
+        missing = self.lost_before(int(self._codec.read(packet)), samples if self.by_sample else 1)
+        if missing is None or self.by_sample:
+            return missing
+        self._more += missing * (samples - 1)
+        return missing * samples
+
+    @property
+    def lost(self) -> int:
+        """Samples that are known to be missing, up to now."""
+        return self.counted("lost") + self._more
+
+    @property
+    def stale(self) -> int:
+        """Packets that were not fresh."""
+        return self.counted("doubled") + self.counted("late")
+
+    @property
+    def restarts(self) -> int:
+        """How often the device began anew."""
+        return self.counted("restarts")
+
+
+class Incoming:
+    """A kind of frame that is received: its number where there are several kinds, its bytes, its first input.
+
+    It has so many `samples` of each input, and is counted by `counter`, alone or with others.
+    """
+
+    kind: int | None
+    length: int
+    first: int
+    samples: int
+    counter: PacketCounter | None
+
+    def table(self) -> NDArray[np.void]:
+        """An array of one FRAME, for compiled code. Raises ConfigError."""
+        raise NotImplementedError

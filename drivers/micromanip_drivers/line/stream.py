@@ -22,16 +22,21 @@ from micromanip.driver import (
     Task,
     TransientError,
 )
-from micromanip.driver.wire import FramePlan, GroupPlan, NumberCodec
+from micromanip.driver.wire import (
+    DEVICE_CLOCK,
+    MOST_BITS,
+    FramePlan,
+    GroupPlan,
+    NumberCodec,
+    forget_clock,
+    taken_ns,
+)
 
-from .device_clock import DeviceClock
 from .frame_options import overlap
-from .frame_parts import StatusWord, part
+from .frame_parts import Incoming, InputNumber, PacketCounter, StatusWord, mismatches, part
 from .frame_reader import FrameReader, FrameSearch
 from .framing import Framing, Silence
 from .line_time import LineTime, Traffic
-from .number import InputNumber, mismatches
-from .packet_counter import PacketCounter
 from .port import Port
 from .steady_line import SteadyLine
 from .stream_options import Blocks, Stream
@@ -60,7 +65,12 @@ class StreamFraming(Framing):
         self._status = StatusWord(options.status) if options.status else None
         self._identity = {name: (NumberCodec(known), known.value) for name, known in options.identity.items()}
         self._stamp = NumberCodec(options.time) if options.time else None
-        self._clock = self._device_clock()
+        self._clock = np.zeros(1, DEVICE_CLOCK)[0]
+        if options.time:
+            self._clock["unit_ns"], self._clock["bits"] = (
+                1e9 * options.time.unit_s,
+                min(8 * options.time.size, MOST_BITS),
+            )
         self._magic = bytes.fromhex(options.magic)
         self._reader = FrameReader(port, FrameSearch(self._magic, self._length, options.crc))
         self._line = SteadyLine(self._reader, port, silence)
@@ -154,7 +164,7 @@ class StreamFraming(Framing):
             "lost": self._counter.lost + self._line.more_lost if self._counter else 0,
             "not_fresh": self._counter.stale if self._counter else 0,
             "restarts": self._counter.restarts if self._counter else 0,
-            "clock_steps": self._clock.steps if self._clock else 0,
+            "clock_steps": int(self._clock["steps"]),
         }
 
     def _forget(self) -> None:
@@ -162,8 +172,7 @@ class StreamFraming(Framing):
         self._reader.forget()
         if self._counter:
             self._counter.forget()
-        if self._clock:
-            self._clock.forget()
+        forget_clock(self._clock)
 
     def _length(self, data: bytes | bytearray) -> int | None:
         """Of the packet that begins with `data`."""
@@ -187,22 +196,16 @@ class StreamFraming(Framing):
         self._packets += 1
         status = self._status.of(packet) if self._status else 0
         first_ns = time_ns - self._latency_ns - round((count - 1) * self._period_ns)
-        if self._stamp is not None and self._clock is not None:
-            first_ns = self._clock.taken_ns(self._stamp.read(packet), first_ns)
+        if self._stamp is not None:
+            first_ns = int(taken_ns(self._clock, np.uint64(self._stamp.read(packet)), first_ns))
         for block in range(count):
             at = options.header_bytes + block * options.block_bytes
-            taken_ns = first_ns + round(block * self._period_ns)
+            at_ns = first_ns + round(block * self._period_ns)
             for channel, number in enumerate(self._values):
                 value = number.value(packet, at)
                 good = status if math.isfinite(value) else status or NOT_FINITE
-                inbox.put(channel, value, taken_ns, good, 0 if block else lost)
+                inbox.put(channel, value, at_ns, good, 0 if block else lost)
         return True
-
-    def _device_clock(self) -> DeviceClock | None:
-        options = self._options.time
-        if options is None:
-            return None
-        return DeviceClock(options.unit_s, 1 << (8 * options.size) if options.type.startswith("uint") else None)
 
     def _traffic(self, line_time: LineTime) -> Traffic:
         options = self._options
@@ -236,7 +239,7 @@ def _must_fit(options: Stream) -> None:
         raise ConfigError(f"stream.fields: {problem}")
 
 
-class StreamPacket:
+class StreamPacket(Incoming):
     """A packet with so many blocks as compiled code sees it: a frame whose last block counts.
 
     Told from those with more or fewer blocks by their number, where the header has it.

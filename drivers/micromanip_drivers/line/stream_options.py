@@ -51,7 +51,7 @@ from pydantic import Field, model_validator
 from micromanip.driver import Section
 from micromanip.driver.quantities import Latency, SampleRate
 
-from .frame_options import Counter, Crc, InputField, Known, Number, Status, WholeNumber
+from .frame_options import Counter, Crc, InputField, Known, Status, WholeNumber
 from .section import Count, HexBytes, Name
 
 
@@ -69,7 +69,7 @@ class StreamCounter(Counter):
     )
 
 
-class DeviceTime(Number):
+class DeviceTime(WholeNumber):
     """The device's time of a packet's first sample."""
 
     unit_s: Annotated[float, Field(strict=True, gt=0, le=1)] = Field(description="Seconds per count.")

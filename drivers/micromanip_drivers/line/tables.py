@@ -5,19 +5,17 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from micromanip.driver import ConfigError
 from micromanip.driver.wire import MAX_BYTES, fill_number
 
 from .binary_messages import SentFrame
 from .frame_options import Crc, Length, Number
+from .frame_parts import Incoming, PacketCounter
 from .frame_reader import Chunk, FrameReader
 from .framing import Silence
-from .packet_counter import PacketCounter
 from .port import Port
 from .records import CONTEXT, MAX_CHUNKS, MAX_MESSAGES, MAX_SYNC_BYTES
 
@@ -31,33 +29,6 @@ class Heading:
     kind: Number | None
     length: Length | None
     crc: Crc | None
-
-
-class Incoming(Protocol):
-    """A kind of frame that is received."""
-
-    @property
-    def kind(self) -> int | None:
-        """The number by which it is told; None where there is one kind only."""
-
-    @property
-    def length(self) -> int:
-        """Its bytes."""
-
-    @property
-    def first(self) -> int:
-        """The input that is its first number."""
-
-    @property
-    def samples(self) -> int:
-        """So many samples of each input."""
-
-    @property
-    def counter(self) -> PacketCounter | None:
-        """What counts it, alone or with others."""
-
-    def table(self) -> NDArray[np.void]:
-        """An array of one FRAME."""
 
 
 class Tables:

@@ -3,15 +3,10 @@
 from __future__ import annotations
 
 import socket
-import struct
-import time
 
+from ..kernel_times import ANCILLARY_BYTES, KernelTimes
 from .port import Port
 from .port_options import UdpPort
-
-SO_TIMESTAMPNS = 35
-_TIMESPEC = struct.Struct("@ll")
-_ANCILLARY = socket.CMSG_SPACE(_TIMESPEC.size)
 
 
 class UdpDatagrams(Port):
@@ -28,7 +23,6 @@ class UdpDatagrams(Port):
         self._options = options
         self._socket: socket.socket | None = None
         self._peer: tuple[str, int] = ("", 0)
-        self._earliest_ns = 0
         self.counters["strangers"] = 0
 
     def _connect(self, deadline_ns: int) -> int:  # noqa: ARG002 (nobody is asked, so nobody is waited for)
@@ -36,8 +30,7 @@ class UdpDatagrams(Port):
         family, kind, protocol, _, address = socket.getaddrinfo(options.host, options.port, type=socket.SOCK_DGRAM)[0]
         self._socket = port = socket.socket(family, kind, protocol)
         port.setblocking(False)
-        port.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
-        self._earliest_ns = time.monotonic_ns()
+        self._times = KernelTimes(port)
         if options.listen is not None:
             port.bind(("", options.listen))
         port.connect(address)
@@ -53,11 +46,11 @@ class UdpDatagrams(Port):
         assert self._socket is not None
         while True:
             try:
-                data, ancillary, _, sender = self._socket.recvmsg(self.largest, _ANCILLARY)
+                data, ancillary, _, sender = self._socket.recvmsg(self.largest, ANCILLARY_BYTES)
             except BlockingIOError:
-                self._earliest_ns = time.monotonic_ns()
+                self._times.queue_is_empty()
                 return None
-            received_ns = self._received_ns(ancillary)
+            received_ns = self._times.received_ns(ancillary)
             if sender[:2] == self._peer:
                 return data, received_ns
             self.counters["strangers"] += 1
@@ -65,19 +58,3 @@ class UdpDatagrams(Port):
     def _write(self, descriptor: int, data: bytes) -> int:  # noqa: ARG002
         assert self._socket is not None
         return self._socket.send(data)
-
-    def _received_ns(self, ancillary: list[tuple[int, int, bytes]]) -> int:
-        """The kernel's time stamp in CLOCK_MONOTONIC, as far as a wall clock that may be stepped can tell it.
-
-        It counts within what is known for sure: it came after the one before it and after the queue was last seen
-        empty, and before now. The monotonic clock is read first: if this process is stalled in between, the datagram
-        looks older, never newer than it is.
-        """
-        now_ns, wall_ns = time.monotonic_ns(), time.time_ns()
-        for _, kind, data in ancillary:
-            if kind == SO_TIMESTAMPNS:
-                seconds, nanoseconds = _TIMESPEC.unpack_from(data)
-                stamp_ns = seconds * 1_000_000_000 + nanoseconds
-                self._earliest_ns = min(now_ns, max(self._earliest_ns, now_ns - (wall_ns - stamp_ns)))
-                return self._earliest_ns
-        return now_ns

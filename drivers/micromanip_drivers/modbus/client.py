@@ -22,9 +22,8 @@ from micromanip.driver import LinkError, TransientError
 from ..line.port import Port
 from ..line.serial_port import SerialLine
 from ..line.tcp_port import TcpConnection
-from .errors import BadFrame, DamagedFrame, exception_error
 from .exchange import Exchange
-from .framing import EXCEPTION_BYTES, Framing, RtuFraming, TcpFraming
+from .framing import EXCEPTION_BYTES, BadFrame, DamagedFrame, Framing, RtuFraming, TcpFraming, exception_error
 from .options import ModbusOptions
 from .timing import Timing
 

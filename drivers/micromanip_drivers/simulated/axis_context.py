@@ -18,7 +18,7 @@ _DAC_SPAN_V, _DAC_BITS = 300.0, 16
 _DRIFT_UM_PER_K, _DRIFT_TIME_S = 0.5, 600.0
 _BLEED_S = 0.02
 """Time constant of a disabled amplifier."""
-FORCE_NOISE_HZ = 30.0
+_FORCE_NOISE_HZ = 30.0
 """Bandwidth of the machining force's coloured noise."""
 
 
@@ -74,7 +74,7 @@ def fill_surroundings(p: Any, options: Options, i: int, period_ns: int) -> None:
     p["tooth_N"], p["tooth_omega"] = force.tooth_N, 2 * np.pi * force.tooth_Hz
     p["harmonics"][: len(force.harmonics)] = force.harmonics
     p["force_noise_N"] = force.noise_N
-    p["force_noise_decay"] = np.exp(-period_s * 2 * np.pi * FORCE_NOISE_HZ)
+    p["force_noise_decay"] = np.exp(-period_s * 2 * np.pi * _FORCE_NOISE_HZ)
     p["deviation_um"] = (*path.amplitudes_um, path.joint_um)
     p["deviation_omega"] = 2 * np.pi * np.array([*_PATH_HZ, path.joint_Hz * _JOINT_SPREAD[i]])
     p["deviation_phase"] = np.array([0.0, 1.1, 2.3, 0.7]) * i

@@ -33,11 +33,8 @@ class Udp(LoopWire):
     def __init__(self, options: UdpOptions, period_ns: int) -> None:
         super().__init__(options, period_ns, options.send.fields, "send.fields")
         self._datagrams = Datagrams(options)
-        if options.send.fields and not options.send.cyclic_safe:
-            raise ConfigError(
-                f"send.cyclic_safe: {1e9 / period_ns:g} writes per second wear out a device that keeps them in flash "
-                "memory; say cyclic_safe: true if its manual allows them for ever"
-            )
+        if options.send.fields:
+            options.send.must_last("send.", 1e9 / period_ns)
         self._counts = 1 << 8 * options.send.counter.size
         if options.send.fields and self._counts <= self.silent_cycles + RECENT:
             raise ConfigError(

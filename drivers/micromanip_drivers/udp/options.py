@@ -46,7 +46,7 @@ from typing import Annotated
 
 from pydantic import Field, model_validator
 
-from micromanip.driver import Section
+from micromanip.driver import Section, Written
 from micromanip.driver.quantities import Latency, SampleRate
 from micromanip.driver.wire import LoopOutput, LoopWireOptions, Milliseconds
 from micromanip_drivers.line.frame_options import Counter, Crc, InputField, Known, OutputField, Status, WholeNumber
@@ -94,7 +94,7 @@ class Output(LoopOutput, OutputField):
     """A value to the device."""
 
 
-class Sent(Section):
+class Sent(Written):
     """The datagram sent in every cycle."""
 
     head: HexBytes = Field(default="", description="First bytes, hexadecimal.")
@@ -103,11 +103,6 @@ class Sent(Section):
     )
     counter: Counter = Field(description="Incremented with each datagram.")
     fields: dict[Name, Output] = Field(default={}, description="Outputs by name; none: a mere request.")
-    cyclic_safe: bool = Field(
-        default=False,
-        strict=True,
-        description="The manual allows endless writing: it does not wear flash memory.",
-    )
 
 
 class Identity(Section):

@@ -7,8 +7,7 @@ from collections.abc import Mapping, Sequence
 
 from micromanip.driver import ConfigError
 from micromanip.driver.wire import FramePlan, GroupPlan, NumberCodec
-from micromanip_drivers.line.frame_parts import StatusWord, laid_out, part
-from micromanip_drivers.line.number import InputNumber, OutputNumber, mismatches
+from micromanip_drivers.line.frame_parts import InputNumber, OutputNumber, StatusWord, laid_out, mismatches, part
 
 from .options import Identity, Received, Sent, UdpOptions
 

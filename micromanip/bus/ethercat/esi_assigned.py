@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from .area import in_first_area
 from .esi import EsiDevice, EsiPdo
+from .process_data import in_first_area
 
 
 def begun_with(device: EsiDevice, pdos: Sequence[EsiPdo]) -> Sequence[EsiPdo]:

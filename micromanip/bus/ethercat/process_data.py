@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -42,3 +42,20 @@ def packed_numbers(pdos: Mapping[str, Any], at: int) -> Iterator[tuple[Any, dict
 def bytes_of(entry_bits: Iterator[int]) -> int:
     """How many bytes entries of so many bits take together."""
     return (sum(entry_bits) + 7) // 8
+
+
+def in_first_area(pdos: Iterable[tuple[int, int]], begins_after: Callable[[int, int, int], bool]) -> Iterator[bool]:
+    """Of PDOs in their order, (sync manager, bits) each, whether they lie in the area of the first.
+
+    ``begins_after(manager, before, bits)`` says whether a sync manager begins where another ends that has so many bits.
+    """
+    current, bits = None, 0
+    for manager, its_bits in pdos:
+        if current is not None and manager != current:
+            if not begins_after(manager, current, bits):
+                yield False
+                continue
+            bits = 0
+        current = manager
+        bits += its_bits
+        yield True

@@ -33,7 +33,7 @@ class CanBus:
         self._loop = loop
         self._began_ns = loop.now_ns()
 
-    def ready(self, out: int, into: int) -> str:
+    def described(self, out: int, into: int) -> str:
         """With so many messages out of the devices, and into them."""
         s = self._keys
         kbits = "/".join(f"{rate / 1e3:g}" for rate in (s.bitrate, s.data_bitrate) if rate)

@@ -96,13 +96,13 @@ class Sent(Due):
         """It does not listen."""
 
 
-class EmulatedCanBus(Sender):
-    """One node that takes all messages of the driver, and one for each that it sends; on a bus from `start` on."""
+class EmulatedCanBus(CanBus, Sender):
+    """One node that takes all messages of the driver, and one for each that it sends."""
 
     def __init__(
         self,
+        keys: Any,
         loop: EventLoop,
-        bus: CanBus,
         cell: EmulatedCell,
         sent: list[Sent],
         received: list[DbcMessage],
@@ -110,24 +110,24 @@ class EmulatedCanBus(Sender):
         amplifier: Amplifier | None,
     ) -> None:
         """`outputs` are the plant's outputs by "Message.Signal"; signals that are not among them do nothing."""
-        super().__init__(loop)
-        self.bus = bus
+        CanBus.__init__(self, keys, loop)
+        Sender.__init__(self, loop)
         self.signals = [signal for message in sent for signal in message.signals.values()]
         self._cell, self._outputs, self._amplifier = cell, outputs, amplifier
         self._received = {(message.identifier, message.extended): message for message in received}
         self._off_until_ns = 0
         self.periodic = [Periodic(loop, self.figures, message, cell.advance_to, self._send) for message in sent]
-        bus.line.attach(self)
+        self.line.attach(self)
         for message in sent:
-            bus.line.attach(message)
+            self.line.attach(message)
 
     @property
     def ready(self) -> str:
-        return self.bus.ready(len(self.periodic), len(self._received))
+        return self.described(len(self.periodic), len(self._received))
 
     def start(self, now_ns: int) -> None:
-        self.bus.start(now_ns)
-        super().start(now_ns)
+        CanBus.start(self, now_ns)
+        Sender.start(self, now_ns)
 
     def on_frame(self, frame: Frame, time_ns: int) -> None:
         """Take a command into force at the end of its frame."""
@@ -153,24 +153,18 @@ class EmulatedCanBus(Sender):
             self._amplifier.trip(now_ns)
         self.be_off(self._off_until_ns)
 
-    def inject(self, fault: Mapping[str, Any]) -> None:
-        self.bus.inject(fault)
-
     def clear(self) -> None:
-        self.bus.clear()
-        super().clear()
+        CanBus.clear(self)
+        Sender.clear(self)
 
     def report(self) -> dict[str, Any]:
-        return {**vars(self.figures), **self.bus.report()}
-
-    def close(self) -> None:
-        self.bus.close()
+        return {**vars(self.figures), **super().report()}
 
     def _send(self, due: Due) -> None:
         assert isinstance(due, Sent)
         read = self._cell.read
         values = {name: read(signal) for name, signal in due.signals.items()}
-        if self.bus.line.send(due, due.message.frame(values, due.counted()), due.due_ns):
+        if self.line.send(due, due.message.frame(values, due.counted()), due.due_ns):
             self.figures.sent += 1
         else:
             self.figures.not_sent += 1
@@ -189,7 +183,7 @@ def emulate_canbus(name: str, surroundings: Surroundings) -> EmulatedDevice:
         signals = _filling(name_in_dbc, message.signals, wires, cell)
         sent.append(Sent(name_in_dbc, round(1e9 / entry.rate_hz), message=message, signals=signals))
     received = [DbcMessage(known[name_in_dbc], counter=entry.counter) for name_in_dbc, entry in keys.send.items()]
-    return EmulatedCanBus(loop, CanBus(keys, loop), cell, sent, received, wires.outputs, surroundings.amplifier(wires))
+    return EmulatedCanBus(keys, loop, cell, sent, received, wires.outputs, surroundings.amplifier(wires))
 
 
 def _saved_text(file: Path) -> str:

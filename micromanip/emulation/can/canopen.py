@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import configparser
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import Any
 
 from canopen.objectdictionary import ObjectDictionaryError
@@ -21,29 +21,24 @@ _IDLE_NS = 5_000_000
 _NUMBER = re.compile(r"(?:0x)?([0-9A-Fa-f]{4})(?:sub([0-9A-Fa-f]{1,2}))?")
 
 
-class EmulatedCanOpen:
+class EmulatedCanOpen(CanBus):
     """Nodes that boot, obey NMT and watch their commander by themselves."""
 
-    def __init__(
-        self,
-        bus: CanBus,
-        surroundings: Surroundings,
-        nodes: dict[str, CanOpenNode],
-        wires: Wires,
-        pdos: tuple[int, int],
-    ) -> None:
-        self.bus, self._nodes, self._pdos = bus, nodes, pdos
-        self._loop, self._cell = surroundings.loop, surroundings.cell
+    def __init__(self, keys: Any, surroundings: Surroundings, wires: Wires) -> None:
+        super().__init__(keys, surroundings.loop)
+        self.nodes: dict[str, CanOpenNode] = {}
+        self._cell = surroundings.cell
         self._off: set[str] = set()
         self.signals = list(wires.signals.values())
         self.messages: list[str] = []  # a PDO has no counter; one is silenced by dropping its identifier on the bus
 
     @property
     def ready(self) -> str:
-        return f"{self.bus.ready(*self._pdos)}, nodes {', '.join(self._nodes)}"
+        out, into = (sum(len(getattr(node, kind)) for node in self._keys.nodes.values()) for kind in ("tpdo", "rpdo"))
+        return f"{self.described(out, into)}, nodes {', '.join(self.nodes)}"
 
     def start(self, now_ns: int) -> None:
-        self.bus.start(now_ns)
+        super().start(now_ns)
         self._go_on()
 
     def stop_counter(self, message: str, for_s: float | None) -> None:  # noqa: ARG002
@@ -53,22 +48,13 @@ class EmulatedCanOpen:
         raise UsageError(f"{message} can't be silenced by name: drop its identifier on the bus")
 
     def reboot(self, for_s: float) -> None:
-        for name in self._nodes.keys() - self._off:
-            self._nodes[name].detach()
+        for name in self.nodes.keys() - self._off:
+            self.nodes[name].detach()
             self._off.add(name)
         self._loop.call_at(self._loop.now_ns() + round(for_s * 1e9), self._power_on)
 
-    def inject(self, fault: Mapping[str, Any]) -> None:
-        self.bus.inject(fault)
-
-    def clear(self) -> None:
-        self.bus.clear()
-
     def report(self) -> dict[str, Any]:
-        return {**self.bus.report(), "states": {name: node.state for name, node in self._nodes.items()}}
-
-    def close(self) -> None:
-        self.bus.close()
+        return {**super().report(), "states": {name: node.state for name, node in self.nodes.items()}}
 
     def _go_on(self) -> None:
         """The plant moves too while nobody asks what it measures."""
@@ -78,8 +64,8 @@ class EmulatedCanOpen:
 
     def _power_on(self) -> None:
         for name in self._off:
-            self.bus.line.attach(self._nodes[name])
-            self._nodes[name].reboot()
+            self.line.attach(self.nodes[name])
+            self.nodes[name].reboot()
         self._off.clear()
 
 
@@ -89,24 +75,23 @@ def emulate_canopen(name: str, surroundings: Surroundings) -> EmulatedDevice:
     keys, wires = surroundings.options(name), surroundings.wires(name)
     # the nodes watch their commander themselves, and what is behind them does as they say
     amplifier = Amplifier(cell.plant, wires.rest_V, None)
-    bus = CanBus(keys, loop)
+    devices = EmulatedCanOpen(keys, surroundings, wires)
     cell.amplifiers.append(amplifier)
-    nodes: dict[str, CanOpenNode] = {}
     try:
         for node, entry in keys.nodes.items():
             eds = source.path.parent / entry.eds
             behind = _Behind(cell, amplifier, dict(_named(node, entry, wires)))
             try:
-                nodes[node] = CanOpenNode(bus.line, loop, eds, entry.node_id, behind.read, behind.write)
+                made = CanOpenNode(devices.line, loop, eds, entry.node_id, behind.read, behind.write)
             except (OSError, ValueError, KeyError, TypeError, configparser.Error, ObjectDictionaryError) as problem:
                 where = ("drivers", name, "nodes", node, "eds")
                 raise source.error(where, f"{eds} can't be used: {problem}") from problem
-            behind.resolve(nodes[node])
+            behind.resolve(made)
+            devices.nodes[node] = made
     except BaseException:
-        bus.close()
+        devices.close()
         raise
-    pdos = [sum(len(getattr(node, kind)) for node in keys.nodes.values()) for kind in ("tpdo", "rpdo")]
-    return EmulatedCanOpen(bus, surroundings, nodes, wires, (pdos[0], pdos[1]))
+    return devices
 
 
 class _Behind:

@@ -35,7 +35,6 @@ class Exchange:
         left_alone: Callable[[], None],
     ) -> None:
         """`left_alone` is called when no RPDO came for as long as its event timer says."""
-        self.frozen: dict[str, float] = {}
         self._loop, self._objects, self._send, self._left_alone = loop, objects, send, left_alone
         self._read, self._write = read, write
         self._tpdos: tuple[Pdo, ...] = ()
@@ -106,9 +105,8 @@ class Exchange:
     def _transmit(self, pdo: Pdo) -> None:
         frame = 0
         for entry in pdo.entries:
-            name = entry.variable.name
             if entry.variable.index >= _DUMMIES:
-                frame |= packed(entry, self.frozen[name] if name in self.frozen else self._read(name))
+                frame |= packed(entry, self._read(entry.variable.name))
         self._send(Frame(pdo.identifier, frame.to_bytes(pdo.length, "little")))
 
     def _by_event(self, pdo: Pdo, due_ns: int) -> None:

@@ -50,11 +50,10 @@ class CanOpenNode:
         self.node_id = node_id
         self.state = INITIALISING
         self.objects = Objects(eds, node_id)
-        self._bus, self._loop, self._read = bus, loop, read
+        self._bus, self._loop = bus, loop
         self._exchange = Exchange(
             loop, self.objects, read, write, lambda frame: bus.send(self, frame), lambda: self._left_alone(NO_OUTPUTS)
         )
-        self._silent = False
         self._errors = 0
         self._beat_timer: Timer | None = None
         self._commander = Watchdog(loop, lambda: self._left_alone(NO_HEARTBEAT))
@@ -62,14 +61,6 @@ class CanOpenNode:
         self._silence_ns = 0
         bus.attach(self)
         self._boot()
-
-    def freeze(self, name: str) -> None:
-        """Send the value that `name` has now for ever; all else goes on."""
-        self._exchange.frozen[name] = self._read(name)
-
-    def release(self, name: str) -> None:
-        """Measure `name` again."""
-        self._exchange.frozen.pop(name, None)
 
     def reboot(self) -> None:
         """As if it had been without power for a moment."""
@@ -87,10 +78,6 @@ class CanOpenNode:
     def clear_emergency(self) -> None:
         """Report that all is well again."""
         self._clear(0xFF)
-
-    def stop_heartbeat(self) -> None:
-        """Send no more heartbeats; all else goes on, until ``reboot``."""
-        self._silent = True
 
     def detach(self) -> None:
         """Leave the bus: its power is off."""
@@ -120,7 +107,6 @@ class CanOpenNode:
 
     def _boot(self) -> None:
         self._cancel()
-        self._silent = False
         self._errors = self.objects.raw(0x1001)
         self._enter(INITIALISING)
         self._send(_HEARTBEAT, b"\0")
@@ -199,8 +185,7 @@ class CanOpenNode:
             self._beat(self._loop.now_ns())
 
     def _beat(self, due_ns: int) -> None:
-        if not self._silent:
-            self._send(_HEARTBEAT, bytes((self.state,)))
+        self._send(_HEARTBEAT, bytes((self.state,)))
         next_ns = due_ns + self.objects.raw(0x1017) * _MS
         self._beat_timer = self._loop.call_at(next_ns, lambda: self._beat(next_ns))
 

@@ -14,23 +14,18 @@ from typing import Any
 import numpy as np
 
 from micromanip.emulation.amplifier import Amplifier
-from micromanip.emulation.arrivals import gathered
 from micromanip.emulation.cell import EmulatedCell
 from micromanip.emulation.emulated import EmulatedDevice, Surroundings, Wires
 from micromanip.emulation.line.device_line import DeviceLine
-from micromanip.emulation.line.fault import Delay, Drop, Duplicate, LineFault, Reorder
-from micromanip.emulation.line.faults import Hang, Unplug
 from micromanip.emulation.line.faults import parsed as line_fault
 from micromanip.emulation.line.port import Hear, Peer
-from micromanip.emulation.messages import MessageFigures
-from micromanip.emulation.poll_table import PollTable
-from micromanip.emulation.upkeep import Upkeep
+from micromanip.emulation.line.served_device import PAUSE_NS, ServedDevice
 from micromanip.errors import UsageError
+from micromanip.rt.io.sockets import POLLIN
 from micromanip.rt.jit import prepare
 from micromanip.testbus.event_loop import EventLoop
 
 from .controller import system_ns
-from .faults import KINDS, parsed
 from .line import NEAR, NOWHERE, Line
 from .port import EthernetPort
 from .serving import (
@@ -44,34 +39,29 @@ from .serving import (
     serve_on,
 )
 from .terminal import terminal_of
-from .terminal_faults import TerminalFaults
+from .terminal_faults import KINDS, TerminalFaults, parsed
 from .wiring import wire
 
 FRAMES = "frames"
 """What the device sends, by the name that commands use."""
-_PAUSE_NS = 50_000_000
-"""Who has said nothing for so long begins anew."""
-_PHASE_NS = 30_000
-"""So old is the plant's state when it is asked for: a frame that comes a little early still finds a new one."""
 _TURN_NS = 30_000
 """From the first terminal to the last and back, of a ring to the last: cables so long that this process has answered by
 then, and the line's clocks can tell what it takes. A real line takes some 2 us for each terminal."""
 _TURN_EACH_NS = 500_000_000
 """Two or three frames come back late by a turn in Python. Meanwhile compiled code looks after plant and watchdogs, and
 who asks for figures gets those up to now."""
-_OF_FRAMES = (Drop, Delay, Duplicate, Reorder, Hang, Unplug)
+_OF_FRAMES = ("drop", "delay", "duplicate", "reorder", "hang", "unplug")
 
 
-class EthercatDevice:
+class EthercatDevice(ServedDevice):
     """The line of one driver `ethercat`."""
 
     def __init__(
         self, keys: Any, loop: EventLoop, cell: EmulatedCell, wires: Wires, amplifier: Amplifier | None
     ) -> None:
         """`keys` are the driver's options. Raises DeviceUnavailable where no veth pair can be had."""
-        self._loop, self._cell, self._amplifier, self._keys = loop, cell, amplifier, keys
+        super().__init__(keys, loop, cell, amplifier, _TURN_EACH_NS)
         self._names = list(keys.terminals)
-        self.figures = MessageFigures()
         terminals = [terminal_of(name, keys.terminals[name]) for name in self._names]
         is_ring = keys.return_interface is not None
         hop_ns = _TURN_NS // max(1, (1 if is_ring else 2) * (len(terminals) - 1))
@@ -83,16 +73,11 @@ class EthercatDevice:
         self._faults = TerminalFaults(loop, self._names, self.slaves, self._left_op)
         self._terminals = wire(self._served[0], self.slaves, keys.terminals, cell, wires)
         self.signals = [name for each in self._terminals for name, counts in each.inputs if not counts]
-        self._silent_until_ns = 0.0
-        self._began_ns, self._heard_ns = loop.now_ns(), 0
-        self._upkeep = Upkeep(loop, self._look_after, _TURN_EACH_NS)
         self._polled = PollTable()
         loop.serve_by(self._serve_on)
         prepare(serve, serve_on, lay_out_readings, outputs_taken)
         self._ports: list[EthernetPort] = []
-        self._lines: list[DeviceLine] = []
-        """The near end and, of a ring, the far one."""
-        try:
+        try:  # the near end and, of a ring, the far one
             for end, interface in enumerate(filter(None, (keys.interface, keys.return_interface))):
                 line = DeviceLine(loop, partial(self._make_port, interface), end)
                 line.attach(partial(self._hear, end))
@@ -119,17 +104,13 @@ class EthercatDevice:
         return [FRAMES]
 
     def start(self, now_ns: int) -> None:
-        self._began_ns = now_ns
         for application in self.slaves.applications:
             application.switch_on(now_ns)
         self.slaves.relink()
-        self._upkeep.start()
+        super().start(now_ns)
 
     def stop_counter(self, message: str, for_s: float | None) -> None:  # noqa: ARG002
         raise UsageError(f"{self._name}: the master counts the frames, terminals send them back as they come")
-
-    def silence(self, message: str, for_s: float | None) -> None:  # noqa: ARG002
-        self._silent_until_ns = self._loop.end_ns(for_s)
 
     def reboot(self, for_s: float) -> None:
         self._faults.reboot(for_s)
@@ -139,7 +120,7 @@ class EthercatDevice:
             self._faults.befall(parsed(dict(fault)))
             return
         injected = line_fault(dict(fault))
-        if not isinstance(injected, _OF_FRAMES):
+        if injected.kind not in _OF_FRAMES:
             raise UsageError(f"fault {injected.kind}: {self.ready} has nothing of the kind")
         for line in self._lines:
             line.inject(injected)
@@ -150,31 +131,24 @@ class EthercatDevice:
             port["first"], port["end"], port["out"] = way.first, way.end, way.out
 
     def clear(self) -> None:
-        for line in self._lines:
-            line.clear()
+        super().clear()
         self._faults.clear()
-        self._silent_until_ns = 0.0
 
     def report(self) -> dict[str, Any]:
         self._gather()
-        elapsed_ns = max(1, self._loop.now_ns() - self._began_ns)
         return {
             "frames": self.figures.sent + self.figures.received,
             **vars(self.figures),
             **{name: sum(getattr(port.figures, name) for port in self._ports) for name in vars(self._ports[0].figures)},
             "clock": self._clock(),
             "states": {n: a.state for n, a in zip(self._names, self.slaves.applications, strict=True)},
-            "bus_load_percent": round(100 * self._ports[0].figures.busy_ns / elapsed_ns, 2),
+            "bus_load_percent": self.load_percent(self._ports[0].figures.busy_ns),
         }
 
     def _clock(self) -> dict[str, int]:
         """The first terminal's, at a time of this machine (CLOCK_MONOTONIC)."""
         first, now_ns = self.slaves.controllers[0], time.monotonic_ns()
         return {"monotonic_ns": now_ns, "system_ns": int(system_ns(first, now_ns)), "ppb": int(first["clock_ppb"])}
-
-    def close(self) -> None:
-        for line in self._lines:
-            line.close()
 
     def _left_op(self) -> None:
         self._gather()
@@ -184,7 +158,7 @@ class EthercatDevice:
     def _readable(self, end: int) -> None:
         now_ns = self._loop.now_ns()
         port = self._served[0]["port"][end]
-        if not self._is_plain(now_ns) and port["next"] >= port["waiting"]:
+        if not self.is_plain(now_ns) and port["next"] >= port["waiting"]:
             self._gather()
             self._ports[end].read()
             return
@@ -215,7 +189,7 @@ class EthercatDevice:
     def _serve_on(self, descriptors: Sequence[int], until_ns: int | None) -> int:
         """Wait in the event loop's stead, see ``EventLoop.serve_by``, while a conversation is under way."""
         now_ns, plant, d = self._loop.now_ns(), self._cell.plant, self._served[0]
-        if not self._is_plain(now_ns):
+        if not self.is_plain(now_ns):
             self._upkeep.serves_no_more()
             return 0
         if any(port["next"] < port["waiting"] for port in d["port"]):
@@ -228,7 +202,7 @@ class EthercatDevice:
             *plant.arrays,
             self._cell.errors.record,
             self._polled.of(descriptors),
-            now_ns + _PAUSE_NS if until_ns is None else until_ns,
+            now_ns + PAUSE_NS if until_ns is None else until_ns,
             self._upkeep.due_ns,
         )
         plant.time_ns, self.slaves.awake_ns = int(d["time_ns"]), int(d["awake_ns"])
@@ -242,14 +216,9 @@ class EthercatDevice:
             self._upkeep.behind_a_frame()
         return int(d["rested_ns"])
 
-    def _is_plain(self, now_ns: int) -> bool:
-        """Whether a conversation is under way, and nothing is amiss."""
-        return (
-            now_ns - max(self._heard_ns, int(self._served[0]["heard_ns"])) < _PAUSE_NS
-            and now_ns >= self._silent_until_ns
-            and self._cell.undisturbed
-            and all(line.active(LineFault) is None for line in self._lines)
-        )
+    def is_plain(self, now_ns: int) -> bool:
+        self._heard_ns = max(self._heard_ns, int(self._served[0]["heard_ns"]))
+        return super().is_plain(now_ns)
 
     def _gather(self) -> None:
         """Take over what compiled code has done since the last time."""
@@ -264,13 +233,8 @@ class EthercatDevice:
         self._ports[NEAR].carried(frames, int(d["bytes"]))
         d["frames"] = d["bytes"] = 0
         self._heard_ns = max(self._heard_ns, int(d["heard_ns"]))
-        self._cell.plant.is_at(self._cell.plant.time_ns)
-        if self._amplifier is not None:
-            self._amplifier.refused += int(d["refused"])
-            d["refused"] = 0
-            for terminal, records in zip(self._terminals, d["arrived"], strict=False):
-                if arrived := dict(gathered(terminal.outputs, records)):
-                    self._amplifier.has_taken(arrived, self._heard_ns)
+        outputs = [terminal.outputs for terminal in self._terminals]
+        self.has_taken(d, list(zip(outputs, d["arrived"], strict=False)))
 
     def _hear(self, end: int, data: bytes, peer: Peer) -> None:
         """One frame that came in at an end, through Python."""
@@ -287,9 +251,7 @@ class EthercatDevice:
             return
         self.figures.received += 1
         if int(self.slaves.controllers["outputs_count"].sum()) != before:
-            if now_ns - self._heard_ns > _PAUSE_NS:
-                self._cell.plant.begin(now_ns - _PHASE_NS)
-            self._heard_ns = now_ns
+            self.hears(now_ns)
         d["follows"] = 0  # the amplifier sees to it
         if outputs_taken(self._served, self.slaves.controllers, self._cell.plant.arrays[0]):
             self._command(now_ns)
@@ -326,7 +288,6 @@ class EthercatDevice:
         return float(self._cell.plant.samples(signal)) if signal in self._cell.plant.inputs else 0.0
 
     def _look_after(self) -> None:
-        """Watchdogs, amplifier and plant go on also while nobody asks."""
         self._gather()
         now_ns = self._loop.now_ns()
         self._cell.keep_up(now_ns)
@@ -345,3 +306,16 @@ def emulate_ethercat(name: str, surroundings: Surroundings) -> EmulatedDevice:
         amplifier = Amplifier(surroundings.cell.plant, wires.rest_V, None)
         surroundings.cell.amplifiers.append(amplifier)
     return EthercatDevice(surroundings.options(name), surroundings.loop, surroundings.cell, wires, amplifier)
+
+
+class PollTable:
+    """Rows of descriptor and events, made anew only when the descriptors are others."""
+
+    def __init__(self) -> None:
+        self._rows = np.zeros((0, 2), np.int32)
+
+    def of(self, descriptors: Sequence[int]) -> Any:
+        """Table (n, 2) of these."""
+        if len(descriptors) != len(self._rows) or not np.array_equal(self._rows[:, 0], descriptors):
+            self._rows = np.array([(each, POLLIN) for each in descriptors], np.int32).reshape(-1, 2)
+        return self._rows

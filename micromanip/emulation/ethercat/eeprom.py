@@ -9,8 +9,8 @@ from .terminal import MAILBOX_BYTES, MAILBOX_IN, MAILBOX_OUT, Entry, Terminal
 
 _STRINGS, _GENERAL, _FMMU, _SYNC, _TX_PDO, _RX_PDO, _END = 10, 30, 40, 41, 50, 51, 0xFFFF
 _COE = 0x04
-_COE_DETAILS = 0x01 | 0x04 | 0x20
-"""SDO, PDO assignment, complete access."""
+_COE_DETAILS = 0x01 | 0x04
+"""SDO, PDO assignment."""
 _BYTES = 2048
 _CONTROL_TO, _CONTROL_FROM = 0x26, 0x22
 """Of the sync managers of the mailboxes to and from the slave."""

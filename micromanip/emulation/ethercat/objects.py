@@ -52,16 +52,6 @@ class Objects:
             raise SdoRefusedError(NO_SUBINDEX)
         return entries[subindex]
 
-    def complete(self, index: int, first: int) -> bytes:
-        """All entries from subindex `first` on, subindex 0 as a word."""
-        entries = self._data.get(index)
-        if entries is None:
-            raise SdoRefusedError(NO_OBJECT)
-        if len(entries) == 1:
-            return entries[0]
-        body = b"".join(entries[1 : entries[0][0] + 1])
-        return body if first else entries[0] + b"\0" + body
-
     def write(self, index: int, subindex: int, data: bytes) -> None:
         """One entry."""
         if (index, subindex) in self._own:

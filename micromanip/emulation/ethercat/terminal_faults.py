@@ -1,15 +1,76 @@
-"""Faults that are injected into the terminals of a line, and how they end."""
+"""What befalls the terminals themselves: ``{"inject": "power", "terminal": "gauge", "for_s": 1}``.
+
+    power       a terminal is without power for a time, and with it all behind it; then it begins with INIT
+    left_op     it falls back to SAFEOP, with an AL status ``code``
+    absent      it takes no part in the process data: the working counter is wrong
+    mailbox     its mailbox takes mails and gives none
+    order       it has changed places with the one behind it
+    clock       its clock gains `ppm` from now on
+    cut         the cable is cut behind the first `behind` terminals, 0: in front of them all; has no `terminal`
+
+Whatever befalls frames is of any line (``emulation/line/faults.py``), but for wrong bits: a network card drops such a
+frame, so say ``drop``.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
+from typing import Annotated, Literal
 
+from pydantic import Field, TypeAdapter
+
+from micromanip.bus.ethercat.al_states import WATCHDOG
+from micromanip.emulation.line.faults import LineFault
 from micromanip.errors import UsageError
 from micromanip.testbus.event_loop import EventLoop
+from micromanip.testbus.fault import validated
 
-from .faults import Absent, Clock, Cut, LeftOp, MailboxSilent, Order, Power, TerminalFault
 from .line import Line
+
+
+class TerminalFault(LineFault):
+    """A fault of one terminal."""
+
+    terminal: str = Field(description="Its name in the configuration.")
+
+
+class OneOf(TerminalFault):
+    """One that needs no more than its name."""
+
+    kind: Literal["power", "absent", "mailbox", "order"]
+
+
+class LeftOp(TerminalFault):
+    """It leaves OP, once."""
+
+    kind: Literal["left_op"]
+    code: Annotated[int, Field(strict=True, ge=1, le=0xFFFF)] = WATCHDOG
+
+
+class Clock(TerminalFault):
+    """Its clock drifts."""
+
+    kind: Literal["clock"]
+    ppm: Annotated[float, Field(strict=True, ge=-1000, le=1000)]
+
+
+class Cut(LineFault):
+    """The cable is cut; plugged in again when it ends."""
+
+    kind: Literal["cut"]
+    behind: Annotated[int, Field(strict=True, ge=0, description="So many terminals.")]
+
+
+KINDS = ("power", "left_op", "absent", "mailbox", "order", "clock", "cut")
+_ANY: TypeAdapter[TerminalFault | Cut] = TypeAdapter(
+    Annotated[OneOf | LeftOp | Clock | Cut, Field(discriminator="kind")]
+)
+
+
+def parsed(document: object) -> TerminalFault | Cut:
+    """The fault that a mapping describes. Raises UsageError with the first thing that is wrong with it."""
+    return validated(_ANY, document)
 
 
 class TerminalFaults:
@@ -29,25 +90,24 @@ class TerminalFaults:
         k = self._names.index(fault.terminal)
         application = self._line.applications[k]
         over: Callable[[], None] | None = None
-        match fault:
-            case Power():
-                self._switch_off(k)
-                over = partial(self._switch_on, k)
-            case LeftOp():
-                application.drop(fault.code)
-            case Absent():
-                application.be_absent()
-                over = application.take_part
-            case Clock():
-                application.drift(fault.ppm, self._loop.now_ns())
-                over = partial(self._put_right, k)
-            case MailboxSilent():
-                application.mailbox_silent = True
-            case Order():
-                if k + 1 == len(self._names):
-                    raise UsageError(f"fault order: behind {fault.terminal} there is no terminal")
-                self._swap(k)
-                over = partial(self._swap, k)
+        if isinstance(fault, LeftOp):
+            application.drop(fault.code)
+        elif isinstance(fault, Clock):
+            application.drift(fault.ppm, self._loop.now_ns())
+            over = partial(self._put_right, k)
+        elif fault.kind == "power":
+            self._switch_off(k)
+            over = partial(self._switch_on, k)
+        elif fault.kind == "absent":
+            application.be_absent()
+            over = application.take_part
+        elif fault.kind == "mailbox":
+            application.mailbox_silent = True
+        else:
+            if k + 1 == len(self._names):
+                raise UsageError(f"fault order: behind {fault.terminal} there is no terminal")
+            self._swap(k)
+            over = partial(self._swap, k)
         self._later(fault.for_s, over)
 
     def reboot(self, for_s: float) -> None:

@@ -3,72 +3,66 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Any
 
-from .number import LineNumber
+from .number import line_numbers, optional_number
 
 
-@dataclass(frozen=True)
+class FrameFormat:
+    """What all frames of a line have in common, by the driver's keys `binary`."""
+
+    def __init__(self, keys: Any) -> None:
+        self.sync, self.checksum = bytes.fromhex(keys.sync), keys.crc
+        self.length, self.kind = optional_number(keys.length), optional_number(keys.kind)
+        self.plus = keys.length.plus if keys.length else 0
+        self.header = max([len(self.sync), *(part.end for part in (self.length, self.kind) if part is not None)])
+        """Bytes that say of which kind a frame is, and how long."""
+
+    def sealed(self, frame: bytes) -> bytes:
+        """With its checksum."""
+        return frame + (self.checksum.of(frame) if self.checksum else b"")
+
+
 class FrameLayout:
     """One kind of frame."""
 
-    name: str
-    kind: int | None
-    size: int
-    """All of its bytes, with the checksum."""
-    counter: LineNumber | None
-    status: LineNumber | None
-    good_status: int
-    fields: dict[str, LineNumber]
+    def __init__(self, form: FrameFormat, name: str, keys: Any, fields: Mapping[str, Any]) -> None:
+        """`keys` are the driver's of the message, `fields` its numbers."""
+        self.name, self.kind, self.fields = name, keys.kind, line_numbers(fields)
+        status = getattr(keys, "status", None)
+        self._form, self._good = form, status.good[0] if status else 0
+        self._counter, self._status = optional_number(getattr(keys, "counter", None)), optional_number(status)
+        ends = [part.end for part in (*self.fields.values(), self._counter, self._status) if part is not None]
+        self.size: int = keys.bytes or max([form.header, *ends]) + (form.checksum.size if form.checksum else 0)
+        """All of its bytes, with the checksum."""
 
-
-@dataclass(frozen=True)
-class FrameFormat:
-    """What all frames of a line have in common."""
-
-    sync: bytes
-    length: LineNumber | None
-    length_plus: int
-    kind: LineNumber | None
-    checksum: Any
-    """The driver's keys of it; None without one."""
-
-    def built(self, layout: FrameLayout, values: Mapping[str, float], count: int = 0) -> bytes:
+    def built(self, values: Mapping[str, float], count: int = 0) -> bytes:
         """A whole frame; bytes that nothing covers are 0."""
-        end = layout.size - (self.checksum.size if self.checksum else 0)
-        frame = bytearray(end)
-        frame[: len(self.sync)] = self.sync
-        if self.length is not None:
-            self.length.write(frame, layout.size - self.length_plus)
-        if self.kind is not None and layout.kind is not None:
-            self.kind.write(frame, layout.kind)
-        if layout.counter is not None:
-            layout.counter.write(frame, count % layout.counter.counts)
-        if layout.status is not None:
-            layout.status.write(frame, layout.good_status)
-        for name, number in layout.fields.items():
+        form = self._form
+        frame = bytearray(self.size - (form.checksum.size if form.checksum else 0))
+        frame[: len(form.sync)] = form.sync
+        if form.length is not None:
+            form.length.write(frame, self.size - form.plus)
+        if form.kind is not None and self.kind is not None:
+            form.kind.write(frame, self.kind)
+        if self._counter is not None:
+            self._counter.write(frame, count % self._counter.counts)
+        if self._status is not None:
+            self._status.write(frame, self._good)
+        for name, number in self.fields.items():
             number.put(frame, values[name])
-        return bytes(frame) + (self.checksum.of(bytes(frame)) if self.checksum else b"")
-
-    def size_at_end_of(self, parts: list[LineNumber]) -> int:
-        """Bytes of a frame that ends with the last of its parts and the checksum."""
-        header = [part.end for part in (self.length, self.kind) if part is not None]
-        end = max([len(self.sync), *header, *(part.end for part in parts)])
-        return end + (self.checksum.size if self.checksum else 0)
+        return form.sealed(bytes(frame))
 
 
 class FrameReader:
     """Finds the frames in a stream of bytes; what fits nowhere is skipped byte by byte."""
 
-    def __init__(self, frame_format: FrameFormat, size_of_kind: Callable[[int | None], int | None]) -> None:
+    def __init__(self, form: FrameFormat, size_of_kind: Callable[[int | None], int | None]) -> None:
         """`size_of_kind` tells the bytes of a frame by its kind; None for a kind that doesn't exist."""
         self.bad = 0
         """Frames whose checksum was wrong."""
-        self._format, self._size_of_kind = frame_format, size_of_kind
+        self._form, self._size_of_kind = form, size_of_kind
         self._bytes = bytearray()
-        length, kind = frame_format.length, frame_format.kind
-        self._header = max([len(frame_format.sync), *(part.end for part in (length, kind) if part is not None)])
 
     def feed(self, data: bytes) -> list[bytes]:
         """The frames that are complete with `data`."""
@@ -79,33 +73,31 @@ class FrameReader:
         return frames
 
     def _next(self) -> bytes | None:
-        sync = self._format.sync
+        form, sync = self._form, self._form.sync
         while True:
             start = self._bytes.find(sync)
             if start < 0:
                 del self._bytes[: max(0, len(self._bytes) - len(sync) + 1)]
                 return None
             del self._bytes[:start]
-            if len(self._bytes) < self._header:
+            if len(self._bytes) < form.header:
                 return None
             size = self._size()
-            if size is None or size < self._header:
-                del self._bytes[:1]
-                continue
-            if len(self._bytes) < size:
-                return None
-            frame = bytes(self._bytes[:size])
-            if self._format.checksum is None or self._format.checksum.fits(frame):
-                del self._bytes[:size]
-                return frame
-            self.bad += 1
+            if size is not None and form.header <= size:
+                if len(self._bytes) < size:
+                    return None
+                frame = bytes(self._bytes[:size])
+                if form.checksum is None or form.checksum.fits(frame):
+                    del self._bytes[:size]
+                    return frame
+                self.bad += 1
             del self._bytes[:1]
 
     def _size(self) -> int | None:
         """As the frame says it, where it does; a size that its kind can't have is none."""
-        header, kind = bytes(self._bytes[: self._header]), self._format.kind
-        known = self._size_of_kind(kind.code(header) if kind is not None else None)
-        if self._format.length is None:
+        form, header = self._form, bytes(self._bytes[: self._form.header])
+        known = self._size_of_kind(form.kind.code(header) if form.kind is not None else None)
+        if form.length is None:
             return known
-        said = self._format.length.code(header) + self._format.length_plus
+        said = form.length.code(header) + form.plus
         return said if said == known else None

@@ -5,19 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from micromanip.errors import UsageError
 from micromanip.testbus.event_loop import EventLoop
 
-from .fault import LineFault, MessageFault
-from .faults import Disconnect, Echo, Hang, LineFaults, Stranger, Unplug
+from .faults import LineFault, LineFaults, MessageFault
 from .port import Hear, LinePort, Peer
 from .pseudo_terminal import PseudoTerminal
 from .tcp_port import TcpPort
 from .udp_port import UdpPort
-
-_Kind = TypeVar("_Kind", bound=LineFault)
 
 
 def _hear_nothing(data: bytes, peer: Peer) -> None:
@@ -50,40 +47,44 @@ class DeviceLine(Peer):
         if not self._faults.any:
             self._pass(peer.send, message, 0, "sent")
             return
-        if self._faults.active(Hang):
+        if self._faults.active("hang"):
             return
-        if self._faults.active(Stranger) and isinstance(self.port, UdpPort):
+        if self._faults.active("stranger") and isinstance(self.port, UdpPort):
             self._strangers_message = self._strangers_message or message
             self.port.send_as_stranger(self._strangers_message)
         for after_ns, part in self._faults.through(message, "sent"):
             self._pass(peer.send, part, after_ns, "sent")
 
-    def active(self, kind: type[_Kind]) -> _Kind | None:
-        """The fault of a kind that is active now, for a device that has to play it itself."""
-        return self._faults.active(kind) if self._faults.any else None
+    @property
+    def undisturbed(self) -> bool:
+        """Whether no fault is active."""
+        return not self._faults.any
+
+    def active(self, kind: str) -> Any:
+        """The fault of a kind that is active now, for a device that has to play it itself; None for none."""
+        return self._faults.active(kind)
 
     def inject(self, fault: LineFault) -> None:
         """Let a fault begin now. Raises UsageError for one that this port can't have."""
         end: Callable[[], None] = lambda: None  # noqa: E731
-        match fault:
-            case MessageFault():
-                fault = fault.model_copy(deep=True)  # it keeps what it holds back
-                end = partial(self._let_go, fault)
-            case Unplug():
-                self.port.unplug()
-                end = self.port.plug_in
-            case Disconnect():
-                if not isinstance(self.port, TcpPort):
-                    raise UsageError(f"fault disconnect: {self.port.name} has no connection")
-                self.port.disconnect()
-                return
-            case Echo():
-                self.port.echo = True
-                end = self._echo_as_before
-            case Stranger():
-                if not isinstance(self.port, UdpPort):
-                    raise UsageError(f"fault stranger: to {self.port.name} nobody else can send")
-                self._strangers_message = b""
+        if isinstance(fault, MessageFault):
+            fault = fault.model_copy(deep=True)  # it keeps what it holds back
+            end = partial(self._let_go, fault)
+        elif fault.kind == "unplug":
+            self.port.unplug()
+            end = self.port.plug_in
+        elif fault.kind == "disconnect":
+            if not isinstance(self.port, TcpPort):
+                raise UsageError(f"fault disconnect: {self.port.name} has no connection")
+            self.port.disconnect()
+            return
+        elif fault.kind == "echo":
+            self.port.echo = True
+            end = self._echo_as_before
+        elif fault.kind == "stranger":
+            if not isinstance(self.port, UdpPort):
+                raise UsageError(f"fault stranger: to {self.port.name} nobody else can send")
+            self._strangers_message = b""
         self._faults.begin(fault, end)
 
     def clear(self) -> None:
@@ -97,7 +98,7 @@ class DeviceLine(Peer):
     def _arrived(self, data: bytes, peer: Peer) -> None:
         if not self._faults.any or not data:
             self._pass(partial(self._heard, peer), data, 0, "received")
-        elif not self._faults.active(Hang):
+        elif not self._faults.active("hang"):
             for after_ns, part in self._faults.through(data, "received"):
                 self._pass(partial(self._heard, peer), part, after_ns, "received")
 

@@ -1,197 +1,199 @@
-r"""A piezo controller that speaks GCS 2.0: lines of text that end in \n, and a few commands of one byte.
+r"""A piezo controller that speaks GCS 2.0 as far as its axes are moved in open loop: lines of text that end in \n.
 
-Axes and piezo channels have the same names. An axis is moved in open loop by ``SVA``; after ``SVO`` its own slow servo
-follows ``MOV``. A command that is wrong does nothing at all and isn't answered; ``ERR?`` tells its code, and clears it.
-All lines of an answer but the last end in " \n".
+Axes and piezo channels have the same names. A command that is wrong does nothing at all and isn't answered; ``ERR?``
+tells its code, and clears it. All lines of an answer but the last end in " \n".
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
 
-from .device import Behind
+from micromanip.testbus.event_loop import EventLoop
+
+from .device import Behind, LineDevice
 from .device_line import DeviceLine
-from .fault import LineFault
-from .faults import GcsError, Identity
-from .gcs_axis import (
-    INVALID_AXIS,
-    INVALID_NUMBER,
-    OUT_OF_RANGE,
-    STOPPED,
-    UNKNOWN_COMMAND,
-    UNKNOWN_PARAMETER,
-    WRONG_COUNT,
-    GcsAxis,
-    GcsRefusal,
-)
+from .port import Peer
 
 _MAKER = "(c)2015 Physik Instrumente (PI) GmbH & Co. KG"
 IDENTITY = f"{_MAKER}, E-727, 0119000001, 13.21.00.09"
 WRONG_IDENTITY = f"{_MAKER}, E-709.CHG, 0119000002, 02.012"
-_UNIT = 0x07000601
-"""The only parameter that is known: the unit of an axis."""
-_QUERIES: dict[str, Callable[[GcsAxis], str]] = {
-    "POS?": lambda axis: _number(axis.position),
-    "TSP?": lambda axis: _number(axis.sensor_position),
-    "VOL?": lambda axis: _number(axis.voltage),
-    "SVA?": lambda axis: _number(axis.commanded),
-    "MOV?": lambda axis: _number(axis.target),
-    "SVO?": lambda axis: str(int(axis.servo)),
-    "ONT?": lambda axis: str(int(axis.on_target)),
-    "OVF?": lambda axis: str(int(axis.commanded in axis.limits)),
-    "VMI?": lambda axis: _number(axis.limits[0]),
-    "VMA?": lambda axis: _number(axis.limits[1]),
+UNKNOWN_COMMAND, INVALID_AXIS, OUT_OF_RANGE, WRONG_COUNT, INVALID_NUMBER = 2, 15, 17, 24, 25
+_LONGEST = 1024
+"""A line that is longer is no line of anybody who knows the protocol."""
+_VOLTS = (-30.0, 135.0)
+"""What a channel can do whose range the configuration doesn't tell."""
+_OTHERS = ("*IDN?", "ERR?", "HLP?", "SAI?", "TPC?", "TSC?")
+
+
+class GcsRefusal(Exception):  # noqa: N818
+    """A command that is not done, with the code that ``ERR?`` tells."""
+
+    def __init__(self, code: int) -> None:
+        super().__init__(f"error {code}")
+        self.code = code
+
+
+@dataclass(frozen=True)
+class Affine:
+    """A channel of the driver, and what its numbers in a text mean: value = scale x number + offset."""
+
+    channel: str
+    scale: float
+    offset: float
+
+    def number(self, value: float) -> float:
+        """On the line."""
+        return (value - self.offset) / self.scale
+
+    def value(self, number: float) -> float:
+        """In the unit of the channel."""
+        return self.scale * number + self.offset
+
+
+@dataclass
+class GcsAxis:
+    """An axis with its piezo channel. Numbers are those on the line."""
+
+    behind: Behind
+    output: Affine | None = None
+    """None where nobody writes it."""
+    limits: tuple[float, float] = _VOLTS
+    sensors: dict[str, Affine] = field(default_factory=dict)
+    """By command, POS? and TSP?; the one that is there answers both."""
+    commanded: float = 0.0
+
+    def position(self, command: str) -> float:
+        """As its sensor tells it; 0 without one."""
+        sensor = self.sensors.get(command) or next(iter(self.sensors.values()), None)
+        return sensor.number(self.behind.read(sensor.channel)) if sensor else 0.0
+
+    @property
+    def voltage(self) -> float:
+        """What its amplifier puts out."""
+        return self.output.number(self.behind.voltage_V(self.output.channel)) if self.output else 0.0
+
+
+_QUERIES: dict[str, Callable[[GcsAxis], float]] = {
+    "POS?": lambda axis: axis.position("POS?"),
+    "TSP?": lambda axis: axis.position("TSP?"),
+    "VOL?": lambda axis: axis.voltage,
+    "SVA?": lambda axis: axis.commanded,
 }
-_COMMANDS = ("SVA", "SVR", "MOV", "SVO")
-_OTHERS = (
-    "*IDN?",
-    "CSV?",
-    "ERR?",
-    "HLP?",
-    "HLT",
-    "HPA?",
-    "SAI?",
-    "SPA?",
-    "STP",
-    "TPC?",
-    "TSC?",
-    "VER?",
-    "#5",
-    "#7",
-    "#24",
-)
+_HELP = sorted([*_OTHERS, "SVA {<AxisID> <Number>}", *(f"{query} [{{<ItemID>}}]" for query in _QUERIES)])
 
 
-class GcsController:
-    """The commands; what moves and measures is behind it."""
+class GcsController(LineDevice):
+    """The commands; lines may end in CR, LF or both."""
 
-    faults: tuple[type[LineFault], ...] = (Identity, GcsError)
-    single_bytes = b"\x05\x07\x18"
+    faults = ("identity", "gcs_error")
 
-    def __init__(self, axes: list[GcsAxis], behind: Behind, line: DeviceLine) -> None:
-        self.signals = [behind.signal(sensor.channel) for axis in axes for sensor in axis.sensors.values()]
-        self.description = f"GCS 2.0 controller, axes {' '.join(axis.name for axis in axes)}"
-        self._axes = {axis.name: axis for axis in axes}
-        self._behind, self._line, self._error = behind, line, 0
+    def __init__(self, loop: EventLoop, line: DeviceLine, behind: Behind, keys: Any) -> None:
+        """`keys` are the driver's, `ascii` with the preset `gcs`."""
+        super().__init__(loop, line, behind)
+        axes: dict[str, GcsAxis] = {}
+        for command, item, affine, given in (*_fields(keys.write), *_fields(keys.read)):
+            axis = axes.setdefault(item, GcsAxis(behind))
+            if command == "SVA":
+                low, high = given.range if "range" in given.model_fields_set else _VOLTS
+                low, high = sorted(map(affine.number, (low, high)))
+                axis.output, axis.limits = affine, (low, high)
+            elif command in ("POS?", "TSP?"):
+                axis.sensors[command] = affine
+        self._axes = {name: axes[name] for name in sorted(axes)}
+        self.signals = [behind.signal(each.channel) for axis in axes.values() for each in axis.sensors.values()]
+        self._turnaround_ns, self._error = round(keys.turnaround_us * 1e3), 0
+        self._begun: dict[Peer, bytes] = {}
 
-    def answer(self, line: str) -> str:
-        try:
-            return self._done(line)
-        except GcsRefusal as refusal:
-            self._error = refusal.code
-            return ""
+    @property
+    def description(self) -> str:
+        return f"GCS 2.0 controller, axes {' '.join(self._axes)}"
 
-    def step(self) -> None:
-        """The servos that are on do their step."""
-        moving = [axis for axis in self._axes.values() if axis.servo]
-        for axis in moving:
-            axis.servo_step()
-        self._put(moving)
+    def hear(self, data: bytes, peer: Peer) -> None:
+        if not data:
+            self._begun.pop(peer, None)
+            return
+        *lines, rest = re.split(rb"[\r\n]", self._begun.get(peer, b"") + data)
+        self._begun[peer] = rest[-_LONGEST:]
+        for line in filter(bytes.strip, lines):
+            self._answer(peer, line.decode("latin-1"))
 
-    def reboot(self) -> None:
+    def reboot(self, for_s: float) -> None:
+        super().reboot(for_s)
         self._error = 0
         for axis in self._axes.values():
-            axis.reboot()
+            axis.commanded = 0.0
+        self._begun.clear()
+
+    def _answer(self, peer: Peer, line: str) -> None:
+        self.figures.received += 1
+        self._behind.advance_to(self._loop.now_ns())
+        try:
+            answer = self._done(line).encode("latin-1")
+        except GcsRefusal as refusal:
+            self._error = refusal.code
+            return
+        if answer:
+            self.figures.sent += 1
+            ready_ns = self._loop.now_ns() + self._turnaround_ns
+            self._loop.call_at(ready_ns, lambda: self._line.answer(peer, answer))
 
     def _done(self, line: str) -> str:
+        """What comes back for a line, empty for nothing."""
         word, *arguments = line.split() or [""]
         match word.upper():
-            case "\x05":
-                return "0\n"
-            case "\x07":
-                return "\xb1\n"
-            case "\x18" | "STP" | "HLT":
-                return self._stop()
             case "*IDN?":
-                return f"{WRONG_IDENTITY if self._line.active(Identity) else IDENTITY}\n"
+                return (WRONG_IDENTITY if self._line.active("identity") else IDENTITY) + "\n"
             case "ERR?":
                 error, self._error = self._error, 0
                 return f"{error}\n"
-            case "CSV?":
-                return "2.0\n"
-            case "VER?":
-                return _lines(["FW_DSP: V13.21.00.09", "HW: simulated"])
             case "HLP?":
-                return _lines(["The following commands are valid:", *_help(), "end of help"])
-            case "HPA?":
-                return _lines(
-                    ["The following parameters are valid:", f"0x{_UNIT:X}=\t0\t1\tCHAR\taxis\tUnit", "end of help"]
-                )
+                return _lines(["The following commands are valid:", *_HELP, "end of help"])
             case "TPC?" | "TSC?":
                 return f"{len(self._axes)}\n"
             case "SAI?":
-                return _lines([axis.name for axis in self._chosen([] if arguments == ["ALL"] else arguments)])
-            case "SPA?":
-                return self._unit(arguments)
-            case query if query in _QUERIES:
-                return _lines([f"{axis.name}={_QUERIES[query](axis)}" for axis in self._chosen(arguments)])
-            case command if command in _COMMANDS:
-                self._do(command, arguments)
+                return _lines(self._chosen([] if arguments == ["ALL"] else arguments))
+            case "SVA":
+                self._put(arguments)
                 return ""
+            case query if query in _QUERIES:
+                return _lines(f"{name}={_QUERIES[query](self._axes[name]):.6e}" for name in self._chosen(arguments))
         raise GcsRefusal(UNKNOWN_COMMAND)
 
-    def _do(self, command: str, arguments: list[str]) -> None:
+    def _put(self, arguments: list[str]) -> None:
         """All of it, or nothing."""
-        if fault := self._line.active(GcsError):
+        if fault := self._line.active("gcs_error"):
             raise GcsRefusal(fault.code)
         if not arguments or len(arguments) % 2:
             raise GcsRefusal(WRONG_COUNT)
-        axes, numbers = self._chosen(arguments[::2]), [_parsed(text) for text in arguments[1::2]]
-        if command == "SVR":
-            numbers = [axis.commanded + number for axis, number in zip(axes, numbers, strict=True)]
-        wanted = list(zip(axes, numbers, strict=True))
+        axes = [self._axes[name] for name in self._chosen(arguments[::2])]
+        wanted = list(zip(axes, map(_parsed, arguments[1::2]), strict=True))
+        if not all(axis.limits[0] <= number <= axis.limits[1] for axis, number in wanted):
+            raise GcsRefusal(OUT_OF_RANGE)
         for axis, number in wanted:
-            if command in ("SVA", "SVR"):
-                axis.check_open_loop(number)
-            elif command == "MOV":
-                axis.check_target()
-            elif number not in (0.0, 1.0):
-                raise GcsRefusal(OUT_OF_RANGE)
-        for axis, number in wanted:
-            if command == "MOV":
-                axis.target = number
-            elif command == "SVO":
-                axis.switch_servo(bool(number))
-            else:
-                axis.commanded = number
-        if command in ("SVA", "SVR"):
-            self._put(axes)
+            axis.commanded = number
+        outputs = ((axis.output, number) for axis, number in wanted)
+        self._behind.write({output.channel: output.value(number) for output, number in outputs if output})
 
-    def _put(self, axes: Iterable[GcsAxis]) -> None:
-        self._behind.write({axis.output.channel: axis.output.value(axis.commanded) for axis in axes if axis.output})
-
-    def _stop(self) -> str:
-        """Axes stay where they are. That is told as error 10, as the standard has it."""
-        for axis in self._axes.values():
-            axis.target = axis.position
-        raise GcsRefusal(STOPPED)
-
-    def _unit(self, arguments: list[str]) -> str:
-        if len(arguments) != 2 or _parameter(arguments[1]) != _UNIT:
-            raise GcsRefusal(UNKNOWN_PARAMETER)
-        (axis,) = self._chosen(arguments[:1])
-        return f"{axis.name} 0x{_UNIT:X}=UM\n"
-
-    def _chosen(self, names: list[str]) -> list[GcsAxis]:
+    def _chosen(self, names: list[str]) -> list[str]:
         """Those that are named; all where none is."""
         if any(name not in self._axes for name in names):
             raise GcsRefusal(INVALID_AXIS)
-        return [self._axes[name] for name in names or self._axes]
+        return names or list(self._axes)
 
 
-def _lines(lines: list[str]) -> str:
+def _fields(exchanges: Mapping[str, Any]) -> Iterator[tuple[str, str, Affine, Any]]:
+    """Command, item on the device, channel and keys of each field."""
+    for exchange in exchanges.values():
+        for channel, given in exchange.fields.items():
+            yield exchange.command or "", given.item or channel, Affine(channel, given.scale, given.offset), given
+
+
+def _lines(lines: Iterable[str]) -> str:
     return " \n".join(lines) + "\n"
-
-
-def _help() -> list[str]:
-    queries = dict.fromkeys(_QUERIES, "[{<ItemID>}]")
-    commands = dict.fromkeys(_COMMANDS, "{<AxisID> <Number>}")
-    return [" ".join(entry).strip() for entry in sorted({**dict.fromkeys(_OTHERS, ""), **queries, **commands}.items())]
-
-
-def _number(number: float) -> str:
-    return f"{number:.6e}"
 
 
 def _parsed(text: str) -> float:
@@ -202,10 +204,3 @@ def _parsed(text: str) -> float:
     if not math.isfinite(number):
         raise GcsRefusal(INVALID_NUMBER)
     return number
-
-
-def _parameter(text: str) -> int | None:
-    try:
-        return int(text, 0)
-    except ValueError:
-        return None

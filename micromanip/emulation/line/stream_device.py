@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 from micromanip.emulation.messages import Due
@@ -11,7 +10,6 @@ from micromanip.testbus.event_loop import EventLoop
 
 from .device import Behind, LineDevice
 from .device_line import DeviceLine
-from .faults import Identity
 from .number import LineNumber, line_numbers, optional_number
 from .port import Peer
 
@@ -23,46 +21,38 @@ _PACKETS_PER_S = 1000
 """As many as a device sends at most where it may choose how many samples go into one."""
 
 
-@dataclass(frozen=True)
 class PacketLayout:
     """A header, blocks with one sample of each field, and a checksum."""
 
-    magic: bytes
-    header_bytes: int
-    block_bytes: int
-    blocks: LineNumber | None
-    """Where the header says how many there are."""
-    counter: LineNumber | None
-    counts_samples: bool
-    time: LineNumber | None
-    """`scale` is seconds a count."""
-    status: LineNumber | None
-    good_status: int
-    identity: dict[str, tuple[LineNumber, float]]
-    fields: dict[str, LineNumber]
-    checksum: Any
-    """The driver's keys of it; None without one."""
+    def __init__(self, keys: Any) -> None:
+        """`keys` are the driver's, `stream`."""
+        self._keys, self._magic = keys, bytes.fromhex(keys.magic)
+        self._blocks = None if isinstance(keys.blocks, int) else LineNumber(keys.blocks)
+        self._counter, self._status = optional_number(keys.counter), optional_number(keys.status)
+        self._time = None if keys.time is None else LineNumber(keys.time, scale=keys.time.unit_s)
+        self._identity = [(LineNumber(number), int(number.value)) for number in keys.identity.values()]
+        self.fields = line_numbers(keys.fields)
 
     def built(self, samples: list[Mapping[str, float]], count: int, time_s: float, wrong: bool) -> bytes:
         """A packet of `samples`; `count` and `time_s` are those of the first, `wrong` is for somebody else's."""
-        header = bytearray(self.header_bytes)
-        header[: len(self.magic)] = self.magic
-        if self.blocks is not None:
-            self.blocks.write(header, len(samples))
-        if self.counter is not None:
-            number = count if self.counts_samples else count // max(1, len(samples))
-            self.counter.write(header, number % self.counter.counts)
-        if self.time is not None:
-            self.time.put(header, time_s)
-        if self.status is not None:
-            self.status.write(header, self.good_status)
-        for number_of, value in self.identity.values():
-            number_of.write(header, int(value) + wrong)
+        keys, header = self._keys, bytearray(self._keys.header_bytes)
+        header[: len(self._magic)] = self._magic
+        if self._blocks is not None:
+            self._blocks.write(header, len(samples))
+        if self._counter is not None:
+            number = count if keys.counter.counts == "samples" else count // max(1, len(samples))
+            self._counter.write(header, number % self._counter.counts)
+        if self._time is not None:
+            self._time.put(header, time_s)
+        if self._status is not None:
+            self._status.write(header, keys.status.good[0])
+        for number_of, value in self._identity:
+            number_of.write(header, value + wrong)
         packet = bytes(header) + b"".join(self._block(sample) for sample in samples)
-        return packet + (self.checksum.of(packet) if self.checksum else b"")
+        return packet + (keys.crc.of(packet) if keys.crc else b"")
 
     def _block(self, sample: Mapping[str, float]) -> bytes:
-        block = bytearray(self.block_bytes)
+        block = bytearray(self._keys.block_bytes)
         for name, number in self.fields.items():
             number.put(block, sample[name])
         return bytes(block)
@@ -71,31 +61,21 @@ class PacketLayout:
 class StreamDevice(LineDevice):
     """Samples at a fixed rate and sends a packet whenever it is full."""
 
-    def __init__(
-        self,
-        loop: EventLoop,
-        line: DeviceLine,
-        behind: Behind,
-        name: str,
-        layout: PacketLayout,
-        period_ns: int,
-        samples: int,
-        begin: bytes,
-    ) -> None:
-        """Its packets are called `name` in commands, and have `samples` each.
+    def __init__(self, loop: EventLoop, line: DeviceLine, behind: Behind, name: str, keys: Any) -> None:
+        """Its packets are called `name` in commands; `keys` are the driver's, `stream`.
 
-        With `begin` the device waits for these bytes before it sends any.
+        With `start` the device waits for these bytes before it sends any.
         """
         super().__init__(loop, line, behind)
-        self.faults = (Identity,) if layout.identity else ()
-        self.signals = [behind.signal(channel) for channel in layout.fields]
-        self._layout, self._samples, self._begin = layout, samples, begin
-        self._sends = not begin
+        self.faults = ("identity",) if keys.identity else ()
+        self._layout, self._samples, self._begin = PacketLayout(keys), _per_packet(keys), bytes.fromhex(keys.start)
+        self.signals = [behind.signal(channel) for channel in self._layout.fields]
+        self._sends = not self._begin
         self._heard = b""
         self._gathered: list[Mapping[str, float]] = []
         self._first_ns, self._clock_from_ns = 0, 0
         self._count = 0
-        self.sends(Due(name, period_ns), self._sample)
+        self.sends(Due(name, round(1e9 / keys.rate_hz)), self._sample)
 
     @property
     def description(self) -> str:
@@ -132,30 +112,12 @@ class StreamDevice(LineDevice):
             self.figures.silent += 1
             return
         time_s = CLOCK_BEGINS_S + (self._first_ns - self._clock_from_ns) * 1e-9 * (1.0 + CLOCK_GAINS)
-        wrong = self._line.active(Identity) is not None
+        wrong = self._line.active("identity") is not None
         self._line.send(self._layout.built(samples, self._count, time_s, wrong))
         self.figures.sent += 1
 
 
-def packet_layout(keys: Any) -> PacketLayout:
-    """What the section `stream` of the driver's options describes."""
-    return PacketLayout(
-        magic=bytes.fromhex(keys.magic),
-        header_bytes=keys.header_bytes,
-        block_bytes=keys.block_bytes,
-        blocks=None if isinstance(keys.blocks, int) else LineNumber(keys.blocks),
-        counter=optional_number(keys.counter),
-        counts_samples=keys.counter is not None and keys.counter.counts == "samples",
-        time=None if keys.time is None else LineNumber(keys.time, scale=keys.time.unit_s),
-        status=optional_number(keys.status),
-        good_status=keys.status.good[0] if keys.status else 0,
-        identity={name: (LineNumber(number), float(number.value)) for name, number in keys.identity.items()},
-        fields=line_numbers(keys.fields),
-        checksum=keys.crc,
-    )
-
-
-def samples_per_packet(keys: Any) -> int:
+def _per_packet(keys: Any) -> int:
     """As configured; where the header tells it, so many that there are at most 1000 packets a second."""
     if isinstance(keys.blocks, int):
         return keys.blocks

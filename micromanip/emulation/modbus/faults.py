@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, TypeAdapter
 
 from micromanip.emulation.line import faults as line_faults
-from micromanip.emulation.line.fault import LineFault, MessageFault, Parts
+from micromanip.emulation.line.faults import LineFault, MessageFault, Parts
 from micromanip.errors import UsageError
 from micromanip.testbus.fault import validated
 

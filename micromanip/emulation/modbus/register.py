@@ -2,84 +2,74 @@
 
 from __future__ import annotations
 
-import math
 import struct
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
-FLOATS = {"float32": "f", "float64": "d"}
-WIDTHS = {
-    **dict.fromkeys(("bits", "int16", "uint16", "coil"), 1),
-    **dict.fromkeys(("int32", "uint32", "float32"), 2),
-    **dict.fromkeys(("int64", "uint64", "float64"), 4),
-}
-"""Registers, or coils, that a type takes."""
+from micromanip.bus.number_options import SIZES
+from micromanip.emulation.line.number import LineNumber
 
 
 @dataclass(frozen=True)
-class DeviceRegister:
+class _Keys:
+    """A number in a frame of its own, the highest byte first."""
+
+    type: str
+    size: int
+    end: int
+    scale: float
+    offset: float
+    at: int = 0
+    byte_order: str = "big"
+
+
+class DeviceRegister(LineNumber):
     """value = scale x number + offset."""
 
-    name: str
-    address: int
-    """As it goes over the wire."""
-    kind: str
-    big_bytes: bool = True
-    big_words: bool = True
-    scale: float = 1.0
-    offset: float = 0.0
-    first_bit: int = 0
-    bit_count: int = 16
+    def __init__(self, name: str, unit: Any, entry: Any) -> None:
+        """`unit` and `entry` are the driver's keys."""
+        self.name, self.is_bits = name, entry.type == "bits"
+        self.address: int = entry.address - unit.address_base
+        """As it goes over the wire."""
+        few = self.is_bits or entry.type == "coil"
+        kind = "uint16" if few else entry.type
+        self.width = SIZES[kind] // 2
+        """How many registers, or coils, it takes."""
+        self._shift, self._big_words = getattr(entry, "first_bit", None) or 0, unit.word_order == "big"
+        self._big_bytes = unit.byte_order == "big" or entry.type == "coil"
+        scale, offset = getattr(entry, "scale", 1.0), getattr(entry, "offset", 0.0)
+        super().__init__(_Keys(kind, SIZES[kind], SIZES[kind], scale, offset))
+        if few:
+            self.low, self.high = 0, (1 << getattr(entry, "bit_count", 1)) - 1
+        self.mask = self.code_words(self.high)[0] if self.is_bits else 0xFFFF
+        """Bits of its registers that it takes, as they go over the wire."""
 
-    @property
-    def width(self) -> int:
-        """How many registers it takes."""
-        return WIDTHS[self.kind]
-
-    @property
-    def mask(self) -> int:
-        """Bits of its registers that it takes: all of them, but for some bits of one."""
-        return ((1 << self.bit_count) - 1) << self.first_bit if self.kind == "bits" else 0xFFFF
-
-    def words(self, value: float) -> list[int]:
+    def words(self, value: float) -> Sequence[int]:
         """The registers that hold a value, the nearest that they can; NaN as such, or as the largest number."""
-        return self.code_words(self._code((value - self.offset) / self.scale))
+        frame = bytearray(2 * self.width)
+        self.put(frame, value)
+        return self._ordered(frame)
 
-    def code_words(self, code: float) -> list[int]:
+    def code_words(self, code: float) -> Sequence[int]:
         """The registers that hold a number, without scale."""
-        if self.kind in ("bits", "coil"):
-            return self._swapped([int(code) << self.first_bit])
-        if self.kind in FLOATS:
-            packed = struct.pack(">" + FLOATS[self.kind], code)
-        else:
-            packed = int(code).to_bytes(2 * self.width, "big", signed=self.kind.startswith("i"))
-        words = list(struct.unpack(f">{self.width}H", packed))
-        return self._swapped(words if self.big_words else words[::-1])
+        frame = bytearray(2 * self.width)
+        self.write(frame, code)
+        return self._ordered(frame)
 
-    def value(self, words: list[int]) -> float:
+    def value(self, words: Sequence[int]) -> float:
         """What its registers say."""
-        plain = self._swapped(words)
-        if self.kind in ("bits", "coil"):
-            number: float = (plain[0] & self.mask) >> self.first_bit
-        else:
-            packed = struct.pack(f">{self.width}H", *(plain if self.big_words else plain[::-1]))
-            if self.kind in FLOATS:
-                number = struct.unpack(">" + FLOATS[self.kind], packed)[0]
-            else:
-                number = int.from_bytes(packed, "big", signed=self.kind.startswith("i"))
-        return self.scale * number + self.offset
+        return self.get(struct.pack(f">{self.width}H", *self._ordered(struct.pack(f">{self.width}H", *words))))
 
-    def _code(self, number: float) -> float:
-        if self.kind in FLOATS:
-            return number
-        low, high = self._ends
-        return high if math.isnan(number) else min(max(round(min(max(number, low), high)), low), high)
+    def read(self, data: bytes | bytearray, at: int = 0) -> float:
+        number = super().read(data, at)
+        return int(number) >> self._shift & int(self.high) if self.is_bits else number
 
-    @property
-    def _ends(self) -> tuple[int, int]:
-        bits = {"bits": self.bit_count, "coil": 1}.get(self.kind, 16 * self.width)
-        return (-(1 << bits - 1), (1 << bits - 1) - 1) if self.kind.startswith("i") else (0, (1 << bits) - 1)
+    def write(self, data: bytearray, number: float) -> None:
+        super().write(data, int(number) << self._shift if self.is_bits else number)
 
-    def _swapped(self, words: list[int]) -> list[int]:
-        if self.big_bytes or self.kind == "coil":
-            return words
-        return [(word & 0xFF) << 8 | word >> 8 for word in words]
+    def _ordered(self, frame: bytes | bytearray) -> Sequence[int]:
+        """The highest first, to registers in the device's order; and back."""
+        words = struct.unpack(f">{self.width}H", frame)
+        words = words if self._big_words else words[::-1]
+        return words if self._big_bytes else [(word & 0xFF) << 8 | word >> 8 for word in words]

@@ -104,14 +104,13 @@ class ModbusUnit:
                 self._put(table, register, register.code_words(code ^ self.is_another))
         for register in self._counters.get(table, ()):
             if _meets(register, first, count):
-                bits = register.bit_count if register.kind == "bits" else 16 * register.width
-                self._put(table, register, register.code_words(self._count & (1 << bits) - 1))
+                counts = int(register.high) + 1 if register.is_bits else register.counts
+                self._put(table, register, register.code_words(self._count % counts))
 
     def _put(self, table: str, register: DeviceRegister, words: Sequence[int]) -> None:
         memory = self._memory[table]
-        if register.kind == "bits":
-            mask = register.mask if register.big_bytes else (register.mask & 0xFF) << 8 | register.mask >> 8
-            memory[register.address] = memory[register.address] & ~mask | words[0]
+        if register.is_bits:
+            memory[register.address] = memory[register.address] & ~register.mask | words[0]
             return
         for i, word in enumerate(words):
             memory[register.address + i] = word
@@ -130,9 +129,9 @@ def unit_of(name: str, keys: Any, behind: Behind) -> ModbusUnit:
         for register in _registers(keys, task.write):
             unit.add_output(_WRITTEN[task.function], register, f"{name}.{register.name}")
         if task.status is not None:
-            unit.add_constant(_READ[task.function], _register(keys, "status", task.status), task.status.good[0])
+            unit.add_constant(_READ[task.function], DeviceRegister("status", keys, task.status), task.status.good[0])
         if task.counter is not None:
-            unit.add_counter(_READ[task.function], _register(keys, "counter", task.counter))
+            unit.add_counter(_READ[task.function], DeviceRegister("counter", keys, task.counter))
     for register in _registers(keys, keys.identity):
         entry = keys.identity[register.name]
         unit.add_constant(_READ[entry.function], register, entry.value)
@@ -140,18 +139,4 @@ def unit_of(name: str, keys: Any, behind: Behind) -> ModbusUnit:
 
 
 def _registers(unit: Any, entries: Mapping[str, Any]) -> Iterator[DeviceRegister]:
-    return (_register(unit, name, entry) for name, entry in entries.items())
-
-
-def _register(unit: Any, name: str, entry: Any) -> DeviceRegister:
-    return DeviceRegister(
-        name,
-        entry.address - unit.address_base,
-        entry.type,
-        unit.byte_order == "big",
-        unit.word_order == "big",
-        scale=getattr(entry, "scale", 1.0),
-        offset=getattr(entry, "offset", 0.0),
-        first_bit=getattr(entry, "first_bit", None) or 0,
-        bit_count=getattr(entry, "bit_count", 1),
-    )
+    return (DeviceRegister(name, unit, entry) for name, entry in entries.items())

@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Sequence
 
-from micromanip.bus.beginning import begin
+from micromanip.bus.beginning import begin, opened
 from micromanip.bus.driver import BusDriver, Outcome
 from micromanip.bus.errors import (
     BusError,
@@ -19,7 +19,6 @@ from micromanip.bus.errors import (
 )
 from micromanip.bus.inbox import Inbox
 from micromanip.bus.last_given import LastGiven
-from micromanip.bus.opening import opened
 from micromanip.bus.output_writer import OutputWriter
 from micromanip.bus.safe_state import LAST_SWITCH, VOLTAGE, SafeOutput, SafeState
 from micromanip.bus.schedule import Schedule

@@ -7,9 +7,9 @@ import can
 import pytest
 from micromanip_drivers.canbus.driver import CanBus
 
+from micromanip.bus.beginning import opened
 from micromanip.bus.errors import LinkError, StillOpening, TransientError
 from micromanip.bus.inbox import Inbox
-from micromanip.bus.opening import opened
 
 from .serial_adapter import DBC, SerialAdapter, seeedstudio, slcan
 

@@ -226,7 +226,7 @@ def test_a_mapping_that_the_terminal_does_not_have_is_told(ends):
     slaves = {"amplifier": terminal(AMPLIFIER), "gauge": terminal(GAUGE)}
     with (
         Bench(ends, slaves=slaves, terminals={"amplifier": AMPLIFIER, "gauge": gauge}) as bench,
-        pytest.raises(IdentityMismatch, match=r"0x60030120.*can't be mapped into a PDO"),
+        pytest.raises(IdentityMismatch, match=r"0x60030120.*Object cannot be mapped to the PDO"),
     ):
         bench.open()
 

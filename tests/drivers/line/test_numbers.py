@@ -6,8 +6,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 from micromanip_drivers.line.frame_options import InputField, Number, OutputField, WholeNumber
-from micromanip_drivers.line.number import InputNumber, OutputNumber
-from micromanip_drivers.line.packet_counter import PacketCounter
+from micromanip_drivers.line.frame_parts import InputNumber, OutputNumber, PacketCounter
 
 from micromanip.bus.errors import OutputRefused
 from micromanip.bus.number_options import SIZES

@@ -6,9 +6,9 @@ import pytest
 from micromanip_drivers.line.ascii_text import Lines, Reply
 from micromanip_drivers.line.driver import Line
 
+from micromanip.bus.beginning import opened
 from micromanip.bus.errors import IdentityMismatch, LinkError, StillOpening, TransientError
 from micromanip.bus.inbox import Inbox
-from micromanip.bus.opening import opened
 
 from .scripted_port import raised
 from .starting_device import StartingDevice

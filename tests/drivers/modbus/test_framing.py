@@ -1,8 +1,7 @@
 """Answers found in what came: whole, in pieces, damaged, another's."""
 
 import pytest
-from micromanip_drivers.modbus.errors import BadFrame
-from micromanip_drivers.modbus.framing import RtuFraming, TcpFraming
+from micromanip_drivers.modbus.framing import BadFrame, RtuFraming, TcpFraming
 from pymodbus.framer import FramerRTU, FramerSocket
 from pymodbus.pdu import DecodePDU
 from pymodbus.pdu.register_message import ReadHoldingRegistersRequest

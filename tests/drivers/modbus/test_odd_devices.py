@@ -3,8 +3,8 @@
 import pytest
 from micromanip_drivers.modbus.driver import Modbus
 
+from micromanip.bus.beginning import opened
 from micromanip.bus.errors import LinkError, TransientError
-from micromanip.bus.opening import opened
 from micromanip.emulation.modbus.frames import TcpFrames
 
 from ..line.starting_device import StartingDevice

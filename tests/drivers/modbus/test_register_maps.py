@@ -6,9 +6,10 @@ from micromanip_drivers.modbus.options import ModbusOptions
 from micromanip_drivers.modbus.plan import plan_tasks
 from micromanip_drivers.modbus.task_options import REGISTERS
 
-from micromanip.emulation.modbus.register import DeviceRegister
 from micromanip.emulation.modbus.server import answer
 from micromanip.emulation.modbus.unit import HOLDING, ModbusUnit
+
+from .unit_peer import register
 
 WORDS = [kind for kind in REGISTERS if kind not in ("coil", "bits")]
 KEYS = {"tcp": {"host": "h", "port": 502}, "timeout_ms": 20, "response_ms": 1}
@@ -58,8 +59,7 @@ def test_what_is_read_is_what_the_unit_has(found, data):
     values = {f"u.{name}": float(data.draw(st.integers(0, 30_000))) for name in found}
     unit = ModbusUnit("u", Memory(values))
     for name, (address, kind) in found.items():
-        register = DeviceRegister(name, address, kind, byte_order == "big", word_order == "big")
-        unit.add_measured(HOLDING, register, f"u.{name}")
+        unit.add_measured(HOLDING, register(address, kind, **order), f"u.{name}")
     got = {}
     for exchange in plan.exchanges:
         said = answer(unit, exchange.request({}), 0)
@@ -77,7 +77,7 @@ def test_what_is_written_is_what_the_unit_gets(found, data):
     memory = Memory({})
     unit = ModbusUnit("u", memory)
     for name, (address, kind) in found.items():
-        unit.add_output(HOLDING, DeviceRegister(name, address, kind), f"u.{name}")
+        unit.add_output(HOLDING, register(address, kind), f"u.{name}")
     for exchange in plan.exchanges:
         request = exchange.request(wanted)
         assert answer(unit, request, 0) == request[:5]

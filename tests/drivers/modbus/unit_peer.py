@@ -1,5 +1,7 @@
 """A Modbus unit in a thread, on either wire, that notes what it hears and fails when it is told to."""
 
+from types import SimpleNamespace
+
 from micromanip.emulation.modbus.frames import RtuFrames, TcpFrames, sealed
 from micromanip.emulation.modbus.register import DeviceRegister
 from micromanip.emulation.modbus.server import answer
@@ -41,6 +43,12 @@ def units(**changed):
     return {"cell": {**UNITS["cell"], **changed}}
 
 
+def register(address, kind, byte_order="big", word_order="big", **keys):
+    """A register of a simulated device, by keys of the driver."""
+    unit = SimpleNamespace(address_base=0, byte_order=byte_order, word_order=word_order)
+    return DeviceRegister("", unit, SimpleNamespace(address=address, type=kind, **keys))
+
+
 class Raw(bytes):
     """What is sent as it is, without a header."""
 
@@ -64,7 +72,7 @@ class Behind:
 class UnitPeer(LinePeer):
     """Answers, or says in place of the next answers what it was told to."""
 
-    big_words = True
+    word_order = "big"
 
     def __init__(self, wire):
         super().__init__(wire)
@@ -75,12 +83,12 @@ class UnitPeer(LinePeer):
         self.transactions, self.to_say = [], []
         self.hearing = self.new_frames()
         self.unit = unit = ModbusUnit("cell", Behind(self))
-        order = {"big_words": self.big_words}
-        unit.add_measured(HOLDING, DeviceRegister("", 0, "int32", scale=0.001, **order), "cell.strain_x")
-        unit.add_measured(HOLDING, DeviceRegister("", 2, "float32", **order), "cell.strain_y")
-        unit.add_output(HOLDING, DeviceRegister("", 100, "int16", scale=0.005), "cell.voltage_x")
-        unit.add_output(HOLDING, DeviceRegister("", 101, "int16", scale=0.005), "cell.voltage_y")
-        unit.add_constant(HOLDING, DeviceRegister("", 9, "uint16"), 0x1234)
+        order = {"word_order": self.word_order}
+        unit.add_measured(HOLDING, register(0, "int32", scale=0.001, **order), "cell.strain_x")
+        unit.add_measured(HOLDING, register(2, "float32", **order), "cell.strain_y")
+        unit.add_output(HOLDING, register(100, "int16", scale=0.005), "cell.voltage_x")
+        unit.add_output(HOLDING, register(101, "int16", scale=0.005), "cell.voltage_y")
+        unit.add_constant(HOLDING, register(9, "uint16"), 0x1234)
 
     def new_frames(self):
         return TcpFrames()
@@ -123,7 +131,7 @@ class UnitPeer(LinePeer):
 class RtuPeer(UnitPeer):
     """On a pseudo terminal, with the low word first."""
 
-    big_words = False
+    word_order = "little"
 
     def __init__(self, wire):
         super().__init__(wire)

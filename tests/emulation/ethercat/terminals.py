@@ -13,7 +13,7 @@ AMPLIFIER = Terminal(
         0x1601: [Entry(0x7001, 1, 8, "enable"), Entry(0x7001, 2, 8, "feed_hold")],
     },
     inputs={0x1A00: [Entry(0x6000, 1, 8, "ok"), Entry(0x6000, 2, 8, "cool")]},
-    settings={(0x8000, 1): b"\1\0", (0x8001, 1): bytes(300)},
+    settings={(0x8000, 1): b"\1\0", (0x8001, 1): bytes(8)},
 )
 GAUGE = Terminal(
     "Strain gauge",

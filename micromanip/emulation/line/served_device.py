@@ -1,0 +1,86 @@
+"""What devices have in common whose lines compiled code serves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from micromanip.emulation.amplifier import Amplifier
+from micromanip.emulation.arrivals import gathered
+from micromanip.emulation.cell import EmulatedCell
+from micromanip.emulation.messages import MessageFigures
+from micromanip.emulation.upkeep import Upkeep
+from micromanip.testbus.event_loop import EventLoop
+
+from .device_line import DeviceLine
+
+PAUSE_NS = 50_000_000
+"""Who has said nothing for so long begins anew."""
+_PHASE_NS = 30_000
+"""So old is the plant's state when it is asked for: a frame that comes a little early still finds a new one."""
+
+
+class ServedDevice:
+    """One whose lines compiled code serves while nothing is amiss; what is rare, and every fault, Python."""
+
+    def __init__(
+        self, keys: Any, loop: EventLoop, cell: EmulatedCell, amplifier: Amplifier | None, served_ns: int
+    ) -> None:
+        """`keys` are the driver's; while frames come, it has a turn each `served_ns`."""
+        self._keys, self._loop, self._cell, self._amplifier = keys, loop, cell, amplifier
+        self.figures = MessageFigures()
+        self._lines: list[DeviceLine] = []
+        self._silent_until_ns = 0.0
+        self._began_ns, self._heard_ns = loop.now_ns(), 0
+        self._upkeep = Upkeep(loop, self._look_after, served_ns)
+
+    def start(self, now_ns: int) -> None:
+        self._began_ns = now_ns
+        self._upkeep.start()
+
+    def silence(self, message: str, for_s: float | None) -> None:  # noqa: ARG002 (it sends but one)
+        self._silent_until_ns = self._loop.end_ns(for_s)
+
+    def clear(self) -> None:
+        for line in self._lines:
+            line.clear()
+        self._silent_until_ns = 0.0
+
+    def close(self) -> None:
+        for line in self._lines:
+            line.close()
+
+    def load_percent(self, busy_ns: int) -> float:
+        """Of a line that was busy for so long."""
+        return round(100 * busy_ns / max(1, self._loop.now_ns() - self._began_ns), 2)
+
+    def is_plain(self, now_ns: int) -> bool:
+        """Whether a conversation is under way, and nothing is amiss."""
+        return (
+            now_ns - self._heard_ns < PAUSE_NS
+            and now_ns >= self._silent_until_ns
+            and self._cell.undisturbed
+            and all(line.undisturbed for line in self._lines)
+        )
+
+    def hears(self, now_ns: int) -> None:
+        """A command comes through Python."""
+        if now_ns - self._heard_ns > PAUSE_NS:
+            self._cell.advance_to(now_ns)
+            self._cell.plant.begin(now_ns - _PHASE_NS)
+        self._heard_ns = now_ns
+
+    def has_taken(self, d: Any, arrived: Sequence[tuple[Sequence[str | None], Any]]) -> None:
+        """Tell the amplifier what compiled code has refused and taken: names of outputs, and their records."""
+        self._cell.plant.is_at(self._cell.plant.time_ns)
+        if self._amplifier is None:
+            return
+        self._amplifier.refused += int(d["refused"])
+        d["refused"] = 0
+        for names, records in arrived:
+            if taken := dict(gathered(names, records)):
+                self._amplifier.has_taken(taken, self._heard_ns)
+
+    def _look_after(self) -> None:
+        """Watchdogs, amplifier and plant go on also while nobody asks."""
+        raise NotImplementedError

@@ -12,9 +12,37 @@ from micromanip.errors import CheckFailed
 from micromanip.recordings import Telemetry
 from micromanip.recordings.file_header import PARAMETERS
 from micromanip.recordings.file_header import SAMPLES as SAMPLES_FILE
-from micromanip.rt.laws.reference import SAMPLES
-from micromanip.rt.records import CELL_PARAMETERS, CELL_STATE, MAX_AXES
+from micromanip.rt.laws.coordinate_transform import MAX_FRAME
+from micromanip.rt.laws.estimator import MAX_STATES
+from micromanip.rt.laws.excitation import MAX_LINES
+from micromanip.rt.laws.feedforward import MAX_CREEP
+from micromanip.rt.laws.hysteresis import MAX_PLAYS, MAX_TABLE
+from micromanip.rt.laws.network import MAX_NEURONS
+from micromanip.rt.laws.reference import MAX_SINES, SAMPLES
+from micromanip.rt.records import CELL_PARAMETERS, CELL_STATE, MAX_AXES, MAX_OUTPUTS, MAX_SIGNALS
 from micromanip.rt.telemetry import ROW
+
+_MOST = {
+    "axes": MAX_AXES,
+    "plays": MAX_PLAYS,
+    "creeps": MAX_CREEP,
+    "neurons": MAX_NEURONS,
+    "points": MAX_TABLE,
+    "states": MAX_STATES,
+    "slow": MAX_STATES,
+    "tooth": MAX_STATES - 1,
+    "sines": MAX_SINES,
+    "lines": MAX_LINES,
+    "column": MAX_AXES - 1,
+    "sources": MAX_FRAME,
+    "derived": MAX_AXES,
+}
+"""The most that a counter in the parameters may be: compiled code looks at no bounds."""
+_PLACES = {
+    **dict.fromkeys(("strain", "stage", "deviation", "true_strain", "true_stage"), MAX_SIGNALS),
+    **dict.fromkeys(("path_error", "uncompensated", "signal", "source", "first"), MAX_SIGNALS),
+    **dict.fromkeys(("voltage", "amplifier_enable", "amplifier_reset", "feed_hold", "heartbeat"), MAX_OUTPUTS),
+}
 
 
 class Recorded:
@@ -38,6 +66,7 @@ class Recorded:
         self.parameters: dict[int, NDArray[Any]] = {}
         for one in telemetry.parameters:
             taken = self._as(one, CELL_PARAMETERS, "parameters")
+            _require_sound(telemetry, taken)
             self.parameters[int(taken["version"][0])] = taken
         plays = any((each["axis"]["reference"]["kind"] == SAMPLES).any() for each in self.parameters.values())
         if plays and telemetry.samples is None:
@@ -72,3 +101,20 @@ def _table(telemetry: Telemetry) -> NDArray[np.float64]:
     if samples.ndim != 2 or samples.shape[1] != MAX_AXES or not len(samples):
         raise CheckFailed(f"{telemetry.file}: damaged: what the axes followed is a table of {samples.shape}")
     return samples
+
+
+def _require_sound(telemetry: Telemetry, parameters: NDArray[Any]) -> None:
+    for path, name, values in _integers(parameters, ""):
+        most, places = _MOST.get(name), _PLACES.get(name)
+        bad = most is not None and ((values < 0) | (values > most)).any()
+        if bad or (places is not None and ((values < -1) | (values >= places)).any()):
+            raise CheckFailed(f"{telemetry.file}: damaged: its parameters have {path} = {values.ravel().tolist()}")
+
+
+def _integers(records: NDArray[Any], path: str) -> Iterator[tuple[str, str, NDArray[Any]]]:
+    for name in records.dtype.names or ():
+        values = records[name]
+        if values.dtype.names:
+            yield from _integers(values, f"{path}{name}.")
+        elif values.dtype.kind == "i":
+            yield f"{path}{name}", name, values

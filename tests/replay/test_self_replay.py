@@ -190,3 +190,7 @@ def test_what_cannot_be_replayed_says_why(short, tmp_path):
     later = recording(tmp_path / "later.mcap", prepared, rows[50:100])
     with pytest.raises(CheckFailed, match="nothing can be replayed: no row follows a state of the loop"):
         replay(later)
+    damaged = prepared.parameters.copy()
+    damaged["axis"]["strain"][0, 1] = 1_000_000
+    with pytest.raises(CheckFailed, match=r"damaged: its parameters have axis\.strain = "):
+        replay(replace(telemetry, parameters=[damaged]))

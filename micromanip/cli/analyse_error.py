@@ -102,8 +102,8 @@ def _print(budget: AxisBudget) -> None:
     )
     bound = budget.bound
     echo(
-        f"no causal controller with these sensors leaves less than {bound.rms_um:.3f} um, where phases are known for "
-        f"{bound.coherence_s:g} s: the path's share is {bound.path_um2**0.5:.3f} um, the force's "
+        f"by this run's spectra no causal controller leaves less than {bound.rms_um:.3f} um, where phases are known "
+        f"for {bound.coherence_s:g} s: the path's share is {bound.path_um2**0.5:.3f} um, the force's "
         f"{bound.force_um2**0.5:.3f} um"
     )
     echo(f"seen in {budget.seen}")

@@ -131,6 +131,9 @@ def _explained(stretch: Stretch, laws: AxisLaws, coherence_s: float) -> AxisBudg
     alone[PREDICTION] = _with(alone[PREDICTION], unseen.prediction)
     whole = _with(grid.binned(error[inside]), unseen.whole)
     bound = _bound(path[inside], moved[inside], followed.noise_um**2, tracking, laws, coherence_s, known_stage=truth)
+    # the spectra of a short run scatter; what it left is possible
+    share = min(1.0, float(whole.sum()) / max(bound.path_um2 + bound.force_um2, 1e-12))
+    bound = Bound(share * bound.path_um2, share * bound.force_um2, coherence_s)
     known = "the simulation's own signals" if truth else "the smoothed tracker and the measured stage"
     return AxisBudget(
         laws.name,

@@ -1,18 +1,38 @@
 """One request and its answer: which bytes go out, and what must come back.
 
-Each request is built once, when the driver is built; afterwards only the data in it are replaced. Of an answer
-everything but the data is known beforehand, its length too, and is compared: stricter than a parser that takes whatever
-has the form of an answer.
+The library builds each request once, when the driver is built; afterwards only the data in it are replaced. Of an
+answer everything but the data is known beforehand, its length too, and is compared: stricter than a parser that takes
+whatever has the form of an answer.
 """
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from pymodbus.pdu import ModbusPDU
+from pymodbus.pdu.bit_message import (
+    ReadCoilsRequest,
+    ReadDiscreteInputsRequest,
+    WriteMultipleCoilsRequest,
+    WriteSingleCoilRequest,
+)
+from pymodbus.pdu.register_message import (
+    ReadHoldingRegistersRequest,
+    ReadInputRegistersRequest,
+    ReadWriteMultipleRegistersRequest,
+    WriteMultipleRegistersRequest,
+    WriteSingleRegisterRequest,
+)
+
 from .codec import CoilPlan, Field, ReadPlan, WritePlan
 
+_READ: dict[int, type[ModbusPDU]] = {
+    1: ReadCoilsRequest,
+    2: ReadDiscreteInputsRequest,
+    3: ReadHoldingRegistersRequest,
+    4: ReadInputRegistersRequest,
+}
 _SINGLE = (5, 6)
 """Functions whose answer has the value that was taken."""
 _COIL_ON = b"\xff\x00"
@@ -40,8 +60,9 @@ class Exchange:
         self._reads = (CoilPlan if self._coils else ReadPlan)(read.fields) if read else None
         self._writes = WritePlan(write.fields, write.count) if write else None
         written = 2 if function == 5 else self._writes.length if self._writes else 0
-        self._head = _request_head(function, read, write, written)
-        self.request_bytes = len(self._head) + written
+        whole = bytes((function,)) + _library_request(function, read, write).encode()
+        self._head = whole[: len(whole) - written]
+        self.request_bytes = len(whole)
         """Length of the request, from the function code on."""
         self._data_bytes = (read.count + 7) // 8 if self._coils and read else 2 * read.count if read else 0
         self.answer_bytes = 2 + self._data_bytes if read else 5
@@ -79,11 +100,16 @@ class Exchange:
         return self._reads.values(answer[2:]) if self._reads else ()
 
 
-def _request_head(function: int, read: Block | None, write: Block | None, written: int) -> bytes:
-    """A request up to its data, of which there are `written` bytes."""
-    head = bytes((function,)) + (struct.pack(">HH", read.first, read.count) if read else b"")
-    if write is None:
-        return head
-    if function in _SINGLE:
-        return head + struct.pack(">H", write.first)
-    return head + struct.pack(">HHB", write.first, write.count, written)
+def _library_request(function: int, read: Block | None, write: Block | None) -> ModbusPDU:
+    if function == 23 and read and write:
+        return ReadWriteMultipleRegistersRequest(read.first, read.count, write.first, [0] * write.count)
+    if read:
+        return _READ[function](address=read.first, count=read.count)
+    assert write is not None
+    if function == 5:
+        return WriteSingleCoilRequest(address=write.first, bits=[False])
+    if function == 6:
+        return WriteSingleRegisterRequest(address=write.first, registers=[0])
+    if function == 15:
+        return WriteMultipleCoilsRequest(address=write.first, bits=[False] * write.count)
+    return WriteMultipleRegistersRequest(address=write.first, registers=[0] * write.count)

@@ -164,7 +164,7 @@ class HeldBack:
     """
 
     def __init__(self, amplifier, *, acknowledged=False):
-        self._amplifier, self._acknowledged, self._held = amplifier, acknowledged, []
+        self._amplifier, self.acknowledged, self._held = amplifier, acknowledged, []
 
     def add(self, what, came_ns):
         """One more."""
@@ -175,6 +175,6 @@ class HeldBack:
         held, self._held = self._held, []
         least_ns = time.monotonic_ns() - 1e9 * self._amplifier.habits.longest_under_way_s
         for boots, came_ns, what in held:
-            in_time = came_ns >= least_ns or (self._acknowledged and not self._amplifier.goes_to_rest)
+            in_time = came_ns >= least_ns or (self.acknowledged and not self._amplifier.goes_to_rest)
             if in_time and boots == self._amplifier.boots:
                 yield what

@@ -38,6 +38,7 @@ class CanBus:
         """
         self.mend()
         self._cut = "deaf" if how == "deaf" else "late"
+        self._held.acknowledged = False  # what nobody hears nobody acknowledges
 
     @property
     def is_cut(self):
@@ -84,6 +85,7 @@ class CanBus:
             self.boot()
         for frame in self._held.arriving():
             self.hear(frame)
+        self._held.acknowledged = True
 
     def _say(self):
         self._loop.call_at(time.monotonic_ns() + _PERIOD_NS, self._say)

@@ -20,10 +20,13 @@ def echo(text: str, *, err: bool = False) -> None:
 
 def wrapped(text: str, width: int) -> str:
     """`text` in lines of at most `width` columns; a word that is longer, as a path, has a line of its own."""
+    width = max(width, _LEAST)
     return "\n".join(
-        textwrap.fill(
+        line
+        if len(line) <= width
+        else textwrap.fill(
             line,
-            max(width, _LEAST),
+            width,
             subsequent_indent=" " * (len(line) - len(line.lstrip()) + 2),
             break_long_words=False,
             break_on_hyphens=False,

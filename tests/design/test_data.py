@@ -87,7 +87,7 @@ NO_TABLE = (
     "{file}: not a table of numbers: one row per sample, separated by commas, semicolons, tabs or spaces, is read"
 )
 TEXTS = {
-    b"": "{file}: it is empty; a recording is CSV or other text, JSON, .mat, .npy, .npz, MCAP, HDF5 or Parquet",
+    b"": "{file}: it is empty; a recording is CSV or other text, .mat, .npy, .npz, MCAP, HDF5 or Parquet",
     b"t_s,voltage_V,strain_um\n": NO_TABLE,
     b"\x89PNG\r\n\x1a\n\xff": "{file}: neither text nor a format that is known here; "
     "save it as CSV, .mat, .npz, HDF5 or Parquet",

@@ -94,9 +94,9 @@ def report(
 ) -> Status:
     """The whole report of a run, up to now; `trips` are those that have a black box, `links` the buses."""
     gathered.gather()
-    words, faults = controller.words, controller.faults()
+    words, faults, state = controller.words, controller.faults(), controller.state
     return {
-        "state": controller.state,
+        "state": state,
         "cycles": int(words[w.CYCLES_RUN]),
         "overruns": int(words[w.OVERRUNS]),
         "period_ns": controller.prepared.configuration.loop.period_ns,
@@ -113,7 +113,7 @@ def report(
         "configuration": str(controller.prepared.source.path),
         "configuration_sha256": controller.prepared.source.hash,
         "trips": list(trips),
-        "links": {name: _seen_from(controller.state, link) for name, link in (links or {}).items()},
+        "links": {name: _seen_from(state, link) for name, link in (links or {}).items()},
         "recording": recording,
         "learning": learning,
     }

@@ -27,7 +27,7 @@ class Table(Mapping[str, Array]):
     """Columns (n,) by their name in `file`; columns without a name are called "1", "2" and so on.
 
     `units` has those that the file states apart from the name, `lines` the line of the text at which each row stands;
-    None where a file has no lines. `texts` are the columns that hold no numbers, each with its first field;
+    None where a file has no lines. `texts` are the columns that hold no numbers, each with a field that is none;
     `notes` say what of the file is in none of them.
     """
 

@@ -8,7 +8,7 @@ Under new parameters every state that still counts is kept: the PID's integrator
 inverse model would have changed, and the outer loop's set-point is led over from where it is.
 
 Budget: three axes with 6 plays and 11 states take about 1-2 us of the 100 us period (`micromanip
-bench` measures it beside a C twin). Nothing here allocates, raises or calls Python.
+system bench` measures it beside a C twin). Nothing here allocates, raises or calls Python.
 """
 
 from __future__ import annotations

@@ -124,20 +124,21 @@ def _reached(gain_dB: float, loop: Sensitivity) -> str:
 
 def _sines(found: Commissioned, runs: list[Run], index: int) -> list[Criterion]:
     """The sines on the gauge."""
-    out, accept = [], found.configuration.axes[found.axis].accept
+    out, settings = [], found.configuration.axes[found.axis]
     sine, floor = asked(found.configuration, found.axis), found.polarity.noise_um
-    slew = found.configuration.axes[found.axis].setpoint.slew_um_per_ms
+    slew = settings.setpoint.slew_um_per_ms
     for run in runs:
         if run.config == "C":
-            sigma, way = run.figures(found.axis, index)["std_error_um"], _on_the_way(found, run.frequency_hz)
-            limit = accept.sigma_um or float(np.hypot(_SIGMA * 2.0 * sine.amplitude_um, _NOISE * floor))
+            speed = 2e-3 * np.pi * run.frequency_hz * sine.amplitude_um
+            sigma, way = run.figures(found.axis, index)["std_error_um"], _on_the_way(found, speed)
+            limit = settings.accept.sigma_um or float(np.hypot(_SIGMA * 2.0 * sine.amplitude_um, _NOISE * floor))
             wanted = f"<= {limit:.3g} um" + (f" and {way:.2g} um that the bus is late" if way > 0.0 else "")
             wanted += (
                 f": set-point less gauge, {sine.offset_um:.0f} +- {sine.amplitude_um:.0f} um, rms; "
                 f"noise at rest {floor:.3f} um"
             )
             value, name = f"{told(sigma, limit + way, 3)} um", f"sigma at {run.frequency_hz:g} Hz"
-            if (speed := 2e-3 * np.pi * run.frequency_hz * sine.amplitude_um) > slew:
+            if speed > slew:
                 value += f": setpoint.slew_um_per_ms is {slew:g}, the sine takes {speed:.3g}; see accept.stroke_um"
             out.append(Criterion(found.axis, name, sigma <= limit + way, value, wanted, acceptance=True))
     return out
@@ -168,11 +169,10 @@ def _stage(found: Commissioned, check: Validation) -> list[Criterion]:
     return out
 
 
-def _on_the_way(found: Commissioned, frequency_Hz: float) -> float:
-    """Rms (um) by which the sine moves while a set-point is on its way over a bus; 0 without one."""
+def _on_the_way(found: Commissioned, speed_um_per_ms: float) -> float:
+    """Rms (um) that a sine of this top speed moves while a set-point is on its way over a bus; 0 without one."""
     path = found.actuator.path
     if path == AT_ONCE:
         return 0.0
     late_s = (OUTER_DELAY + path.output_late) * found.configuration.loop.period_ns * 1e-9
-    speed = 2.0 * np.pi * frequency_Hz * asked(found.configuration, found.axis).amplitude_um
-    return float(speed * late_s / np.sqrt(2.0))
+    return float(1e3 * speed_um_per_ms * late_s / np.sqrt(2.0))

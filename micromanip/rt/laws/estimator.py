@@ -18,8 +18,8 @@ was late, held or false for a moment leaves no disturbance behind. One that is e
 counts for no more than the sensor's noise: it is held somewhere, or nothing moves. After a gap the states of motion
 take all of the innovation, because nobody knows what went on; the disturbances don't.
 
-Where the tooth's frequency is followed (``tooth.py``) its oscillator turns by more, or less, than the model says. Once
-it is given up the filter has the gains of the one without it (``plain``).
+Where the tooth's frequency is followed (``frequency_lock.py``) its oscillator turns by more, or less, than the model
+says. Once it is given up the filter has the gains of the one without it (``plain``).
 """
 
 from __future__ import annotations

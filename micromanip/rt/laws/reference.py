@@ -1,15 +1,13 @@
 """The reference of one axis: position, velocity, acceleration and oscillation at this very moment.
 
-Own sources are a constant, a sum of sines as (25), a step, samples played cycle by cycle, and a position that is
-jogged by hand. A signal
-(laser tracker) arrives late and at its own rate: a Kalman filter with the state ``w = [p, v, a, o1, o1', ..]`` (up to
-three oscillations o of known decay, their frequencies known or found, ``joints.py``) is corrected at each sample's own
-time and extrapolated to now in closed form (``predictor.py``), with a surer one beside it where one is known
-(``predictor.py``); it can also just hold the sample. Only finite samples inside ``[low_um,
-high_um]`` are taken, and none that jumps by more than ``jump_um`` from where it is expected; ``silent`` counts the
-cycles since one was. A signal that stays where it jumped to is believed after the horizon, but not while the axis
-follows it (`followed`): once it has been ``doubted`` for so long it goes on being silent until the watch calls it
-lost, wherever it wanders.
+Own sources are a constant, a sum of sines as (25), a step, samples played cycle by cycle, and a position that is jogged
+by hand. A signal (laser tracker) arrives late and at its own rate: a Kalman filter with the state ``w = [p, v, a, o1,
+o1', ..]`` (up to three oscillations o of known decay, their frequencies known or found, ``frequency_lock.py``) is
+corrected at each sample's own time and extrapolated to now in closed form (``predictor.py``), with a surer one beside
+it where one is known; it can also just hold the sample. Only finite samples inside ``[low_um, high_um]`` are taken, and
+none that jumps by more than ``jump_um`` from where it is expected; ``silent`` counts the cycles since one was. A signal
+that stays where it jumped to is believed after the horizon, but not while the axis follows it (`followed`): once it has
+been ``doubted`` for so long it goes on being silent until the watch calls it lost, wherever it wanders.
 
 The horizon counts cycles that ran: a loop that stood still heard nothing of a signal that may have gone on, and what it
 hears then is judged by the extrapolation over that time, up to ``STOOD_STILL`` horizons.

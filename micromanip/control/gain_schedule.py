@@ -12,11 +12,17 @@ more weight on the set-point, so that the slew limit hardly ever holds it. Model
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from .cached_arrays import cached_arrays
-from .outer_gains import Matrix, OuterGains, OuterSettings, regulate
-from .predictor import TrackerSettings, reference_transition
+from .outer_gains import Matrix, OuterGains, regulate
+from .predictor import reference_transition
+
+if TYPE_CHECKING:
+    from micromanip.settings.schema.axis import Outer
+    from micromanip.settings.schema.reference import AxisTracker
 
 _CALM_WEIGHT = 30.0
 """So many times the weight of the set-point. 3 are too few for a burst of missed cycles, 10 do."""
@@ -41,7 +47,7 @@ def _intermittent_gains(A: Matrix, C: Matrix, noise: Matrix, predicted: Matrix, 
 
 
 def calm_gains(
-    outer: OuterSettings, gains: OuterGains, reference: TrackerSettings | None, period_s: float
+    outer: Outer, gains: OuterGains, reference: AxisTracker | None, period_s: float
 ) -> tuple[Matrix, Matrix]:
     """Feedback (n,) on the states and gains (r,) on the reference's, as in `gains`. Raises as ``outer_gains``."""
     S = reference_transition(reference.oscillations if reference else (), period_s)

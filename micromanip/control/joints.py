@@ -7,11 +7,14 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from .predictor import Matrix, TrackerSettings, block_diagonal, output_row, sample_transition, stationary, tracker_gain
+from .predictor import Matrix, block_diagonal, output_row, sample_transition, stationary, tracker_gain
+
+if TYPE_CHECKING:
+    from micromanip.settings.schema.reference import AxisTracker
 
 _PULL, _ACROSS_S, _FLOOR_SIGMA = 1.0, 0.1, 4.0
 """Share of the lead that is taken up, over the share of the error that a sample removes, of a lone oscillation: a
@@ -29,7 +32,7 @@ class FollowedJoints(NamedTuple):
     swing_floor_um2: Matrix
 
 
-def followed_joints(reference: TrackerSettings) -> FollowedJoints:
+def followed_joints(reference: AxisTracker) -> FollowedJoints:
     """Figures of the law for the predictor of `reference`; raises as ``tracker_gain``."""
     low, high = detunings(reference)
     steps = reference.sample_rate_Hz
@@ -39,14 +42,14 @@ def followed_joints(reference: TrackerSettings) -> FollowedJoints:
     )
 
 
-def detunings(reference: TrackerSettings) -> tuple[Matrix, Matrix]:
+def detunings(reference: AxisTracker) -> tuple[Matrix, Matrix]:
     """Ends (oscillations,) of the ranges, rad/s from the configured frequencies."""
     hertz = np.array([(each.frequency_Hz, *each.range_Hz) for each in reference.oscillations]).reshape(-1, 3)
     configured, low, high = 2.0 * math.pi * hertz.T
     return low - configured, high - configured
 
 
-def removed(reference: TrackerSettings) -> Matrix:
+def removed(reference: AxisTracker) -> Matrix:
     """Share (oscillations,) of each one's error that a sample removes: 1 less the radius of its pole."""
     poles = _poles(reference, sample_transition(reference, 1.0 / reference.sample_rate_Hz))
     own = [
@@ -57,7 +60,7 @@ def removed(reference: TrackerSettings) -> Matrix:
     return np.asarray(np.maximum(0.0, 1.0 - np.abs(nearest)), dtype=np.float64)
 
 
-def joints_radius(reference: TrackerSettings) -> float:
+def joints_radius(reference: AxisTracker) -> float:
     """Largest pole of the predictor, each frequency being as configured or at an end of its range."""
     step_s = 1.0 / reference.sample_rate_Hz
     step, (low, high) = sample_transition(reference, step_s), detunings(reference)
@@ -77,6 +80,6 @@ def _turn(omega: float, detuning: float, period_s: float) -> Matrix:
     return np.array([[c, s / omega], [-omega * s, c]])
 
 
-def _poles(reference: TrackerSettings, step: Matrix) -> Matrix:
+def _poles(reference: AxisTracker, step: Matrix) -> Matrix:
     gain = tracker_gain(reference)
     return np.asarray(np.linalg.eigvals((np.eye(len(gain)) - np.outer(gain, output_row(len(gain)))) @ step))

@@ -8,16 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from micromanip.control.system import Array, Complex, Response, System, from_state_space
-
-if TYPE_CHECKING:
-    import control
+from micromanip.control.system import Array, Complex, Response, System
 
 _ROUNDS, _LARGEST = 14, 40_000
 _ROOT_STEPS, _ROOT = 60, 1e-13
@@ -112,12 +108,11 @@ def _turns(low: Complex, high: Complex) -> NDArray[np.bool_]:
     return np.asarray(np.fmax(own, of_return) > _TURN)
 
 
-def margins(loop: System | control.StateSpace) -> Margins:
+def margins(loop: System) -> Margins:
     """Margins of the loop transfer `loop`, with the closed loop's eigenvalues."""
-    system = loop if isinstance(loop, System) else from_state_space(loop)
-    closed = np.linalg.eigvals(system.closed()).astype(complex)
-    omega = grid(system.period_s, np.concatenate([system.poles, closed]))
-    found = curve_margins(system.response, omega)
+    closed = np.linalg.eigvals(loop.closed()).astype(complex)
+    omega = grid(loop.period_s, np.concatenate([loop.poles, closed]))
+    found = curve_margins(loop.response, omega)
     return replace(found, radius=float(np.abs(closed).max(initial=0.0)))
 
 

@@ -14,52 +14,21 @@ are followed, or cancelled, without error in the model: ``u = -K x + (Gamma + K 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .cached_arrays import cached_arrays
-from .predictor import TrackerSettings, block_diagonal, output_row, reference_transition, rotation
+from .predictor import block_diagonal, output_row, reference_transition, rotation
 from .riccati import solve_riccati
 
+if TYPE_CHECKING:
+    from micromanip.settings.schema.axis import Outer
+    from micromanip.settings.schema.reference import AxisTracker
+
 Matrix = NDArray[np.float64]
-
-
-class LinearModel(Protocol):
-    """Set-point to stage, per cycle."""
-
-    @property
-    def A(self) -> Sequence[Sequence[float]]: ...
-    @property
-    def B(self) -> Sequence[float]: ...
-    @property
-    def C(self) -> Sequence[float]: ...
-    @property
-    def delay_cycles(self) -> int: ...
-
-
-class OuterSettings(Protocol):
-    """The model and the knobs that people write; what they mean stands in the configuration's section ``outer``."""
-
-    @property
-    def model(self) -> LinearModel: ...
-    @property
-    def control_weight(self) -> float: ...
-    @property
-    def input_noise_um(self) -> float: ...
-    @property
-    def disturbance_um(self) -> float: ...
-    @property
-    def oscillation_Hz(self) -> float | None: ...
-    @property
-    def oscillation_um(self) -> float: ...
-    @property
-    def sensor_noise_um(self) -> float: ...
-    @property
-    def sample_cycles(self) -> int: ...
 
 
 class StationaryFilter(NamedTuple):
@@ -103,7 +72,7 @@ class OuterGains:
         return np.concatenate([np.linalg.eigvals(regulator), np.linalg.eigvals(observer)])
 
 
-def augment(outer: OuterSettings, period_s: float) -> tuple[Matrix, Matrix, Matrix, int]:
+def augment(outer: Outer, period_s: float) -> tuple[Matrix, Matrix, Matrix, int]:
     """Augmented ``A, B, C`` and the number of controllable states (they come first)."""
     a, b, c = (np.array(m, dtype=float) for m in (outer.model.A, outer.model.B, outer.model.C))
     n, delay = len(a), outer.model.delay_cycles
@@ -128,7 +97,7 @@ def augment(outer: OuterSettings, period_s: float) -> tuple[Matrix, Matrix, Matr
     return A, B, C, controllable
 
 
-def stationary_filter(outer: OuterSettings, A: Matrix, C: Matrix, controllable: int) -> StationaryFilter:
+def stationary_filter(outer: Outer, A: Matrix, C: Matrix, controllable: int) -> StationaryFilter:
     """The Kalman filter of the augmented model for a sample every ``sample_cycles`` cycles."""
     noise = _process_noise(outer, A, controllable)
     step, total = np.eye(len(A)), np.zeros_like(noise)
@@ -143,7 +112,7 @@ def stationary_filter(outer: OuterSettings, A: Matrix, C: Matrix, controllable: 
     return StationaryFilter(np.asarray(P @ C / variance, dtype=np.float64), noise, P, variance)
 
 
-def _process_noise(outer: OuterSettings, A: Matrix, controllable: int) -> Matrix:
+def _process_noise(outer: Outer, A: Matrix, controllable: int) -> Matrix:
     """Covariance (n, n) of what enters the augmented states in a cycle."""
     n = len(outer.model.A)
     noise = np.zeros((len(A), len(A)))
@@ -182,7 +151,7 @@ def regulate(
     return K, gain[: len(D)], gain[len(D) :]
 
 
-def outer_gains(outer: OuterSettings, reference: TrackerSettings | None, period_s: float) -> OuterGains:
+def outer_gains(outer: Outer, reference: AxisTracker | None, period_s: float) -> OuterGains:
     """All gains of one axis; `reference` tells the oscillations to be followed, if any.
 
     Raises LinAlgError, ValueError or FloatingPointError where there are none.
@@ -191,7 +160,7 @@ def outer_gains(outer: OuterSettings, reference: TrackerSettings | None, period_
         return _outer_gains(outer, reference, period_s)
 
 
-def _outer_gains(outer: OuterSettings, reference: TrackerSettings | None, period_s: float) -> OuterGains:
+def _outer_gains(outer: Outer, reference: AxisTracker | None, period_s: float) -> OuterGains:
     A, B, C, controllable = augment(outer, period_s)
     S = reference_transition(reference.oscillations if reference else (), period_s)
     K, disturbance, following = regulate(A, B, C, controllable, outer.control_weight, S)
@@ -218,9 +187,7 @@ def _outer_gains(outer: OuterSettings, reference: TrackerSettings | None, period
     )
 
 
-def process_innovation(
-    outer: OuterSettings, gains: OuterGains, step_um: float, rise_cycles: int, time_cycles: int
-) -> float:
+def process_innovation(outer: Outer, gains: OuterGains, step_um: float, rise_cycles: int, time_cycles: int) -> float:
     """Largest mean square (um^2) of the innovation, over `time_cycles`, while the tool comes into contact.
 
     What it pushes is `step_um` in terms of the set-point, 95 % of it there after `rise_cycles`; half of it swings on
@@ -268,14 +235,14 @@ def _angle(gains: OuterGains) -> float:
     return math.acos(min(1.0, float(gains.A[-2, -2])))
 
 
-def steady_lag(outer: OuterSettings) -> float:
+def steady_lag(outer: Outer) -> float:
     """Cycles by which the stage answers a slow set-point later: ``-G'(1) / G(1)`` of ``G = z^-d C (zI - A)^-1 B``."""
     a, b, c = (np.array(m, dtype=float) for m in (outer.model.A, outer.model.B, outer.model.C))
     once = np.linalg.solve(np.eye(len(a)) - a, b)
     return float(outer.model.delay_cycles + c @ np.linalg.solve(np.eye(len(a)) - a, once) / (c @ once))
 
 
-def dc_gain(outer: OuterSettings | None) -> float:
+def dc_gain(outer: Outer | None) -> float:
     """Steady stage position (um) per um of set-point; 1 without an outer loop, infinite for a model that integrates."""
     if outer is None:
         return 1.0

@@ -12,44 +12,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .system import Array, Complex, System
 
+if TYPE_CHECKING:
+    from micromanip.settings.schema.axis import Inner
+
 _MOST_INTERVALS = 2
 """Between samples, that the integral takes for a step."""
 FASTEST_NOTCH = 0.45
 """Highest centre of a notch as a share of the rate: beyond, its upper half lies where no sample shows it."""
-
-
-class NotchSettings(Protocol):
-    """What people write of a notch."""
-
-    @property
-    def frequency_Hz(self) -> float: ...
-    @property
-    def width_Hz(self) -> float: ...
-    @property
-    def depth_percent(self) -> float: ...
-
-
-class PidSettings(Protocol):
-    """What people write: gain and times, and a notch before them."""
-
-    @property
-    def K_V_per_um(self) -> float: ...
-    @property
-    def Ti_ms(self) -> float: ...
-    @property
-    def Td_ms(self) -> float: ...
-    @property
-    def filter_ms(self) -> float: ...
-    @property
-    def tracking_ms(self) -> float: ...
-    @property
-    def notch(self) -> NotchSettings | None: ...
 
 
 @dataclass(frozen=True)
@@ -69,7 +44,7 @@ class PidGains:
     notch_tangent: float = 0.0
 
 
-def pid_gains(pid: PidSettings, period_s: float, interval: int = 1) -> PidGains:
+def pid_gains(pid: Inner, period_s: float, interval: int = 1) -> PidGains:
     """Gains for a step of `period_s`, with a sample each `interval` of them.
 
     Raises ValueError where this controller can't be stepped so slowly.
@@ -98,7 +73,7 @@ def pid_gains(pid: PidSettings, period_s: float, interval: int = 1) -> PidGains:
     )
 
 
-def pid_system(pid: PidSettings, period_s: float) -> System:
+def pid_system(pid: Inner, period_s: float) -> System:
     """Error (um) to voltage (V), without limits; states: two of the notch, integrator, derivative, error."""
     p = pid_gains(pid, period_s)
     decay, derivative = _derivative(p)
@@ -108,13 +83,13 @@ def pid_system(pid: PidSettings, period_s: float) -> System:
     return plain if p.notch_share == 0.0 else _notch_system(p).then(plain)
 
 
-def pid_response(pid: PidSettings, period_s: float, omega: Array) -> Complex:
+def pid_response(pid: Inner, period_s: float, omega: Array) -> Complex:
     """Frequency response (n,) in V/um over `omega` (n,), rad/s."""
     p = pid_gains(pid, period_s)
     return _plain_response(p, omega) * _notch_response(p, omega)
 
 
-def pid_phase(pid: PidSettings, period_s: float, omega: Array) -> Array:
+def pid_phase(pid: Inner, period_s: float, omega: Array) -> Array:
     """Its phase (n,) in rad, continuous over the frequency: PID and notch each stay within a quarter turn."""
     p = pid_gains(pid, period_s)
     return np.angle(_plain_response(p, omega)) + np.angle(_notch_response(p, omega))

@@ -8,45 +8,20 @@ each sample the acceleration goes against the rate (``rt/laws/predictor.py``).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .riccati import solve_riccati
 
+if TYPE_CHECKING:
+    from micromanip.settings.schema.reference import AxisTracker, Oscillation
+
 Matrix = NDArray[np.float64]
 
 _PATH_OMEGA = 50.0
 """rad/s: in units of it position, velocity and acceleration are of like size."""
-
-
-class OscillationSettings(Protocol):
-    """One oscillation of the reference: frequency, where it may be found, how fast its amplitude walks and decays."""
-
-    @property
-    def frequency_Hz(self) -> float: ...
-    @property
-    def um_per_s(self) -> float: ...
-    @property
-    def decay_per_s(self) -> float: ...
-    @property
-    def range_Hz(self) -> tuple[float, float]: ...
-
-
-class TrackerSettings(Protocol):
-    """What is known of one axis' reference signal: the section ``reference`` of a tracker."""
-
-    @property
-    def sample_rate_Hz(self) -> float: ...
-    @property
-    def oscillations(self) -> Sequence[OscillationSettings]: ...
-    @property
-    def jerk_um_per_s3(self) -> float: ...
-    @property
-    def returns_Hz(self) -> float: ...
-    @property
-    def noise_um(self) -> float: ...
 
 
 class Predictor(NamedTuple):
@@ -65,7 +40,7 @@ def rotation(omega: float, period_s: float) -> Matrix:
     return np.array([[c, s / omega], [-omega * s, c]])
 
 
-def reference_transition(oscillations: Sequence[OscillationSettings], period_s: float) -> Matrix:
+def reference_transition(oscillations: Sequence[Oscillation], period_s: float) -> Matrix:
     """Transition of the predictor's state (r, r) over one period."""
     h = period_s
     moving = np.array([[1.0, h, h * h / 2], [0.0, 1.0, h], [0.0, 0.0, 1.0]])
@@ -73,7 +48,7 @@ def reference_transition(oscillations: Sequence[OscillationSettings], period_s: 
     return block_diagonal(moving, *turns)
 
 
-def sample_transition(reference: TrackerSettings, period_s: float) -> Matrix:
+def sample_transition(reference: AxisTracker, period_s: float) -> Matrix:
     """Transition (r, r) from one sample to the next; of a path that returns it is not quite that between them."""
     step = reference_transition(reference.oscillations, period_s)
     step[2] -= (2 * np.pi * reference.returns_Hz) ** 2 * period_s * step[1]
@@ -88,7 +63,7 @@ def output_row(states: int) -> Matrix:
     return row
 
 
-def tracker_gain(reference: TrackerSettings) -> Matrix:
+def tracker_gain(reference: AxisTracker) -> Matrix:
     """Stationary Kalman gain (r,) of the reference's predictor at the signal's own rate.
 
     Raises LinAlgError, ValueError or FloatingPointError where there is none.
@@ -96,13 +71,13 @@ def tracker_gain(reference: TrackerSettings) -> Matrix:
     return stationary(reference).gain
 
 
-def stationary(reference: TrackerSettings) -> Predictor:
+def stationary(reference: AxisTracker) -> Predictor:
     """The whole of it; raises as `tracker_gain`."""
     with np.errstate(divide="raise", over="raise", invalid="raise"):
         return _stationary(reference)
 
 
-def _stationary(reference: TrackerSettings) -> Predictor:
+def _stationary(reference: AxisTracker) -> Predictor:
     h = 1.0 / reference.sample_rate_Hz
     F = sample_transition(reference, h)
     moving = np.array([[h**5 / 20, h**4 / 8, h**3 / 6], [h**4 / 8, h**3 / 3, h**2 / 2], [h**3 / 6, h**2 / 2, h]])

@@ -9,10 +9,15 @@ A cycle: ``x = A x + B u`` (filter), at a sample ``x += L (y - C x)``, then ``u 
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from .outer_gains import LinearModel, OuterGains
+from .outer_gains import OuterGains
 from .system import System, delay
+
+if TYPE_CHECKING:
+    from micromanip.settings.schema.axis import LinearModel
 
 
 def model_system(model: LinearModel, period_s: float, extra_delay: float = 0.0) -> System:

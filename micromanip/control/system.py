@@ -5,13 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-
-if TYPE_CHECKING:
-    import control
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -100,22 +96,6 @@ class System:
         for _ in range(cycles):
             held, power = held + power @ self.B, self.A @ power
         return System(power, held, self.C, 0.0, cycles * self.period_s)
-
-    def state_space(self) -> control.StateSpace:
-        """For `control`."""
-        import control
-
-        return control.ss(self.A, self.B[:, None], self.C[None, :], [[self.D]], self.period_s)
-
-
-def from_state_space(system: control.StateSpace) -> System:
-    """A System from a discrete `control.StateSpace` with one input and one output; raises ValueError for others."""
-    if not (system.ninputs == system.noutputs == 1):
-        raise ValueError(f"one input and one output are needed, not {system.ninputs} and {system.noutputs}")
-    if not isinstance(system.dt, (int, float)) or isinstance(system.dt, bool) or system.dt <= 0:
-        raise ValueError(f"a discrete system with its period in s is needed, dt is {system.dt}")
-    A, B, C, D = (np.asarray(m, dtype=float) for m in (system.A, system.B, system.C, system.D))
-    return System(A, B[:, 0], C[0], float(D[0, 0]), float(system.dt))
 
 
 def delay(cycles: float, period_s: float) -> System:

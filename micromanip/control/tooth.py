@@ -8,12 +8,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .gain_schedule import intermittent_gains
-from .outer_gains import Matrix, OuterGains, OuterSettings, stationary_filter
+from .outer_gains import Matrix, OuterGains, stationary_filter
+
+if TYPE_CHECKING:
+    from micromanip.settings.schema.axis import Outer
 
 _DAMPED, _LEAST_DAMPED, _PULLS_IN_PER_S = 0.5, 4.0, 2.0
 """Share of the lead that is taken up, over the share of the error that a sample removes: a damping of .7. Of a slow
@@ -23,16 +26,6 @@ _FLOOR_SIGMA = 4.0
 _WINDOW_S, _ACROSS_S, _FADE_S = 1.0, 1.0, 0.05
 """Of what is judged; from one end of the range to the other at the fastest; of states that are given up."""
 _PLACES = np.linspace(-1.0, 1.0, 9)
-
-
-class FollowedSettings(OuterSettings, Protocol):
-    """The knobs, with how far the tooth's frequency may be off."""
-
-    @property
-    def oscillation_range_percent(self) -> float: ...
-    def without_tooth(self) -> OuterSettings:
-        """The same knobs without the oscillator."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -52,7 +45,7 @@ class FollowedTooth:
     plain: Matrix
 
 
-def followed_tooth(outer: FollowedSettings, gains: OuterGains, gaps: int, period_s: float) -> FollowedTooth:
+def followed_tooth(outer: Outer, gains: OuterGains, gaps: int, period_s: float) -> FollowedTooth:
     """Figures of the law for the filter `gains` of `outer`, which has an oscillator."""
     assert outer.oscillation_Hz is not None
     m, n = gains.sample_cycles, len(gains.A)
@@ -87,7 +80,7 @@ def turned(gains: OuterGains, angle: float) -> OuterGains:
     return replace(gains, A=A)
 
 
-def followed_radius(outer: FollowedSettings, gains: OuterGains, period_s: float) -> float:
+def followed_radius(outer: Outer, gains: OuterGains, period_s: float) -> float:
     """Largest pole of the closed loop over the range that is followed, and of the one without the tooth."""
     assert outer.oscillation_Hz is not None
     reach = 2.0 * math.pi * outer.oscillation_Hz * period_s * 0.01 * outer.oscillation_range_percent
@@ -121,7 +114,7 @@ def shown_without(gains: OuterGains, observer: Matrix) -> Matrix:
     return np.asarray(gains.C[:-2] @ error, dtype=np.float64)
 
 
-def _without_tooth(outer: OuterSettings, gains: OuterGains) -> OuterGains:
+def _without_tooth(outer: Outer, gains: OuterGains) -> OuterGains:
     """The regulator of `gains` behind the filter of `outer`, which is the same but for the oscillator."""
     n = len(gains.A) - 2
     A, C = gains.A[:n, :n], gains.C[:n]

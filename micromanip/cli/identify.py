@@ -47,7 +47,7 @@ def command(
 ) -> None:  # fmt: skip
     """Move one axis open loop through its stroke and record voltage, strain gauge and stage at 1 kHz; the others rest.
 
-    The excitation stays inside the voltage, slew and current limits of the axis' output, starts and ends softly, and
+    The excitation stays inside the voltage and slew limits of the axis' output, starts and ends softly, and
     any fault ends it with a ramp to the park voltage; then nothing is written. Exit code 1 also where the gauge falls
     while the voltage rises, whose recording stays.
     """

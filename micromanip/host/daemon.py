@@ -133,7 +133,7 @@ class Daemon:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGHUP])  # who began this process may have blocked it
         await asyncio.sleep(0)  # a Ctrl-C that came before takes effect here, where nothing is begun yet
         control = self._prepared.configuration.control
-        access = Access(int(control.socket_mode, 8), control.operate_group, control.observe_group)
+        access = Access(operate_group=control.operate_group, observe_group=control.observe_group)
         control_socket = ControlSocket(
             self._options.socket, self._verbs.table(), access, refused=self._trail.refused, failed=self._failures.hear
         )

@@ -157,8 +157,8 @@ def mode_of(path, access=Access()):  # noqa: B008
 
 def test_mode_and_group_as_configured(tmp_path):
     own = grp.getgrgid(os.getegid()).gr_name
-    found = mode_of(tmp_path / "s", Access(0o600, own))
-    assert stat.S_IMODE(found.st_mode) == 0o600
+    found = mode_of(tmp_path / "s", Access(own))
+    assert stat.S_IMODE(found.st_mode) == 0o660
     assert found.st_gid == os.getegid()
 
 
@@ -584,12 +584,12 @@ def test_both_groups_are_let_in(tmp_path, monkeypatch):
 
     monkeypatch.setattr(os, "chown", refused)
     path = tmp_path / "s"
-    access = Access(0o660, operate_group="operators", observe_group="observers")
+    access = Access(operate_group="operators", observe_group="observers")
     with bound(path, access)[0]:
         assert stat.S_IMODE(path.stat().st_mode) == 0o660
         assert entries_of(path) == {(1, 6), (4, 0), (8, 6, 4_000_000), (8, 6, OBSERVERS), (16, 6), (32, 0)}
     path.unlink()
-    with bound(path, Access(0o660, observe_group="observers"))[0]:
+    with bound(path, Access(observe_group="observers"))[0]:
         assert entries_of(path) == {(1, 6), (4, 6), (8, 6, OBSERVERS), (16, 6), (32, 0)}
 
 

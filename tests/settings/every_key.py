@@ -101,8 +101,8 @@ def _with_lines():
             "feed_hold": {"driver": "cell", "channel": "feed_hold"},
             "heartbeat": {"driver": "cell", "channel": "heartbeat", "period_ms": 20.0},
         },
-        start={"sweep_um": 20.0, "check_s": 0.2},
-        control={"socket_mode": "0600", "operate_group": "root"},
+        start={"check_s": 0.2},
+        control={"operate_group": "root"},
         simulation={"driver": "simulated", "lines": {"heartbeat_ms": 50.0}},
     )
     cell = document["drivers"]["cell"]
@@ -117,7 +117,6 @@ def _with_lines():
     }
     for line in ("enable", "interlock", "retracted", "amplifier_ok_x", "temperature_ok_x"):
         document["signals"][line] = {"driver": "cell"}
-    document["outputs"]["voltage_x"] |= {"capacitance_uF": 10.0, "current_mA": 500.0}
     return document
 
 

@@ -44,9 +44,9 @@ def complaint(tmp_path, text):
 BROKEN = {
     "sweep that throws the stage about": (
         ("  lift_s: 0.5", "  sweep_s: 0.1\n  lift_s: 0.5"),
-        "start:",
-        "start: 5 sweep_turns in 0.1 s, 50 Hz, would swing the stage on its flexure; at most 20 Hz: sweep_s: 0.25 or "
-        "more, or 0 for no sweep",
+        "  sweep_s: 0.1",
+        "start.sweep_s: 5 turns in 0.1 s, 50 Hz, would swing the stage on its flexure; at most 20 Hz: 0.25 or more, or "
+        "0 for no sweep",
     ),
     "unknown channel": (
         ("stage_x: {driver: cell, max", "stage_x: {driver: cell, channel: stag_x, max"),

@@ -139,7 +139,7 @@ def test_workers_are_told(key):
 
 
 def test_what_is_read_at_a_start_only_needs_one():
-    for key in ("arm_on_start", "simulation.seed", "outputs.voltage_x.current_mA", "outputs.voltage_x.capacitance_uF"):
+    for key in ("arm_on_start", "simulation.seed"):
         assert needed(tuple(key.split("."))) == RESTART
 
 

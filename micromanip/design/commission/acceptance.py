@@ -34,7 +34,7 @@ def acceptance(found: Commissioned, analysis: AxisAnalysis, runs: list[Run], ind
     add("polarity and scale", True, f"{found.polarity.slope_um_per_V:.2f} um/V", "rising, 0.05 to 5 um/V")
     output = found.configuration.outputs[f"voltage_{found.axis}"]
     asked = found.configuration.axes[found.axis].setpoint.slew_um_per_ms
-    followed = FOLLOWED * found.polarity.slope_um_per_V * output.fastest_V_per_s * 1e-3
+    followed = FOLLOWED * found.polarity.slope_um_per_V * output.slew_V_per_ms
     add(
         "set-point's slew limit",
         asked <= followed,

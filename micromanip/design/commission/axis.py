@@ -217,7 +217,7 @@ def _commission(
 def followable(configuration: Configuration, axis: str, slope_um_per_V: float) -> Configuration:
     """With a set-point no faster than its output can follow: beyond, the outer loop's model is wrong."""
     setpoint, output = configuration.axes[axis].setpoint, configuration.outputs[f"voltage_{axis}"]
-    most = FOLLOWED * slope_um_per_V * output.fastest_V_per_s * 1e-3
+    most = FOLLOWED * slope_um_per_V * output.slew_V_per_ms
     if setpoint.slew_um_per_ms <= most:
         return configuration
     slower = float(f"{0.99 * most:.2g}")

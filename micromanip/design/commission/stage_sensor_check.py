@@ -187,7 +187,7 @@ def check_answer(configuration: Configuration, experiment: Experiment, axis: str
         raise CheckFailed(
             f"axis {axis}: a step of {STEP_V:g} V takes the gauge {answer.rise_ms:.1f} ms for 63 % of its way, one of "
             f"{far_V:.0f} V {far_ms:.0f} ms: the amplifier gives {gives:.2g} V/ms, and outputs.voltage_{axis} says "
-            f"{output.fastest_V_per_s * 1e-3:g}. Mend it, or set slew_V_per_ms: {gives:.2g}. No loop was closed"
+            f"{output.slew_V_per_ms:g}. Mend it, or set slew_V_per_ms: {gives:.2g}. No loop was closed"
         )
     return answer
 
@@ -198,7 +198,7 @@ def _step(
     """Rows of `axis` around a step, which begins after so many of them."""
     rate_hz, index = configuration.loop.rate_hz, list(configuration.axes).index(axis)
     output = configuration.outputs[f"voltage_{axis}"]
-    parts = (_LIFT_S, BEFORE_S, max(_RISE_S, 4.0 * _FAR * STEP_V / output.fastest_V_per_s), _AFTER_S, _LIFT_S)
+    parts = (_LIFT_S, BEFORE_S, max(_RISE_S, 4e-3 * _FAR * STEP_V / output.slew_V_per_ms), _AFTER_S, _LIFT_S)
     lift, before, rise, after, _ = (round(seconds * rate_hz) for seconds in parts)
     way = np.concatenate([_soft(lift), np.ones(before + rise + after), 1.0 - _soft(lift)])
     step = np.concatenate([np.zeros(lift + before), _soft(rise), np.ones(after), 1.0 - _soft(lift)])

@@ -37,7 +37,7 @@ class Excitation:
 
 
 def design(configuration: Configuration, axis: str, kind: Kind, seconds: float, seed: int) -> Excitation:
-    """An excitation inside the voltage, slew and current limits of the axis' output, from and to its park voltage.
+    """An excitation inside the voltage and slew limits of the axis' output, from and to its park voltage.
 
     It uses the upper three quarters of the output's range, where an actuator under preload works; random turning
     points use nearly all of it, because a network knows nothing of where it has not been.
@@ -45,7 +45,7 @@ def design(configuration: Configuration, axis: str, kind: Kind, seconds: float, 
     output = configuration.outputs[f"voltage_{axis}"]
     used = _WHOLE_SHARE if kind == "turns" else _USED_SHARE
     low, high = (output.range_V[0] + share * (output.range_V[1] - output.range_V[0]) for share in used)
-    rate, slew = configuration.loop.rate_hz, output.fastest_V_per_s
+    rate, slew = configuration.loop.rate_hz, output.slew_V_per_ms * 1e3
     if kind == "multisine":
         wave = multisine(low, high, slew, rate, seconds, seed)
     elif kind == "turns":

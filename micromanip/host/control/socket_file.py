@@ -25,13 +25,13 @@ _ANSWER_S = 1.0
 _ACL = "system.posix_acl_access"
 _ACL_VERSION, _ACL_ENTRY = struct.pack("<I", 2), struct.Struct("<HHI")
 _USER_OBJ, _GROUP_OBJ, _GROUP, _MASK, _OTHER, _NOBODY = 0x01, 0x04, 0x08, 0x10, 0x20, 0xFFFFFFFF
+_MODE, _MAY = 0o660, 6  # others have no access
 
 
 @dataclass(frozen=True)
 class Access:
-    """Who may connect: permissions of the socket, the group that operates and the one that only observes."""
+    """Who may connect beside the controller's user: the group that operates and the one that only observes."""
 
-    mode: int = 0o660
     operate_group: str | None = None
     observe_group: str | None = None
 
@@ -88,7 +88,7 @@ def bound(path: Path, access: Access) -> tuple[socket.socket, Authority]:
     try:
         with _pinned(path) as place:
             own = place.stat().st_gid
-            _let_in(place, access.mode, operators, observers)
+            _let_in(place, operators, observers)
     except BaseException:
         bound.close()
         path.unlink(missing_ok=True)
@@ -109,10 +109,10 @@ def _pinned(path: Path) -> Iterator[Path]:
         os.close(handle)
 
 
-def _let_in(place: Path, mode: int, operators: int | None, observers: int | None) -> None:
-    """Open the socket to its own group, or to these, as far as the group's digit of `mode` says."""
+def _let_in(place: Path, operators: int | None, observers: int | None) -> None:
+    """Open the socket to its own group, or to these."""
     listed = [] if observers is None else [observers]
-    own_group = mode >> 3 & 7
+    own_group = _MAY
     if operators is not None:
         try:
             os.chown(place, -1, operators)
@@ -122,13 +122,13 @@ def _let_in(place: Path, mode: int, operators: int | None, observers: int | None
             listed.append(operators)  # not a group of ours
             own_group = 0
     if not listed:
-        place.chmod(mode)
+        place.chmod(_MODE)
         return
     entries = [
-        (_USER_OBJ, mode >> 6 & 7, _NOBODY),
+        (_USER_OBJ, _MAY, _NOBODY),
         (_GROUP_OBJ, own_group, _NOBODY),
-        *((_GROUP, mode >> 3 & 7, group) for group in sorted(set(listed))),
-        (_MASK, mode >> 3 & 7, _NOBODY),
+        *((_GROUP, _MAY, group) for group in sorted(set(listed))),
+        (_MASK, _MAY, _NOBODY),
         (_OTHER, 0, _NOBODY),
     ]
     try:

@@ -21,7 +21,7 @@ from micromanip.rt.records import CELL_PARAMETERS
 from micromanip.rt.states import MODE_NAMES, VOLTAGE
 from micromanip.settings.schema.axis import Axis, Outer
 from micromanip.settings.schema.hysteresis import NoModel
-from micromanip.settings.schema.model import PLAUSIBLE_UM, Configuration, Output, Signal, Start
+from micromanip.settings.schema.model import PLAUSIBLE_UM, SWEEP_TURNS, Configuration, Output, Signal, Start
 from micromanip.settings.schema.reference import AxisTracker, Jog, Tracker
 from micromanip.settings.wiring.places import Wiring
 from micromanip.settings.wiring.timing import cycles_between, output_cycles, output_timing, sensor_timing
@@ -31,7 +31,10 @@ from .limits import NEVER, fill_axis_limits, fill_cell_limits
 from .reference import fill_reference
 
 _BLEND_S = 0.05
-_FIGURES_S = 1.0
+_FIGURES_S, _TRIAL_S = 1.0, 0.2
+"""Over so much are the figures of a tuning averaged, and the error of one on trial."""
+_TRIAL_FLOOR_UM = 0.1
+"""By so much the error may always grow."""
 _gains = functools.lru_cache(8)(outer_gains)
 """Of the axes: a change in one leaves the others."""
 _PROCESS_MARGIN = 2.0
@@ -65,7 +68,7 @@ def compile_cell(configuration: Configuration, wiring: Wiring, version: int = 1)
     p["enable_cycles"] = cycles(start.enable_s) if configuration.switches.amplifier_enable is not None else 0
     closes = any(axis.mode != "voltage" for axis in configuration.axes.values())
     p["check_cycles"] = cycles(start.check_s) if start.check_s is not None and closes else 0
-    p["sweep_cycles"], p["sweep_turns"] = round(start.sweep_s / period_s) if closes else 0, start.sweep_turns
+    p["sweep_cycles"], p["sweep_turns"] = round(start.sweep_s / period_s) if closes else 0, SWEEP_TURNS
     p["lift_cycles"], p["settle_cycles"] = cycles(start.lift_s), cycles(start.settle_s)
     p["authority_cycles"], p["ramp_cycles"] = cycles(start.authority_s), cycles(start.ramp_s)
     p["score_cycles"] = cycles(_SCORE_AFTER_S)
@@ -77,9 +80,9 @@ def compile_cell(configuration: Configuration, wiring: Wiring, version: int = 1)
         p[name] = wiring.switches.get(name, -1)
     p["reset_cycles"] = cycles(_RESET_S)
     trial = configuration.shadow
-    p["figures_step"], p["trial_step"] = 1.0 / cycles(_FIGURES_S), 1.0 / cycles(trial.window_s)
+    p["figures_step"], p["trial_step"] = 1.0 / cycles(_FIGURES_S), 1.0 / cycles(_TRIAL_S)
     p["trial_cycles"], p["trial_rest"] = cycles(trial.trial_s), cycles(_BLEND_S)
-    p["trial_factor"], p["trial_floor"] = trial.error_factor, trial.error_floor_um
+    p["trial_factor"], p["trial_floor"] = trial.error_factor, _TRIAL_FLOOR_UM
     beat = configuration.switches.heartbeat
     p["heartbeat_cycles"] = cycles(beat.period_ms * 0.5e-3) if beat is not None else 1
     for i, (name, axis) in enumerate(configuration.axes.items()):
@@ -208,7 +211,7 @@ def _fill_checks(a: Any, axis: Axis, output: Output, start: Start) -> None:
         check["step"], check["low"], check["high"], check["slack"] = step, *bounds, step * abs(expected)
     # towards the middle of the range: where it is parked may be an end of it
     a["check"][OF_GAUGE]["step"] *= 1.0 if output.park_V <= 0.5 * (low_V + high_V) else -1.0
-    a["sweep_um"] = sweep_um(axis) if start.sweep_um is None else start.sweep_um
+    a["sweep_um"] = sweep_um(axis)
 
 
 def _fill_innovation(a: Any, axis: Axis, outer: Outer, gains: OuterGains, cycles: Callable[[float], int]) -> None:

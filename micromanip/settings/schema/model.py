@@ -12,11 +12,9 @@ from pydantic import ConfigDict, Field, model_validator
 
 from micromanip.quantities import (
     Distance,
-    DistanceOrZero,
     Microseconds,
     MicrosecondsOrZero,
     Milliseconds,
-    Positive,
     RampSeconds,
     RangeUm,
     RangeV,
@@ -61,12 +59,6 @@ class Loop(Settings):
 class Control(Settings):
     """The control socket: who may command the running controller and who may observe it."""
 
-    socket_mode: str = Field(
-        default="0660",
-        pattern=r"0?[67][0-7]0",
-        description="Permissions of the socket as octal text; connecting needs write permission. The last digit is 0: "
-        "others have no access.",
-    )
     operate_group: str | None = Field(
         default=None,
         min_length=1,
@@ -79,7 +71,7 @@ class Control(Settings):
     )
 
 
-_SWEEP_HZ = 20.0
+SWEEP_TURNS, _SWEEP_HZ = 5.0, 20.0
 """A flexure with a spindle has its first resonance near 60 Hz; at 50 Hz the sweep threw the stage from end to end."""
 
 
@@ -104,24 +96,17 @@ class Start(Settings):
     sweep_s: SecondsOrZero = Field(
         default=1.0, description="Duration of the decaying sweep that erases the hysteresis memory; 0: no sweep."
     )
-    sweep_turns: Annotated[float, Field(strict=True, ge=0.1, le=1_000)] = Field(
-        default=5.0, description="Turns of the sweep."
-    )
-    sweep_um: Distance | None = Field(
-        default=None, description="Initial amplitude of the sweep; null: from the hysteresis model's memory."
-    )
     settle_s: SecondsOrZero = Field(default=0.2, description="Time at the working point for the estimators to settle.")
     authority_s: RampSeconds = Field(default=0.5, description="Fade-in time of the correction.")
     ramp_s: RampSeconds = Field(default=0.5, description="Time from any voltage to the park voltage.")
 
     @model_validator(mode="after")
     def _sweep_below_resonance(self) -> Self:
-        hz = self.sweep_turns / self.sweep_s if self.sweep_s > 0 else 0.0
-        if hz > _SWEEP_HZ:
+        if 0.0 < self.sweep_s < SWEEP_TURNS / _SWEEP_HZ:
             raise ValueError(
-                f"{self.sweep_turns:g} sweep_turns in {self.sweep_s:g} s, {hz:.3g} Hz, would "
-                f"swing the stage on its flexure; at most {_SWEEP_HZ:g} Hz: sweep_s: "
-                f"{self.sweep_turns / _SWEEP_HZ:g} or more, or 0 for no sweep"
+                f"sweep_s: {SWEEP_TURNS:g} turns in {self.sweep_s:g} s, {SWEEP_TURNS / self.sweep_s:.3g} Hz, would "
+                f"swing the stage on its flexure; at most {_SWEEP_HZ:g} Hz: {SWEEP_TURNS / _SWEEP_HZ:g} or more, or 0 "
+                "for no sweep"
             )
         return self
 
@@ -186,42 +171,29 @@ class Output(Settings):
         default=None, description="Name of the channel in the driver; null: the output's own name."
     )
     range_V: AtRest[RangeV] = Field(description="Hard limits of the voltage.")
-    slew_V_per_ms: AtRest[Speed] = Field(description="Hard limit of the voltage's slew rate.")
+    slew_V_per_ms: AtRest[Speed] = Field(
+        description="Hard limit of the voltage's slew rate: at most the amplifier's current over the stack's "
+        "capacitance."
+    )
     # not AtRest: an output at rest would move to another voltage without being armed
     park_V: Volts = Field(default=0.0, description="Voltage at rest and after a fault.")
-    capacitance_uF: Positive | None = Field(default=None, description="Capacitance of the stack; with current_mA.")
-    current_mA: Positive | None = Field(
-        default=None,
-        description="Current of the amplifier; an excitation's slew rate stays below current / capacitance.",
-    )
 
     @model_validator(mode="after")
     def _park_is_inside(self) -> Self:
         low, high = self.range_V
         if not low <= self.park_V <= high:
             raise ValueError(f"park_V {self.park_V:g} V is outside range_V {low:g}..{high:g} V")
-        if (self.capacitance_uF is None) != (self.current_mA is None):
-            raise ValueError("current_mA and capacitance_uF go together: give both, or neither")
         return self
-
-    @property
-    def fastest_V_per_s(self) -> float:
-        """Fastest change that slew limit and amplifier current both allow."""
-        slew = self.slew_V_per_ms * 1e3
-        if self.capacitance_uF is None or self.current_mA is None:
-            return slew
-        return min(slew, 1e3 * self.current_mA / self.capacitance_uF)
 
 
 class Trial(Settings):
     """A promoted candidate tuning is on trial; it is reverted if it is worse than the previous one."""
 
     trial_s: Seconds = Field(default=5.0, description="Duration of the trial.")
-    window_s: Seconds = Field(default=0.2, description="Averaging time of the error on trial.")
     error_factor: Annotated[float, Field(strict=True, ge=1, le=1_000_000)] = Field(
-        default=2.0, description="Largest ratio of the rms error to that of the last second before."
+        default=2.0,
+        description="Largest ratio of the rms error to that of the last second before; 0.1 um more are allowed always.",
     )
-    error_floor_um: DistanceOrZero = Field(default=0.1, description="Increase of the error that is always allowed.")
 
 
 class Switch(Settings):

@@ -13,7 +13,7 @@ ROOT = Path(__file__).resolve().parents[1]
 ROOMS = {  # the first that fits a file has it: pattern of paths, budget, ceiling
     "rt": (r"micromanip/rt/", 5400, 6492),
     "bus, driver": (r"micromanip/(bus|driver)/", 3000, 3899),
-    "settings, control": (r"micromanip/(settings|control)/", 5000, 5837),
+    "settings, control": (r"micromanip/(settings|control)/", 5000, 5730),
     "host": (r"micromanip/host/", 7500, 8215),
     "design, virtual, replay": (r"micromanip/(design|virtual|replay)/", 13500, 14487),
     "recordings": (r"micromanip/recordings/", 1900, 2402),

@@ -1,7 +1,7 @@
-"""Results of costly functions of matrices, kept for when the very same is asked again.
+"""Caches results of costly functions of matrices, by their exact arguments.
 
-A change of a tuning leaves most equations as they were: a regulator's weight does not touch the observer, and one
-axis not the others. That is every `set`, and the drawn tunings of a sweep.
+A change of a tuning leaves most equations unchanged: a regulator's weight does not affect the observer, and one axis
+not the others. Each `set` and the drawn tunings of `replay --vary` profit.
 """
 
 from __future__ import annotations

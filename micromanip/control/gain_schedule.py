@@ -1,13 +1,13 @@
 """Gains of the outer loop away from the nominal case: for samples out of time, and for a set-point that is too slow.
 
-After a sample the stationary filter's covariance is P; m cycles later it is ``A^m P A^m' + Q_m``, Q_m what entered
-meanwhile, and the gain of the sample that comes then follows from it. That is the exact filter where one sample comes
-early or late among many in time. Among many out of time it is a filter with a little less gain than the exact one,
-which needs no covariance in the loop; the stationary gain, applied to all, makes an estimate that runs away.
+After a sample the stationary filter's covariance is P; m cycles later it is ``A^m P A^m' + Q_m``, with the process
+noise Q_m of these cycles, and the gain of the next sample follows from it. This is the exact filter if one sample is
+early or late among many in time. If many are out of time, the gain is a little less than the exact one, which would
+need a covariance in the loop. With the stationary gain for all samples the estimate diverges.
 
-A set-point at its slew limit comes later than the regulator demands it, the more so the larger the error. No linear
-margin shows that, and fast gains then swing the stage from end to end. The calm gains minimise the same cost with much
-more weight on the set-point, so that the slew limit hardly ever holds it. Model and filter stay the same.
+A slew limit delays the set-point more the larger the error is. No linear margin shows that, and fast gains then swing
+the stage from end to end. The calm gains minimise the same cost with much more weight on the set-point, so that it
+hardly ever reaches the slew limit. Model and filter are the same.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The multisine that is injected into a running loop: its lines, the loop's record of it, and what comes back.
+"""The multisine that is injected into a running loop: its lines, its record for the loop, spectra of the response.
 
 Lines lie on an FFT of one period, away from mains hum, closest where flexures have their modes. Above a corner
 their amplitude falls with frequency: a set-point may move only so fast.

@@ -1,4 +1,4 @@
-"""What following the joints' frequencies takes: the gains of its loops, and whether the predictor bears the ranges.
+"""Parameters for following the joints' frequencies: the gains of the loops, and whether the predictor stays stable.
 
 The law is ``micromanip/rt/laws/frequency_lock.py``.
 """

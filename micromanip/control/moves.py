@@ -1,4 +1,4 @@
-"""A move of an axis that is held, as it is played: places one after the other, a sine, or a sweep of its frequency."""
+"""A move of a held axis: waypoints one after the other, a sine, or a sweep of its frequency."""
 
 from __future__ import annotations
 

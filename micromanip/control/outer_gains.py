@@ -1,4 +1,4 @@
-"""Gains of the outer loop from its linear model and a few knobs: stationary Kalman filter and LQG.
+"""Gains of the outer loop from its linear model and a few settings: stationary Kalman filter and LQG.
 
 Augmented model per cycle, states in this order: n of the identified dynamics, the delayed set-points, one
 random-walk disturbance and, where asked for, two of an oscillator, both entering with the set-point
@@ -152,7 +152,7 @@ def regulate(
 
 
 def outer_gains(outer: Outer, reference: AxisTracker | None, period_s: float) -> OuterGains:
-    """All gains of one axis; `reference` tells the oscillations to be followed, if any.
+    """All gains of one axis; `reference` has the oscillations to be followed, if any.
 
     Raises LinAlgError, ValueError or FloatingPointError where there are none.
     """
@@ -190,8 +190,8 @@ def _outer_gains(outer: Outer, reference: AxisTracker | None, period_s: float) -
 def process_innovation(outer: Outer, gains: OuterGains, step_um: float, rise_cycles: int, time_cycles: int) -> float:
     """Largest mean square (um^2) of the innovation, over `time_cycles`, while the tool comes into contact.
 
-    What it pushes is `step_um` in terms of the set-point, 95 % of it there after `rise_cycles`; half of it swings on
-    top at the tooth-passing frequency. The filter is the one of `gains`, which knows nothing of it beforehand.
+    Its force is `step_um` in terms of the set-point, 95 % of it after `rise_cycles`, plus half of it as an oscillation
+    at the tooth-passing frequency. The filter is that of `gains`, which does not expect it.
     """
     angle = 0.0 if outer.oscillation_Hz is None else _angle(gains)
     b = np.array(outer.model.B, dtype=float)
@@ -236,7 +236,7 @@ def _angle(gains: OuterGains) -> float:
 
 
 def steady_lag(outer: Outer) -> float:
-    """Cycles by which the stage answers a slow set-point later: ``-G'(1) / G(1)`` of ``G = z^-d C (zI - A)^-1 B``."""
+    """Cycles by which the stage lags a slow set-point: ``-G'(1) / G(1)`` of ``G = z^-d C (zI - A)^-1 B``."""
     a, b, c = (np.array(m, dtype=float) for m in (outer.model.A, outer.model.B, outer.model.C))
     once = np.linalg.solve(np.eye(len(a)) - a, b)
     return float(outer.model.delay_cycles + c @ np.linalg.solve(np.eye(len(a)) - a, once) / (c @ once))

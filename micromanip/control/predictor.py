@@ -1,8 +1,8 @@
 """The tracker's predictor as a linear model: how its state moves on, and the gain of its stationary Kalman filter.
 
-State ``[p, v, a, o1, o1', ..]``: position with white jerk, and oscillations whose amplitudes walk, and decay where that
-is said (``rt/laws/reference.py`` runs it). A path that returns is one whose position swings slowly about a constant: at
-each sample the acceleration goes against the rate (``rt/laws/predictor.py``).
+State ``[p, v, a, o1, o1', ..]``: position with white jerk, and oscillations whose amplitudes walk, and decay if
+configured (``rt/laws/reference.py`` runs it). A path that returns is one whose position swings slowly about a constant:
+at each sample the acceleration goes against the rate (``rt/laws/predictor.py``).
 """
 
 from __future__ import annotations

@@ -4,8 +4,8 @@
 
 by structured doubling (Chu, Fan, Lin, Wang, Int. J. Control 77, 2004): after k steps H is the value of a horizon of 2^k
 steps, so a dozen steps are enough where the slowest closed pole is at .999. scipy's solver gives the same with a QZ
-decomposition, in three times the time, and its import is a quarter of the host's start: it is asked where doubling
-loses too many digits, as it does for models of many states of very different size.
+decomposition, in three times the time, and its import is a quarter of the host's start: it is used if doubling loses
+too many digits, as for models of many states of very different size.
 """
 
 from __future__ import annotations

@@ -29,8 +29,8 @@ def model_system(model: LinearModel, period_s: float, extra_delay: float = 0.0) 
 def stage_loop(gains: OuterGains, plant: System, sample_cycles: int = 1, late_cycles: int = 0) -> System:
     """Loop transfer for negative feedback, every `sample_cycles` cycles; `plant` must not feed through.
 
-    A sample that is seen `late_cycles` after it was taken corrects the estimate of its own time: by ``A^late L`` that
-    of now, as what was given since is known.
+    A sample that arrives `late_cycles` after its measurement corrects the estimate of that time, so that of now by
+    ``A^late L``, because the set-points since then are known.
     """
     if plant.D != 0.0:
         raise ValueError("the plant must not feed through: its output can't depend on the set-point of the same cycle")
@@ -51,9 +51,9 @@ def stage_loop(gains: OuterGains, plant: System, sample_cycles: int = 1, late_cy
 def _late_stage_loop(gains: OuterGains, plant: System, sample_cycles: int, late_cycles: int) -> System:
     """The same with late samples; the states are plant, estimate of now, and the last outputs of both.
 
-    The filter takes the innovation of the sample's own time, plant less estimate as they were then. The estimate of
-    then is that before the sample's correction, carried on since by the same model and the same set-points as the
-    estimate of now: so what it was lies in a chain of past outputs as well.
+    The filter takes the innovation of the sample's own time, plant less estimate at that time. That estimate is the one
+    before the sample's correction, predicted since by the same model and set-points as the present estimate: so a chain
+    of past outputs contains it.
     """
     if late_cycles > sample_cycles:
         raise ValueError("a sample must have been seen before the next one is taken")

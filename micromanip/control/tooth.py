@@ -1,4 +1,4 @@
-"""What following the tooth's frequency takes: its loop's gains, the filter without the tooth, poles over the range.
+"""Parameters for following the tooth's frequency: the loop's gains, the filter without the tooth, poles over the range.
 
 The law is ``rt/laws/frequency_lock.py``. Matrices are those of ``outer_gains``, whose last two states are the
 oscillator's.
@@ -100,8 +100,8 @@ def removed(gains: OuterGains) -> float:
 def shown_without(gains: OuterGains, observer: Matrix) -> Matrix:
     """How the oscillator (2,) shows in the innovation of a filter without it, whose gain is `observer` (n - 2,).
 
-    That filter's error at a sample follows the oscillator, ``M o``: what a sample leaves of it, m cycles on, and what
-    the oscillator has pushed meanwhile are it again, ``M R^m = A^m (I - L C) M + sum A^(m-1-j) a R^j``.
+    That filter's error at a sample follows the oscillator, ``M o``: its remainder after a sample, m cycles later, plus
+    the oscillator's effect meanwhile equal it again, ``M R^m = A^m (I - L C) M + sum A^(m-1-j) a R^j``.
     """
     A, a, R, m = gains.A[:-2, :-2], gains.A[:-2, -2:], gains.A[-2:, -2:], gains.sample_cycles
     pushed, moved, rotated = np.zeros_like(a), np.eye(len(A)), np.eye(2)

@@ -1,11 +1,11 @@
 """Arming: amplifier on, polarity and scale check, lift, decaying sweep, settling, authority 0 to 100 %.
 
-The check makes a small step on one axis after the other and compares the answer with what the configuration
-expects: of the gauge to a voltage before an inner loop is closed, of the stage to a set-point before an outer one
-is. Each loop is checked once, and anew after whatever could have changed its answer. The lift begins on one axis after
-the other, so that it shows each time whether every gauge follows its own voltage. The sweep wipes the hysteresis
-memory of actuator and model alike: a play whose input swings by more than its threshold forgets what was before.
-Refused arming says why, bit by bit.
+The check makes a small step on one axis after the other and compares the response with the configuration: that of the
+gauge to a voltage before an inner loop is closed, that of the stage to a set-point before an outer loop is. Each loop
+is checked once, and again after anything that could have changed its response. The lift begins on one axis after the
+other, which shows whether every gauge follows its own voltage. The sweep erases the hysteresis memory of actuator and
+model: a play operator whose input swings by more than its threshold forgets its history. Refused arming gives its
+reasons as bits.
 """
 
 from __future__ import annotations
@@ -93,8 +93,8 @@ def _if(bit: int, found: bool) -> int:
 def stage_loss(axis: Record, a: Record, samples: int, usable: bool) -> int:
     """The fault that the capacitive sensor of an axis in mode stage would be to arming, or NO_FAULT.
 
-    It must report, and not be unusable for `samples` cycles. Where the stage rests its samples may be flagged, since it
-    may be at an end of its range, or all the same; unless the sensor must be `usable`, both are excused.
+    It must send samples, and not be unusable for `samples` cycles. At rest the stage may be at an end of its range,
+    where samples may be flagged or identical; both are excused unless the sensor must be `usable`.
     """
     sensor = a["stage"]
     excused = not usable and may_be_at_end(sensor, axis["stage_range_um"])
@@ -216,7 +216,7 @@ def sweep_offset(p: Record, axis: Record, target_um: float, fraction: float) -> 
 
 @compiled
 def start_check(c: Record) -> None:
-    """Forget what an earlier check gathered; what it found goes on counting."""
+    """Discard the averages of an earlier check; its result still counts."""
     c["before"] = c["after"] = 0.0
     c["before_samples"] = c["after_samples"] = 0
     c["turn"] = 0
@@ -224,7 +224,7 @@ def start_check(c: Record) -> None:
 
 @compiled
 def judge(c: Record, limits: Record, found: float) -> bool:
-    """Keep what a check found, and whether it is what is expected."""
+    """Store what a check found, and whether it is as expected."""
     c["found"] = found
     c["passed"] = 1 if limits["low"] <= found <= limits["high"] else 0
     return c["passed"] != 0

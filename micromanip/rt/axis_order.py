@@ -1,6 +1,6 @@
-"""What the cell tells an axis in a cycle: the one way in which its state, checks, parts and devices reach the laws.
+"""The cell's order for an axis in a cycle: the only input of the cell's state, checks, parts and devices to the laws.
 
-The cell writes it and nothing of a law's own; the laws read it. A candidate tuning has the same orders.
+The cell writes the order and no state of a law; the laws read it. A candidate tuning gets the same orders.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""How numba compiles what compiled code alone calls: as a part of its callers, not as code that could run by itself.
+"""How numba compiles functions that only compiled code calls: as parts of their callers, without an entry of their own.
 
 Numba optimises each function in full, with all that it calls, and makes machine code of it. A law is built into an
 entry point through five or six others: the same code was optimised and translated as often, though only the last can

@@ -13,7 +13,7 @@ from .record import Record
 
 @compiled
 def begin_turn(words: Any, index: int) -> None:
-    """Before a payload is written: its turn is odd, and seen to be so before any of the payload."""
+    """Make the turn number odd, visible before any of the payload that is written next."""
     store_release(words, index, words[index] | 1)
     fence()
 
@@ -58,8 +58,8 @@ def take_inputs(c: Record, inputs: Any, now_ns: int) -> None:
 def link_is_up(c: Record, now_ns: int) -> bool:
     """Whether the link was up without a break since the cycle before, and its worker is alive.
 
-    For how long it gave no sign of life counts while the loop itself ran: what has made the loop stand still may have
-    done that to the worker, and such a pause is half of what is allowed, however long it was.
+    The worker's silence counts only while the loop itself ran: a stall of the machine may have stopped both. A pause
+    counts as half of the allowed silence, however long it was.
     """
     words, alive_ns = c["words"], load_acquire(c["words"], im.ALIVE_NS)
     pause_ns = min(now_ns - words[im.LOOKED_NS], c["silent_ns"] // 2)
@@ -74,9 +74,9 @@ def link_is_up(c: Record, now_ns: int) -> bool:
 
 @compiled
 def put_back(c: Record, outputs: Any, now_ns: int) -> None:
-    """Put what the device was given in place of the `outputs` whose turn has not come for too long: they have to wait.
+    """Replace the `outputs` whose turn is overdue by what the device was given: they have to wait.
 
-    No turn number guards this: of a turn that comes just now either side is true.
+    No turn number guards this: during a turn both values are true.
     """
     for i in range(c["outputs"]):
         given = c["sent"][i]

@@ -1,4 +1,4 @@
-"""The process image of one bus: what its worker process and the loop tell each other, in shared memory.
+"""The process image of one bus: shared memory between its worker process and the loop.
 
 The worker publishes each input when it has come, the loop takes all of them once per cycle; the loop leaves the outputs
 of every cycle, the worker takes the newest when it is about to write. Neither waits for the other. Each side's

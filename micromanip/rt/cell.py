@@ -43,7 +43,7 @@ def watch_cell(p: Record, s: Record) -> None:
 
 @compiled
 def held_share(p: Record, s: Record, i: int) -> float:
-    """What is left (0..1) of where axis `i` is held; in a hold for want of a reference it goes back to rest."""
+    """Share (0..1) of the held position of axis `i`; it falls to 0 in a hold after a lost reference."""
     if s["state"] == states.RAMPING and p["axis"][i]["mode"] == states.STAGE:
         return 0.0
     if s["state"] != states.HOLDING or s["fault"] != states.REFERENCE_LOST:
@@ -54,7 +54,7 @@ def held_share(p: Record, s: Record, i: int) -> float:
 
 @compiled
 def give_orders(p: Record, s: Record, phase: int, fraction: float) -> None:
-    """Tell each axis what the cell's state, the watch and the machine make of this cycle."""
+    """Write each axis' order for this cycle, from the cell's state, the watch and the machine."""
     follows = s["state"] == states.TRACKING or (s["state"] == states.RAMPING and s["soft"] != 0)
     time_s = (s["cycle"] - s["tracking_cycle"] if follows else -1) * p["period_ns"] * 1e-9
     held = s["state"] == states.HOLDING
@@ -76,7 +76,7 @@ def give_orders(p: Record, s: Record, phase: int, fraction: float) -> None:
 
 @compiled
 def decouple(p: Record, s: Record) -> None:
-    """What the set-point of each axis owes to the references of the others, as they were followed last."""
+    """Add the cross-coupling feedforward from the other axes' references of the cycle before."""
     for i in range(p["axes"]):
         law, a = p["axis"][i]["decoupling"], s["axis"][i]
         a["added_um"] = 0.0

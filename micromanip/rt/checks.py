@@ -1,6 +1,6 @@
-"""What arming watches and does on top of the axes' course: the steps of the polarity checks, their verdict, the sweep.
+"""Arming's own monitoring and offsets: the steps of the polarity checks, their verdict, the sweep.
 
-What a check has found goes on counting until something happens that could change the answer: ``keep_checks``.
+The result of a check counts until something happens that could change the response: ``keep_checks``.
 """
 
 from __future__ import annotations
@@ -99,7 +99,7 @@ def judge_checks(p: Record, s: Record, phase: int) -> None:
 
 @compiled
 def watch_arming(p: Record, s: Record, phase: int) -> None:
-    """End an arming that lacks a sensor, before an outer loop is closed or a reference followed.
+    """Abort arming if a sensor is missing, before an outer loop is closed or a reference followed.
 
     Until then each capacitive sensor must be there, if need be at an end of its range; it may be away for as long as a
     gauge. In the cycle that closes the loop it must be usable, and the estimator must have started from its samples.
@@ -126,9 +126,9 @@ def watch_arming(p: Record, s: Record, phase: int) -> None:
 def watch_lift(p: Record, s: Record) -> None:
     """End an arming whose gauge does not follow the voltage, from the lift until the sweep.
 
-    A gauge may have come loose, or to another axis, while all rested. Each axis begins alone, so no other gauge can
-    seem to be its own. Since the lift began the gauge must have gone as far as the voltage that is on, or that it shows
-    at least, takes it by the limits of the check; and it may stray a little.
+    A gauge may have come loose, or been connected to another axis, at rest. Each axis begins alone, so no other gauge
+    can appear to be its own. Since the lift began the gauge must have moved by the voltage's change times the limits of
+    the check, within a small tolerance.
     """
     if s["resumed"] != 0 or p["check_cycles"] == 0 or s["phase"] not in (LIFTING, CHECKING_STAGE):
         return
@@ -159,10 +159,10 @@ def end_arming(p: Record, s: Record, axis: int, code: int, value: float, limit: 
 
 @compiled
 def keep_checks(p: Record, s: Record) -> None:
-    """Let the checks count no more after whatever could have changed their answer: the next arming makes them again.
+    """Invalidate the checks after anything that could have changed their response: the next arming repeats them.
 
-    A link that was down, a driver or an amplifier that failed, a sensor that was away, unusable or not believed:
-    somebody may have plugged, mended or replaced something.
+    A link that was down, a driver or an amplifier that failed, a sensor that was silent, unusable or implausible:
+    somebody may have plugged, repaired or replaced something.
     """
     changed = s["link_down"] != 0 or s["raised"] & _CELL_CHANGED != 0
     away_ns = BELIEVED * p["period_ns"]

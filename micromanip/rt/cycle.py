@@ -87,7 +87,7 @@ def run_cycle(
 ) -> bool:
     """The cycle at `now_ns` behind an exchange that returned `code`; False where `command` was refused.
 
-    `missed` cycles before it never ran; for `silent_ns` the host has said nothing, or `NO_HOST`.
+    `missed` cycles before it never ran; `silent_ns` is the host's silence, or `NO_HOST`.
     """
     begin_cycle(s, missed)
     if silent_ns != NO_HOST:
@@ -102,8 +102,8 @@ def run_cycle(
 def watch_loop(p: Record, s: Record, silent_ns: int, missed: int) -> None:
     """Watch the deadlines and the host: without one the loop brings its outputs to park and ends.
 
-    The cycles that were missed have passed before anything is decided: a ramp that begins now begins at its beginning.
-    Missed deadlines fill a bucket that leaks by the share that is allowed.
+    Missed cycles are counted first: a ramp that begins now begins at its start. Missed deadlines fill a leaky bucket,
+    which leaks by the allowed share.
     """
     s["overruns"] += missed
     s["overruns_in_a_row"] = s["overruns_in_a_row"] + missed if missed > 0 else 0
@@ -124,8 +124,8 @@ def watch_loop(p: Record, s: Record, silent_ns: int, missed: int) -> None:
 def watch_drivers(p: Record, s: Record, code: int) -> None:
     """Judge what the exchange of this cycle returned.
 
-    A failure is a fault in any state, a link that is down in use. Outputs that do not follow the loop are one while the
-    axes are moved by it: not before the first voltage of arming, and not on a ramp, which goes where they go too.
+    A failure is a fault in any state; a link that is down only in use. Outputs that do not follow the loop are a fault
+    while the loop moves the axes: not at park, and not on a ramp to park.
     """
     taken = ALL_FOLLOW < code <= FIRST_TAKEN
     s["link_down"] = 1 if FIRST_TAKEN < code < 0 else 0

@@ -1,13 +1,13 @@
 """Digital signals of the machine: amplifier, feed-hold, heartbeat; which part it makes, and with which tool.
 
-Each is a line, or a whole number that the machine says.
+Each is a binary line, or a whole number from the machine.
 
-The signal ``part`` is 0 while none is, and any other number while one is: a line that is 1 meanwhile, or a counter. A
-part begins in the cycle in which the number changes, and ends with it; a signal that is not usable counts as 0. Without
-that signal a part begins and ends by command, and ends where the cell does not track any more.
+The signal ``part`` is 0 while no part is made, and any other number during a part: a line that is 1, or a counter. A
+part begins in the cycle in which the number changes, and ends with the next change; an unusable signal counts as 0.
+Without that signal a part begins and ends by command, or ends when the cell stops tracking.
 
-The signal ``tool`` is the number of the tool in the spindle, 0 for none. One that is not usable, or no such number,
-counts as 0. Without it the tool is 0.
+The signal ``tool`` is the number of the tool in the spindle, 0 for none. An unusable signal, or another value, counts
+as 0. Without the signal the tool is 0.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def read_line(line: Record, s: Record, signals: Any, now_ns: int) -> None:
 
 @compiled.called
 def take_sample(line: Record, s: Record, signal: Record, now_ns: int) -> None:
-    """Not trusted is one that is not finite, flagged by its driver, older than it may be, or that never came."""
+    """Mark a sample as bad that is not finite, flagged by its driver, too old, or missing."""
     arrived, good = signal["sequence"] != s["sequence"], signal["status"] == 0 and math.isfinite(signal["value"])
     if arrived and good:
         s["value"], s["time_ns"] = signal["value"], min(signal["time_ns"], now_ns)
@@ -51,19 +51,19 @@ def take_sample(line: Record, s: Record, signal: Record, now_ns: int) -> None:
 
 @compiled
 def is_on(line: Record, s: Record) -> bool:
-    """Whether it says 1, by a sample that may be trusted."""
+    """Whether the line is 1, by a good sample."""
     return line["signal"] >= 0 and s["bad"] == 0 and s["value"] > 0.5
 
 
 @compiled
 def is_missing(line: Record, s: Record) -> bool:
-    """Whether one that is wired does not say 1: a broken wire counts as 0."""
+    """Whether a wired line is not 1: a broken wire counts as 0."""
     return line["signal"] >= 0 and not is_on(line, s)
 
 
 @compiled
 def digital_value(s: Record, most: int) -> int:
-    """The whole number that it says, `most` where it says more; 0 where that is not to be trusted."""
+    """The signal's whole number, at most `most`; 0 for a bad sample."""
     if s["bad"] != 0:
         return 0
     return int(min(float(most), max(0.0, s["value"])) + 0.5)
@@ -79,13 +79,13 @@ def begin_part(s: Record, number: int) -> None:
 
 @compiled
 def end_part(s: Record) -> None:
-    """None is being made any more."""
+    """The part ends in this cycle."""
     s["part"], s["part_begun"] = 0, -1
 
 
 @compiled
 def follow_tool(p: Record, s: Record, signals: Any, now_ns: int) -> None:
-    """Take the machine's word for the tool of this cycle."""
+    """Read the number of the tool in this cycle."""
     if p["tool"]["signal"] < 0:
         s["tool"] = 0
         return
@@ -96,7 +96,7 @@ def follow_tool(p: Record, s: Record, signals: Any, now_ns: int) -> None:
 
 @compiled
 def follow_part(p: Record, s: Record, signals: Any, now_ns: int) -> None:
-    """Take the machine's word for the part of this cycle; what a command has begun ends with the tracking."""
+    """Read the part of this cycle; a part begun by command ends with the tracking."""
     if p["part"]["signal"] < 0:
         if s["part"] != 0 and s["state"] != TRACKING:
             end_part(s)
@@ -113,7 +113,7 @@ def follow_part(p: Record, s: Record, signals: Any, now_ns: int) -> None:
 
 @compiled
 def asks_feed_hold(s: Record) -> bool:
-    """Whether the machine is asked to stop feeding: the path is not corrected, or not for long."""
+    """Whether feed-hold is on: the path is not corrected, or soon will not be."""
     return s["state"] == HOLDING or s["fault"] != NO_FAULT
 
 

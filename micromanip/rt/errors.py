@@ -1,10 +1,10 @@
 """Errors of an axis: a sample is compared with the set-point, and the reference, of its own time.
 
-A bus delivers samples late and keeps outputs waiting. Compared with the set-point of now, every moving set-point would
-look like an error of speed times delay, which the PID would put right by leading it. So the axis remembers its
-set-points of the last cycles. What the configuration says of the output's way (``answer_cycles``) and of the lags of
-actuator and gauge (``awaited_cycles``, not whole ones) counts too: a gauge shows the set-point whose voltage has
-arrived. Where it says nothing, a fresh sample of this very cycle is compared with the present set-point.
+A bus delays samples and outputs. Compared with the present set-point, every moving set-point would cause an error of
+speed times delay, which the PID would correct by a lead. So the axis stores its set-points of the last cycles. The
+configured delay of the output (``answer_cycles``) and the lags of actuator and gauge (``awaited_cycles``, not whole
+cycles) count too: a gauge shows the set-point whose voltage has arrived. Without them, a fresh sample of this cycle is
+compared with the present set-point.
 
 A known reference is followed ahead by the lag of the actuator (``preview_s``), so that the position is where the
 reference is now. Both times change gently (``ease_times``): a moving set-point must not jump with them.
@@ -81,7 +81,7 @@ def remember_setpoint(s: Record, cycle: int) -> None:
 
 @compiled
 def ease_times(p: Record, s: Record) -> None:
-    """Lead the times in force to those of the parameters; the set-point is a little faster, or slower, meanwhile."""
+    """Move the times in force to those of the parameters; the set-point is slightly faster or slower until then."""
     if s["preview_s"] == p["preview_s"] and s["awaited_cycles"] == p["awaited_cycles"]:
         return
     period_s = 1e-9 / p["cycles_per_ns"]

@@ -1,10 +1,10 @@
-"""Fault manager: what is noticed is written down, latched and answered in the cycle in which it is noticed.
+"""Fault manager: records, latches and answers a condition in the cycle in which it is detected.
 
-A condition that becomes true is an event (``note``); a fault brings its configured reaction: WARN only tells,
-HOLDS freezes the correction (a ramp follows), RAMPS goes smoothly to park, CUTS follows an amplifier that is off. The
-first fault that is more than a warning stays latched until ``reset``; a later one can only make
-the reaction harder. The one exception is the fault that ends the run: it is a trip of its own, and the one before is
-kept beside it (``former``). One axis that can't go on stops the cell: a spindle held in two axes cuts a wrong path.
+A condition that becomes true is an event (``note``); a fault brings its configured reaction: WARN only reports, HOLDS
+freezes the correction (a ramp follows), RAMPS goes smoothly to park, CUTS follows an amplifier that is off. The first
+fault that is more than a warning stays latched until ``reset``; a later one can only make the reaction stronger. The
+exception is the fault that ends the run: it is a trip of its own, and the fault before is kept in ``former``. One
+faulty axis stops the cell: a spindle corrected in two axes cuts a wrong path.
 
 What is watched on each axis is in ``watch.py``, the states that the reactions lead to in ``transitions.py``.
 """
@@ -32,7 +32,7 @@ EVENT = record(
 
 @compiled
 def note(s: Record, code: int, axis: int, value: float, limit: float, reaction: int) -> None:
-    """Write an event down; the ring keeps the newest."""
+    """Record an event; the ring keeps the newest."""
     event = s["event"][s["events"] % EVENTS]
     event["cycle"], event["code"], event["axis"] = s["cycle"], code, axis
     event["value"], event["limit"], event["reaction"], event["state"] = value, limit, reaction, s["state"]
@@ -68,7 +68,7 @@ def cell_fault(p: Record, s: Record, code: int, active: bool, value: float, limi
 
 @compiled.rare
 def raise_fault(p: Record, s: Record, code: int, axis: int, value: float, limit: float, reaction: int) -> None:
-    """Write a fault down, latch it (the first one stays) and react; one that only warns is written down."""
+    """Record a fault, latch it (the first one stays) and react; a warning is only recorded."""
     note(s, code, axis, value, limit, reaction)
     if reaction == WARN:
         return
@@ -85,7 +85,7 @@ def raise_fault(p: Record, s: Record, code: int, axis: int, value: float, limit:
 
 @compiled
 def react(p: Record, s: Record, reaction: int) -> None:
-    """Go where `reaction` leads from the present state; a milder one never undoes a graver one."""
+    """Enter the state that `reaction` requires; a milder reaction never replaces a stronger one."""
     state = s["state"]
     if reaction == CUTS:
         if state != OFF:
@@ -103,7 +103,7 @@ def react(p: Record, s: Record, reaction: int) -> None:
 
 @compiled.rare
 def forget(p: Record, s: Record) -> None:
-    """Unlatch, with an empty bucket; every condition that still stands is raised anew in the next cycle."""
+    """Unlatch, with an empty bucket; every condition that persists is raised again in the next cycle."""
     s["fault"] = NO_FAULT
     s["raised"] = 0
     s["overruns_in_a_row"] = 0

@@ -10,7 +10,7 @@ The cache folder is keyed by a hash of *all* sources of the package, numba's ver
 bounds-check flag: numba's own cache looks at the file of one function only, so that a change in
 a callee of another file would go unnoticed, and it ignores the flag.
 
-A disk that takes no machine code costs time, never the start: each process then compiles its own.
+If the disk takes no machine code, each process compiles its own: the start takes longer, but succeeds.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def _refusal(folder: Path) -> OSError | None:
 
 @contextlib.contextmanager
 def _in_spite_of_the_disk(_cache: Any) -> Iterator[None]:
-    """What can't be loaded is compiled, what can't be saved is compiled again the next time."""
+    """Compile what can't be loaded; what can't be saved is compiled again the next time."""
     with contextlib.suppress(OSError):
         yield
 
@@ -100,7 +100,7 @@ def _places(caching: Any, config: Any) -> list[Any]:
 
 @functools.cache
 def _numba() -> Any:
-    """numba, told to put up with the disk, not to write so much, and to load only what it is to load."""
+    """numba, set to tolerate disk errors, to write less, and to load only what is needed."""
     import numba
     from numba.core import caching
 
@@ -225,9 +225,9 @@ class Compiler:
     """
 
     tell: ClassVar[Callable[[str], None]] = staticmethod(lambda _: None)
-    """Hears the name of each function that has to be compiled because it is not in the cache."""
+    """Called with the name of each function that has to be compiled because it is not in the cache."""
     tell_left: ClassVar[Callable[[str, float], None]] = staticmethod(lambda _name, _seconds: None)
-    """Hears meanwhile, now and then, how many seconds are left."""
+    """Called meanwhile with the seconds left."""
 
     def __init__(self, package_file: str, *, allocates: bool = False, also: tuple[Path, ...] = ()) -> None:
         """`also` are folders of other packages whose functions are built into this one's."""
@@ -339,7 +339,7 @@ def prepare(*functions: Any) -> None:
 
 @functools.cache
 def plain(law: Any) -> Any:
-    """A law and those that it calls as plain Python, for who calls it often: through `Compiled` a call costs 200 ns."""
+    """A law and the laws that it calls, as plain Python, for frequent calls: through `Compiled` a call costs 200 ns."""
     if not isinstance(law, Compiled):
         return law
     code, names = law.py_func.__code__, law.py_func.__globals__

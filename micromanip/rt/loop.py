@@ -1,9 +1,9 @@
 """The 10 kHz loop: absolute deadlines around the cell's cycle, and its traffic with the host.
 
-Each period: wait for the deadline, exchange with the hardware, take over parameters and commands,
-run the cell (``cell.py``, ``axis.py``), publish a telemetry row. After an overrun the missed cycles are
-counted and skipped, never made up in a burst: the deadline moves on along its grid, and the laws are
-told how many periods really passed. A driver with a clock may move that grid, by a hundredth of a period a cycle.
+Each period: wait for the deadline, exchange with the hardware, take over parameters and commands, run the cell
+(``cell.py``, ``axis.py``), publish a telemetry row. After an overrun the missed cycles are counted and skipped, never
+made up in a burst: the deadline stays on its grid, and the laws get the number of periods that passed. A driver with a
+clock may move that grid, by a hundredth of a period a cycle.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ STEERED_SHARE = 100
 
 @compiled
 def publish(words: Any, s: Any) -> None:
-    """Tell the host where the loop is."""
+    """Publish the loop's words for the host."""
     store_release(words, mailbox.STATE, s["state"])
     store_release(words, mailbox.FAULT_CODE, s["fault"])
     store_release(words, mailbox.TRIPS, s["trips"])

@@ -1,10 +1,9 @@
-"""The segments of shared memory, and their words: what host and loop tell each other, each written by one side only.
+"""The segments of shared memory, and their words between host and loop, each written by one side only.
 
-A word is an int64, written with ``store_release`` and read with ``load_acquire``: what belongs to it is in memory
-before itself. Python's are ``tell`` and ``ask``, good for any words. CPython moves an aligned 8-byte element with one
-instruction, and never moves it past another one. What is left is the order that the processor gives the other side to
-see. x86-64 shows stores in their order, and loads in theirs: nothing is needed. Any other one gets a fence of
-libatomic. The host and the workers of the buses need not load a compiler for it.
+A word is an int64, written with ``store_release`` and read with ``load_acquire``: its payload is in memory before the
+word. Python uses ``tell`` and ``ask``. CPython moves an aligned 8-byte element with one instruction, and never reorders
+two. So only the processor's memory order matters. x86-64 keeps the order of stores and of loads: nothing is needed. Any
+other processor gets a fence of libatomic. Host and bus workers need no compiler for this.
 """
 
 from __future__ import annotations

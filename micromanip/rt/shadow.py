@@ -1,9 +1,9 @@
-"""Tunings: one takes the place of another; a shadow computes beside it, is promoted, and taken back if worse.
+"""Tunings: one replaces another; a candidate computes beside it, is promoted, and taken back if worse.
 
-The shadow sees the same samples and the set-points that were really given, so that its innovation says how well its
-model knows the plant; its integrator follows the voltage that was really written, so that it never winds up. Once
-promoted it is on trial: where the mean square error grows beyond what it was before, by a factor, or the
-inner loop begins to swing, or a fault comes, the tuning before is in force again in the same cycle.
+The candidate gets the same samples and the set-points that were really given, so that its innovation shows how well its
+model fits the plant; its integrator follows the voltage that was really written, so that it never winds up. Once
+promoted it is on trial: where the mean square error grows beyond what it was before, by a factor, or the inner loop
+begins to oscillate, or a fault occurs, the previous tuning is in force again in the same cycle.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from .record import Record
 
 _WITHDRAWN = -1
 _PATIENCE = 3
-"""So many times its length a trial may take; a tuning that can't be judged by then is taken back."""
+"""Longest duration of a trial as a multiple of its length; a tuning that can't be judged by then is taken back."""
 
 
 @compiled.rare
 def swap_cell(old: Record, new: Record, s: Record) -> None:
-    """Carry the whole cell over; the caller uses `new` from this cycle on."""
+    """Carry the states of the whole cell over; the caller uses `new` from this cycle on."""
     for i in range(new["axes"]):
         change_axis(old["axis"][i], new["axis"][i], s["axis"][i])
         carry_checks(old["axis"][i], new["axis"][i], s["arming"][i])
@@ -48,7 +48,7 @@ def start_shadow(p: Record, candidate: Record, s: Record, shadow: Record) -> Non
 
 @compiled.rare
 def promote(p: Record, s: Record) -> bool:
-    """Begin the trial; False where there is no candidate, or nothing is tracked that could be compared."""
+    """Begin the trial; False without a candidate, or if the cell does not track."""
     if s["shadow"] != states.SHADOWING or s["state"] != states.TRACKING:
         return False
     s["shadow"] = states.ON_TRIAL
@@ -61,7 +61,7 @@ def promote(p: Record, s: Record) -> bool:
 
 @compiled
 def withdraw(s: Record) -> bool:
-    """Let the candidate go, or take it back if it is on trial; False where there is neither."""
+    """Drop the candidate, or end its trial; False if there is neither."""
     if s["shadow"] == states.ON_TRIAL:
         s["trial_cycles"] = _WITHDRAWN
         return True
@@ -73,7 +73,7 @@ def withdraw(s: Record) -> bool:
 
 @compiled
 def takes_back(p: Record, s: Record) -> bool:
-    """Go on with the trial of the tuning `p` that was promoted; True where the one before must be put in force."""
+    """One cycle of the trial of the promoted tuning `p`; True if the previous tuning must be restored."""
     if s["shadow"] != states.ON_TRIAL:
         return False
     worse = s["state"] != states.TRACKING or s["fault"] != states.NO_FAULT or s["trial_cycles"] == _WITHDRAWN

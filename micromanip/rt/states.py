@@ -19,7 +19,7 @@ COMMAND_NAMES = ("", "arm", "disarm", "stop", "reset", "hold", "promote", "withd
 
 NO_SHADOW, SHADOWING, ON_TRIAL, CONFIRMED, TAKEN_BACK = range(5)
 SHADOW_NAMES = ("none", "shadowing", "on trial", "confirmed", "taken back")
-"""A candidate tuning: it computes beside the active one, is in force on trial, for good, or not any more."""
+"""A candidate tuning: none, computing beside the active one, on trial, confirmed, or taken back."""
 
 WARN, HOLDS, RAMPS, CUTS = range(4)
 REACTION_NAMES = ("warn", "hold", "ramp", "off")
@@ -77,7 +77,7 @@ WATCHED = (
     *(OUTRUN, LIMIT_CYCLE, REFERENCE_STALE, REFERENCE_STUCK, REFERENCE_LOST, AMPLIFIER_FAULT, DERATED),
     OVER_TEMPERATURE,
 )
-"""What is noticed in one cycle is told in this order."""
+"""Conditions of one cycle are reported in this order."""
 
 NOT_READY, LATCHED, ENABLE_MISSING, INTERLOCK_MISSING, LINK_MISSING, OUTPUTS_MISSING = 1, 2, 4, 8, 16, 32
 """Why arming was refused, the cell's bits."""

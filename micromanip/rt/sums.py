@@ -1,7 +1,7 @@
-"""Sums of the laws that the compiler would make one by one: it may not reorder them, and looks at each index.
+"""Sums of the laws, which the compiler would not vectorise: it may not reorder them, and checks each index.
 
-These are the definitions, and plain Python. Compiled code has ``vectors.py`` for them: the same sums in the same order,
-to the last bit.
+These are the definitions in plain Python. Compiled code uses ``vectors.py``: the same sums in the same order, equal to
+the last bit.
 """
 
 from __future__ import annotations

@@ -1,15 +1,15 @@
-"""Which gains an axis acts by, what of its law runs, and why: looked at once a cycle, before the laws.
+"""Schedules the gains of an axis and suspends parts of its law, with the reasons: once a cycle, before the laws.
 
-What each reason does stands in the manual, ``docs/architecture.md``.
+The manual explains each reason (``docs/architecture.md``).
 
-A set-point that runs at its slew limit comes later than it is demanded, the more so the larger the error: after a
-stall, a burst of missed cycles or a push of the tool, nominal gains then swing the stage from end to end, whatever
-their linear margins. So once their demand outruns the set-point, the calm ones (``control/gain_schedule.py``) act at
-once, until the set-point has followed these for a while; then the nominal ones are faded in from where it is. Gains
-that run away again and again as soon as they are back are wrong: X-216.
+A slew limit delays the set-point more the larger the error is. After a stall, a burst of missed cycles or a push of the
+tool, nominal gains then swing the stage from end to end, in spite of their linear margins. So when their demand is
+ahead of the set-point, calm gains (``control/gain_schedule.py``) act at once, until the set-point has followed their
+demand for a while; then the nominal gains are faded in from the present set-point. If the nominal gains run ahead again
+and again as soon as they are back, they are wrong: X-216.
 
-Where many cycles or samples are missing, a loop acts on stale data, in steps that it was not made for: nominal gains
-then swing by themselves. A cycle in which the device is behind counts as a missing one.
+If many cycles or samples are missing, a loop acts on stale data with longer steps than designed, and nominal gains may
+cause a limit cycle. A cycle in which the device is behind counts as missing.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from .states import CLOSED, COASTING, DEGRADED, DRIVEN, EVENT_CODES, FALLBACK, O
 DEMAND_AHEAD, SWINGING, GAUGE_LOST, STAGE_LOST = 1 << OUTRUN, 1 << FALLBACK, 1 << COASTING, 1 << DEGRADED
 MISSING, DEVICE_BEHIND = 1 << EVENT_CODES, 2 << EVENT_CODES
 FOUND = SWINGING | GAUGE_LOST | STAGE_LOST
-"""What the watch has found, by the bits of its conditions."""
+"""Bits of the conditions that the watch has found."""
 OUTER_CALM = DEMAND_AHEAD | MISSING
 INNER_CALM = OUTER_CALM | SWINGING
 INNER_WAITS = GAUGE_LOST | DEVICE_BEHIND
@@ -83,14 +83,14 @@ def supervise(p: Record, s: Record, order: Record) -> None:
 
 @compiled
 def is_steady(s: Record, order: Record) -> bool:
-    """Whether the axis tracks or is held, with both sensors and its nominal gains: not on its way anywhere."""
+    """Whether the axis tracks or is held, with both sensors and its nominal gains."""
     steady = order["phase"] == CLOSED and (order["level"] == 0.0 or order["level"] == 1.0)
     return steady and s["supervisor"]["reasons"] & UNSTEADY == 0
 
 
 @compiled
 def inner_gains(p: Record, s: Record) -> Record:
-    """Gains of the PID's step in this cycle; it goes on without a bump where they are others."""
+    """Gains of the PID's step in this cycle; a change of gains is bumpless."""
     u = s["supervisor"]
     calm = int(u["reasons"] & INNER_CALM != 0)
     if calm != u["gain_set"]:
@@ -116,7 +116,7 @@ def outruns(p: Record, s: Record, demand_um: float) -> bool:
 def outer_demand(p: Record, s: Record, anew: bool) -> float:
     """Set-point (um) that the outer loop demands, by the gains that act.
 
-    Where it begins `anew`, or with nominal gains again, it goes on from where it is: ``bridge_um`` fades.
+    If it begins `anew`, or with nominal gains again, it starts at the present set-point: ``bridge_um`` fades.
     """
     outer, x, w, u = p["outer"], s["estimator"]["x"], s["reference"]["w"], s["supervisor"]
     rest = p["centre_um"] + s["added_um"]

@@ -75,12 +75,11 @@ ROW = record(
     ("axis", AXIS_ROW, (MAX_AXES,)),
 )
 """One cycle of telemetry; ``compute_ns`` is the time of the cycle before, what an axis does not have is NaN.
-``notch_um`` is what the notch took from the PID's error, ``tooth_Hz`` the frequency that the outer loop has found
-where it follows the tooth's, NaN where it does not, or has given it up; ``joint_1_Hz`` and so on are those that the
-predictor's oscillations have found, in the order of the configuration, NaN where none is followed; ``learned_um`` is
-what of the reference is a learned correction. ``conditions`` has one bit per code of ``states`` that is raised,
-``fresh`` and ``lines`` have the bits above. With the loop's state before it a row says all that came in:
-``micromanip.replay`` runs the cycle again on that."""
+``notch_um`` is what the notch took from the PID's error, ``tooth_Hz`` the frequency that the outer loop has found if it
+follows the tooth's, else NaN; ``joint_1_Hz`` and so on are those that the predictor's oscillations have found, in the
+order of the configuration, NaN where none is followed; ``learned_um`` is what of the reference is a learned correction.
+``conditions`` has one bit per code of ``states`` that is raised, ``fresh`` and ``lines`` have the bits above. With the
+loop's state before it a row says all that came in: ``micromanip.replay`` runs the cycle again on that."""
 
 
 @compiled
@@ -95,7 +94,7 @@ def _age(sensor: Record, index: int) -> int:
 
 @compiled
 def _reading(sensor: Record, range_um: Any) -> int:
-    """What a sample that was not usable read."""
+    """Class of an unusable sample's reading."""
     reading, good = sensor["reading"], sensor["value"]
     if not math.isfinite(reading):
         if reading > 0.0:
@@ -112,7 +111,7 @@ def _reading(sensor: Record, range_um: Any) -> int:
 
 @compiled
 def _came(sensor: Record, range_um: Any, now_ns: int, came: int, repeated: int, place: int) -> int:
-    """What the row says of a sensor beside its last good sample: enough to bring about the same once more."""
+    """Bits that describe a sensor's sample beside its last good value, enough for a replay."""
     if sensor["arrived_ns"] != now_ns:
         return 0
     bits = came | (repeated if sensor["identical"] > 0 else 0)

@@ -6,9 +6,9 @@
                     |
                     +--> OFF or FAULT                 FAULT is latched until reset; nothing re-arms by itself
 
-A disarm or a stop while tracking first fades the correction out with the loops closed (``soft``); a fault ramps
-at once. READY says that everything rests: the end of a ramp waits until the devices have taken their safe values.
-A cell that was told to stop (``stopping``) ends in OFF whatever happens on the way.
+A disarm or a stop while tracking first fades the correction out with the loops closed (``soft``); a fault ramps at
+once. READY means that everything rests: the end of a ramp waits until the devices have taken their safe values. A cell
+that is to stop (``stopping``) ends in OFF, whatever happens meanwhile.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def begin_soft_stop(p: Record, s: Record) -> None:
 
 @compiled.rare
 def begin_ramp(p: Record, s: Record) -> None:
-    """Start the smooth way to the park voltage of all axes; one under way is not started anew."""
+    """Start the ramp of all axes to the park voltage; a ramp under way is not restarted."""
     if s["state"] == states.RAMPING and s["soft"] == 0:
         return
     for i in range(p["axes"]):
@@ -70,7 +70,7 @@ def is_parked(p: Record, s: Record) -> bool:
 
 @compiled
 def finish_phase(p: Record, s: Record, retracted: bool) -> None:
-    """Go on to the next state where arming, a hold or a ramp has come to its end.
+    """Enter the next state at the end of arming, a hold or a ramp.
 
     A hold that can't be resumed ends once the tool is out of the cut, or the time is up.
     """
@@ -112,8 +112,8 @@ def phase_of(p: Record, s: Record) -> tuple[int, float]:
 
 @compiled
 def phase_of_axis(s: Record, i: int, phase: int) -> int:
-    """The cell's phase, but for an axis `i` whose turn in the lift has yet to come, and for one in a hold whose sensors
-    are not to be trusted: its voltage is frozen.
+    """The phase of axis `i`: the cell's, except before the axis' turn in the lift, and in a hold with a frozen voltage
+    because its sensors disagree.
     """
     if phase == states.LIFTING and s["arming"][i]["lifted"] == 0:
         return states.PARKED
@@ -122,9 +122,9 @@ def phase_of_axis(s: Record, i: int, phase: int) -> int:
 
 @compiled
 def begin_cycle(s: Record, missed: int) -> None:
-    """Count the cycle that begins, and the `missed` ones before it: what is raised from here on is a fault of this one.
+    """Count the cycle that begins, and the `missed` ones before it: faults raised from here on belong to this cycle.
 
-    Arming and a ramp have waited where they were while cycles were missed, so that they never jump.
+    Arming and ramps stood still during missed cycles, so they never jump.
     """
     s["cycle"] += 1 + missed
     s["missed"] = missed

@@ -1,4 +1,4 @@
-"""Machine code for ``sums.py``, of vectors and without a look at each index; imported by ``built_in.py``."""
+"""Vectorised LLVM code for ``sums.py`` without checks of the indices; imported by ``built_in.py``."""
 
 from __future__ import annotations
 

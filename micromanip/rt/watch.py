@@ -1,9 +1,9 @@
-"""What is watched on each axis while it is controlled: sensors, errors, voltage, oscillation, reference, amplifier.
+"""Monitors each axis while it is controlled: sensors, errors, voltage, oscillation, reference, amplifier.
 
 Each detection is a condition with a time: it must last for so many consecutive cycles, or hold for a mean over that
-time. All conditions of an axis are one word, a bit each. Only where it changes are they looked at one by one, in the
-order of ``states.WATCHED``, and go to ``faults.py``. At rest nothing is watched: a sensor may be unplugged then, and
-arming is refused until it is back.
+time. All conditions of an axis are bits of one word. Only if the word changes are they checked one by one, in the order
+of ``states.WATCHED``, and passed to ``faults.py``. At rest nothing is monitored: a sensor may be unplugged, and arming
+is refused until it is back.
 """
 
 from __future__ import annotations
@@ -111,7 +111,7 @@ def watch_strain(axis: Record, a: Record, w: Record, active: bool) -> int:
 def watch_stage(limits: Record, a: Record, w: Record, active: bool) -> int:
     """Capacitive sensor unusable or stuck: on the model's prediction for a while (degraded), then the fault.
 
-    When it is back in time the outer loop goes on at once, by calm gains where it is far away (``supervisor.py``).
+    If it is back in time, the outer loop resumes at once, with calm gains if the error is large (``supervisor.py``).
     """
     bad = active and a["stage"]["bad"] >= limits["stage_samples"]
     stuck = active and a["stage"]["identical"] >= limits["stage_identical"]
@@ -123,11 +123,11 @@ def watch_stage(limits: Record, a: Record, w: Record, active: bool) -> int:
 
 @compiled
 def watch_apart(axis: Record, a: Record, w: Record, active: bool) -> int:
-    """Gauge and capacitive sensor part, at once or slowly; nobody knows which is wrong: a hold keeps the voltage.
+    """Gauge and capacitive sensor disagree, suddenly or slowly; either may be wrong: a hold keeps the voltage.
 
-    At once: mean square innovation, in units of its variance, over a short time. So slowly that the Kalman filter takes
-    it for a force: the slow mean of the stage less where the gauge says that it is, beside the mean of the first while
-    behind the outer loop's closing.
+    Suddenly: mean square innovation, in units of its variance, over a short time. Slowly, so that the Kalman filter
+    takes it for a force: the slow mean of stage minus gauge's prediction, compared with its mean just after the outer
+    loop was closed.
     """
     limits = axis["watch"]
     if not active:
@@ -173,7 +173,7 @@ def watch_voltage(axis: Record, a: Record, w: Record, active: bool) -> int:
 
 @compiled
 def watch_inner(axis: Record, a: Record, w: Record, active: bool) -> int:
-    """The inner loop swings (``oscillation.py``): first the fallback gains, once."""
+    """The inner loop oscillates (``oscillation.py``): first the fallback gains, once."""
     limits = axis["watch"]
     watch_oscillation(limits, a, w, active)
     w["band_cycles"] = lasting(w["band_cycles"], swing_um(w) > limits["band_um"])
@@ -190,7 +190,7 @@ def watch_inner(axis: Record, a: Record, w: Record, active: bool) -> int:
 def watch_reference(axis: Record, a: Record, active: bool) -> int:
     """No usable sample of the reference signal: extrapolated for a while, then the hold that decays to 0.
 
-    One that comes in time and reads the same again and again is told: a tracker that has frozen, or a path at rest.
+    Samples that come in time and are identical are reported: a frozen tracker, or a path at rest.
     """
     if not active or axis["reference"]["kind"] != SIGNAL:
         return 0
@@ -202,7 +202,7 @@ def watch_reference(axis: Record, a: Record, active: bool) -> int:
 
 @compiled
 def watch_amplifier(axis: Record, a: Record, w: Record, active: bool) -> int:
-    """Status signals of the amplifier; one that is hot gets less to do before the fault."""
+    """Status signals of the amplifier; a hot amplifier gets a smaller correction before the fault."""
     w["hot"] = hot = lasting(w["hot"], active and is_missing(axis["temperature_ok"], a["temperature_ok"]))
     found = condition(states.AMPLIFIER_FAULT, active and is_missing(axis["amplifier_ok"], a["amplifier_ok"]))
     found |= condition(states.OVER_TEMPERATURE, hot > axis["watch"]["hot_cycles"])
@@ -211,9 +211,9 @@ def watch_amplifier(axis: Record, a: Record, w: Record, active: bool) -> int:
 
 @compiled
 def watch_axis(p: Record, s: Record, i: int, moving: bool, enabled: bool) -> None:
-    """Watch axis `i` by what it did in the cycle before: its loops while `moving`, its amplifier while `enabled`.
+    """Monitor axis `i` by its results of the cycle before: its loops while `moving`, its amplifier while `enabled`.
 
-    A tooth is lost whose frequency is not near the configured one, or whose observer makes the estimate worse.
+    The tooth is lost if its frequency is not near the configured one, or if its observer makes the estimate worse.
     """
     axis, a, w, phase = p["axis"][i], s["axis"][i], s["watch"][i], s["phase"]
     lifts = phase == LIFTING and s["arming"][i]["lifted"] != 0
@@ -241,7 +241,7 @@ def watch_axis(p: Record, s: Record, i: int, moving: bool, enabled: bool) -> Non
 
 @compiled.rare
 def tell_changes(p: Record, s: Record, i: int, found: int) -> None:
-    """Tell of each condition that begins on axis `i`, of those that stand by now."""
+    """Report each condition of axis `i` that begins, of those active now."""
     for code in states.WATCHED:
         value, limit = measured(p, s, i, code)
         axis_fault(p, s, i, code, found >> code & 1 != 0, value, limit)

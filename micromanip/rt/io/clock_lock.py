@@ -4,9 +4,9 @@ A frame was stamped by the device between being sent and coming back. So each fr
 
     stamp - received <= device's time - ours <= stamp - sent,
 
-and what all of them say together is a narrow interval, however late most of them are: its middle is taken. It moves on
-by the drift that is known, and widens by the one that is possible. What is left of an error is half of the difference
-between the shortest ways there and back, which nothing on this side can see; it is constant.
+and the intersection over many frames is a narrow interval, however late most of them are; the law uses its middle. The
+interval moves by the estimated drift, and widens by the possible drift. The remaining error is half of the difference
+between the shortest delays there and back, which can't be measured from here; it is constant.
 
 The deadline's error e, how late it comes on the clock's grid of periods P, grows by w = P x drift in every cycle, and
 by what the law adds to the next deadline:
@@ -16,10 +16,10 @@ by what the law adds to the next deadline:
 Both poles lie at r, so e(k) = r^k (e(0) + k ((r - 1) e(0) + w) / r) for I(0) = 0: no residual error, and I becomes w,
 by which the drift is known.
 
-A device's stamps alone, as they come with its samples, say less: a datagram can be late, never early. So the smallest
-difference between our time of reception and the device's time is the best guess of how far the clocks are apart, and
-it is too large by the shortest way only. It is let grow by the rate at which two clocks may drift, so that a clock that
-is slower than ours is followed.
+A device's stamps alone, as they come with its samples, show less: a datagram can be late, never early. So the smallest
+difference between our time of reception and the device's time is the best estimate of the clocks' offset; it is too
+large by the shortest delay only. The estimate grows by the rate at which two clocks may drift, to follow a clock that
+is slower than ours.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ DEVICE_CLOCK = record(
 _DRIFT_PPM = 100
 _JUMP_NS = 200_000_000
 _LATE_IN_A_ROW = 5
-"""So many datagrams in a row that come later than this beyond the best: the clock was set back, they are not late."""
+"""After so many consecutive late datagrams the clock was set back; they are not late."""
 MOST_BITS = 62
 """Of a longer stamp so many are looked at, which wrap a little earlier."""
 
@@ -88,7 +88,7 @@ gains in a period (I), ``step_ns`` what the next deadline comes later by; `squar
 over a second. `steps` counts leaps of the clock, `unlocked` how often the lock was lost."""
 
 _IN_A_ROW = 5
-"""So many frames in a row that contradict what is known: the clock has leapt. One alone was stamped wrongly."""
+"""After so many consecutive contradicting frames the clock has jumped. A single one had a wrong stamp."""
 _SECOND_NS = 1e9
 MOST_SHARE = 0.01
 """Of a period: by so much a deadline moves at most."""
@@ -105,7 +105,7 @@ def set_lock(c: Any, period_ns: int, time_constant_s: float, drift_ppm: float, w
 
 @compiled
 def hear_clock(c: Any, sent_ns: int, stamp_ns: int, received_ns: int) -> None:
-    """A frame that was sent and came back at these times of ours (CLOCK_MONOTONIC), stamped with the device's."""
+    """Take a frame that was sent and received at these times (CLOCK_MONOTONIC), with the device's stamp."""
     if received_ns < sent_ns:
         return
     low, high = float(stamp_ns - received_ns - c["apart_ns"]), float(stamp_ns - sent_ns - c["apart_ns"])
@@ -141,8 +141,8 @@ def late_ns(c: Any, deadline_ns: int) -> float:
 def steer(c: Any, deadline_ns: int, periods: int, silent_cycles: int) -> None:
     """One cycle of the law: ``step_ns`` for the next deadline, and whether the loop is locked.
 
-    `periods` after the one before: what the clock has gained in those that were missed is no error of the law, and made
-    up for at once. The lock is lost when error or drift was too large for `silent_cycles` in a row.
+    `periods` after the one before: the clock's gain in missed periods is no error of the law, and is compensated at
+    once. The lock is lost when error or drift was too large for `silent_cycles` in a row.
     """
     c["step_ns"][0] = 0
     if c["known"] == 0:
@@ -170,7 +170,7 @@ def steer(c: Any, deadline_ns: int, periods: int, silent_cycles: int) -> None:
 
 @compiled
 def forget_clock(c: Any) -> None:
-    """Begin anew: another device, or the same after a power cycle."""
+    """Start again: another device, or the same after a power cycle."""
     c["known"] = c["ticks"] = c["late"] = 0
 
 

@@ -1,4 +1,4 @@
-"""What every driver that serves a wire in the loop remembers from cycle to cycle, where loop and host share it."""
+"""State of every driver that serves a wire in the loop, in memory that loop and host share."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A device's counter: what is new, what is missing, what came twice or was overtaken, and whether it began anew."""
+"""A device's counter: new, missing, duplicate and overtaken samples, and restarts."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ COUNTED = record(
 """
 
 OLD, RESTARTED = -1, -2
-"""What ``missing_before`` returns for what is not fresh, and for the first of a device that has begun anew."""
+"""What ``missing_before`` returns for a count that is not fresh, and for the first one after a restart."""
 _RESTARTED_AFTER = 3
-"""So many in a row that go on from a count in the past: the device began anew, they were not overtaken."""
+"""After so many consecutive counts from the past the device has restarted; they were not overtaken."""
 
 
 @compiled
 def missing_before(c: Any, count: int, step: int = 1) -> int:
     """How far `count` is ahead of what was to come, the one after it being `step` further; OLD, RESTARTED.
 
-    A count that was there already is no news: device or network repeat themselves. One from the past, by less than half
-    of the range, was overtaken on its way.
+    A repeated count is not fresh: device or network sent it twice. A count from the past, by less than half of the
+    range, was overtaken.
     """
     count = count % c["counts"]
     after = (count + step) % c["counts"]

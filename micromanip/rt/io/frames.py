@@ -1,8 +1,8 @@
-"""A frame as a table: where its numbers lie; its values to bytes and back, and as samples for the loop.
+"""A frame as a table of its numbers; converts values to bytes and back, and to samples for the loop.
 
-A frame has a fixed length. `template` is the frame before anything is written into it; where `fixed` is 1, a frame
-that comes must have the template's byte. Groups are numbers that were sampled together: group 0 with every frame,
-another one when its own counter has changed (a laser tracker's reading, say, that a faster frame carries along).
+A frame has a fixed length. `template` is the frame before anything is written into it; where `fixed` is 1, a frame that
+comes must have the template's byte. Groups are numbers that were sampled together: group 0 with every frame, another
+group when its own counter has changed (such as a laser tracker's reading in a faster frame).
 """
 
 from __future__ import annotations
@@ -84,9 +84,9 @@ SAMPLES = record(
 that has come, -1 for none. ``lost`` are those of each number that never came, since the start."""
 
 GOOD, WRONG_LENGTH, WRONG_CHECKSUM, NOT_THIS_FRAME = range(4)
-"""What ``judged`` says of bytes that came."""
+"""Results of ``judged``."""
 BAD_STATUS = -1
-"""Status of samples whose device says 0, and 0 is not good; and of a sample that is no number."""
+"""Status of samples whose device reports 0 if 0 is not good, and of a sample that is no number."""
 
 _U0, _U8, _BYTE, _ONES = np.uint64(0), np.uint64(8), np.uint64(255), np.uint64(0xFFFF_FFFF_FFFF_FFFF)
 
@@ -167,7 +167,7 @@ def put_code(n: Any, data: Any, code: Any) -> None:
 
 @compiled
 def judged(f: Any, data: Any, length: int) -> int:
-    """Whether `length` bytes that came are such a frame: GOOD, or why not. Nothing else of them is looked at."""
+    """Whether `length` received bytes are such a frame: GOOD, or why not."""
     if length != f["length"]:
         return WRONG_LENGTH
     c = f["checksum"]
@@ -187,7 +187,7 @@ def value_of(f: Any, n: Any, data: Any) -> float:
 
 @compiled
 def status_of(f: Any, data: Any) -> int:
-    """0, or the device's word for what is wrong."""
+    """0, or the device's code for an error."""
     if f["status"]["present"] == 0:
         return 0
     word = code_of(f["status"], data) & f["mask"]
@@ -232,8 +232,8 @@ def leave_samples(
 ) -> None:
     """The values of a fresh frame of `time_ns`, `missing` after the one before, as samples.
 
-    Group 0 has `passed` more before this one, which came with it and which nobody needs. What never came is added to
-    `lost` of each number.
+    `passed` samples of group 0 arrived together with this one and are superseded. Missing samples are added to `lost`
+    of each number.
     """
     for g in range(f["groups"]):
         s["missing"][g] = missing if g == 0 else missing_of_group(s, f, g, data)

@@ -1,18 +1,18 @@
-"""The gate: every value passes it on its way to a device, and there is no other way.
+"""The gate: every value on its way to a device passes it.
 
     FOLLOWING   the device is given what the loop decides
     SAFE_RAMP   smoothly to the safe values, from what the device was given last
     RESTING     the device was given the safe values; until the loop itself asks for just these: then nothing jumps
 
-What the device may have of an output lies between ``lowest`` and ``highest``; the next value is within a step of all of
-that, whatever was lost, and in range. Nothing here goes by the clock but the questions whether the loop is alive and
-whether the device was silent for so long that it may have gone to rest by itself: the ramp advances with values that
-the device was given, by one period each, and rest is reached when it was given them
+The values that the device may have of an output lie between ``lowest`` and ``highest``; the next value is in range and
+within a step of all of them, whatever was lost. The clock decides only whether the loop is alive, and whether the
+device was silent for so long that it may have gone to rest by itself. The ramp advances with each value that the device
+was given, by one period, and rest is reached when the device was given the safe values
 (``docs/decisions/0017-bus-workers.md``).
 
-All state is in one record of arrays: a Python worker runs these functions as they stand on its ``fields``, a compiled
-one (``worker_loop.py``) their machine code on the record itself, each from where the other one is. The gate of a wire
-in the loop (``link_gate.py``) shares what stands above ``GATE``.
+All state is in one record of arrays: a Python worker runs these functions on its ``fields``, a compiled worker
+(``worker_loop.py``) runs their machine code on the same record, so that either can continue. The gate of a wire in the
+loop (``link_gate.py``) shares the definitions above ``GATE``.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ HELD = (
 
 @compiled
 def within_step(g: Any, i: int, value: float) -> float:
-    """What comes nearest to `value` and is within a step of all that the device may have."""
+    """The value nearest to `value` within a step of all that the device may have."""
     step = g["step"][i]
     return min(max(value, g["highest"][i] - step), g["lowest"][i] + step)
 
@@ -59,19 +59,19 @@ def widen(g: Any, i: int, value: float) -> None:
 
 @compiled
 def settle(g: Any, i: int, value: float) -> None:
-    """The device has `value`, and can have nothing else."""
+    """The device has `value` for sure."""
     g["lowest"][i] = g["highest"][i] = value
 
 
 @compiled
 def furthest(g: Any, i: int, value: float) -> float:
-    """How far from `value` the device may be."""
+    """Largest possible distance of the device from `value`."""
     return max(abs(g["lowest"][i] - value), abs(g["highest"][i] - value))
 
 
 @compiled
 def asks_for_rest(g: Any, wanted: Any) -> bool:
-    """Whether every voltage is to have its safe value."""
+    """Whether the loop asks for the safe value of every voltage."""
     for i in range(g["outputs"][0]):
         if g["kind"][i] == VOLTAGE and not abs(wanted[i] - g["safe"][i]) <= EQUAL_V:
             return False
@@ -121,7 +121,7 @@ def decide(g: Any, now_ns: int) -> None:
 
 @compiled
 def followed(g: Any, i: int) -> float:
-    """What the loop wants of an output, or the value before where it can't be meant."""
+    """The loop's value of an output; the value before if it is invalid."""
     wanted = g["wanted"][i]
     if g["kind"][i] == UNUSED:
         return g["safe"][i]
@@ -133,7 +133,7 @@ def followed(g: Any, i: int) -> float:
 
 @compiled
 def on_the_way(g: Any, i: int, moves: bool) -> float:
-    """The safe value, or what is next on the ramp: a period further than what the device was given last."""
+    """The next value on the ramp: a period further than what the device was given last; then the safe value."""
     safe, kind = g["safe"][i], g["kind"][i]
     if g["state"][0] == SAFE_RAMP and kind == VOLTAGE:
         share = g["share"][i] + g["period_s"][i] / g["ramp_s"][0]
@@ -153,7 +153,7 @@ def away(g: Any, kind: int) -> int:
 
 @compiled
 def leave(g: Any) -> None:
-    """The device is not in the loop's hand any more, and what it has is not known to be at rest."""
+    """The device no longer follows the loop, and is not known to be at rest."""
     for i in range(g["outputs"][0]):
         if g["state"][0] != SAFE_RAMP:
             g["start"][i], g["share"][i] = g["last"][i], 0.0
@@ -164,13 +164,13 @@ def leave(g: Any) -> None:
 
 @compiled
 def rests_at(g: Any, i: int) -> bool:
-    """Whether the device was given the safe value since it left the loop's hand, and nothing else after that."""
+    """Whether the last value that the device was given since it followed the loop is the safe value."""
     return g["kind"][i] == UNUSED or (g["given"][i] != 0 and furthest(g, i, g["safe"][i]) <= EQUAL_V)
 
 
 @compiled
 def rest_if_given(g: Any) -> None:
-    """The way to rest ends where every output has arrived."""
+    """End the ramp when every output has arrived."""
     if g["state"][0] == SAFE_RAMP and away(g, UNUSED) == 0:
         g["state"][0] = RESTING
 
@@ -183,7 +183,7 @@ def rests(g: Any) -> bool:
 
 @compiled
 def known_last(g: Any, i: int) -> float:
-    """What the device was given last; NaN where nobody knows."""
+    """The value that the device was given last; NaN if unknown."""
     return g["last"][i] if g["known"][i] != 0 else math.nan
 
 

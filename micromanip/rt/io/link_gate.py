@@ -4,8 +4,8 @@
     QUIET       the link was lost: nothing is sent, until the device's own watchdog has surely brought it to rest
     RESTING     it is given its safe values, until it answers and the loop itself asks for just these: nothing steps
 
-Each frame that the device acts on is acknowledged, some time later: so it is known between which values lies what the
-device has, however many were lost.
+The device acknowledges each frame that it acts on, some time later: so the bounds of the device's values are known,
+however many frames were lost.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from .gate import HELD, VOLTAGE, asks_for_rest, settle, widen, within_step
 QUIET = UNKNOWN
 
 ANSWERS = 3
-"""So many answers, and the device counts as there again."""
+"""After so many answers the device counts as present again."""
 RECENT = 64
-"""So many of the last frames are remembered; an older one that is acknowledged says nothing new."""
+"""Number of stored frames; the acknowledgement of an older one is ignored."""
 
 LINK_GATE = record(
     *HELD,
@@ -46,9 +46,9 @@ rest, and would be taken to its last value at once."""
 
 @compiled
 def acknowledge(g: Any, behind: int) -> int:
-    """1 where the device has acted on a frame later than was known; it was sent `behind` frames before the last one.
+    """The device has applied the frame sent `behind` frames before the last one; 1 if that is news.
 
-    Then it has this one's values, or those of one that was sent after it.
+    It then has the values of this frame, or of a later one.
     """
     last = g["sent_count"] - 1 - behind
     if behind < 0 or behind >= RECENT or last < g["acknowledged"]:
@@ -63,7 +63,7 @@ def acknowledge(g: Any, behind: int) -> int:
 
 @compiled
 def reset_to_safe(g: Any) -> None:
-    """From now on the device has its safe values, and only what it is sent from now on counts as acknowledged."""
+    """The device has its safe values; only frames sent from now on count as acknowledged."""
     g["state"], g["answers"], g["acknowledged"] = RESTING, 0, g["sent_count"]
     for i in range(g["outputs"][0]):
         settle(g, i, g["safe"][i])
@@ -98,7 +98,7 @@ def has_sent(g: Any) -> None:
 
 @compiled
 def put_back(g: Any, outputs: Any) -> None:
-    """Put what was given in place of those of the loop's `outputs` that have to wait: it goes on from there."""
+    """Replace the loop's `outputs` that have to wait by the given ones: the loop continues from there."""
     for i in range(g["outputs"][0]):
         if g["waits"][i] != 0:
             outputs[i] = g["last"][i]
@@ -118,7 +118,7 @@ def wait_for_device(g: Any) -> bool:
 def turn(g: Any, news: int, outputs: Any, deadline_ns: int) -> int:
     """One cycle with so many acknowledgements of something new: what ``exchange`` returns, 0, DOWN or TAKEN.
 
-    0 is for the loop's outputs; else the safe values are due, and in QUIET nothing at all.
+    With 0 the loop's outputs are due, else the safe values; in QUIET nothing is sent.
     """
     if news > 0:
         g["unanswered_in_a_row"] = 0

@@ -1,4 +1,4 @@
-"""What every driver does that serves a wire in the loop: take in what came, give what the gate lets out, come to rest.
+"""Common steps of every driver that serves a wire in the loop: receive, send what the gate allows, go to rest.
 
 Its context has the fields of ``WIRE``; how one frame of its kind is judged is its own.
 """
@@ -18,14 +18,14 @@ from .sockets import close, receive, send
 NOT_OPEN = 1
 """What ``exchange`` returns before ``open``: fault X-103."""
 _ROUNDS = 4
-"""System calls a cycle at most: what more there is waits, so that nobody can hold up the loop."""
+"""System calls per cycle at most: the rest waits, so that no flood delays the loop."""
 
 
 @compiled
 def take(c: Any, take_one: Any, inputs: Any, deadline_ns: int) -> int:
-    """Take in what has come since the last cycle; how many frames acknowledge what was sent.
+    """Read the frames since the last cycle; how many of them acknowledge what was sent.
 
-    ``take_one(c, k, inputs, deadline_ns)`` judges what is in the socket's place `k`: 1 if it acknowledges.
+    ``take_one(c, k, inputs, deadline_ns)`` judges frame `k` of the socket: 1 if it acknowledges.
     """
     news = 0
     for _ in range(_ROUNDS):
@@ -39,9 +39,9 @@ def take(c: Any, take_one: Any, inputs: Any, deadline_ns: int) -> int:
 
 @compiled
 def send_due(c: Any, code: int, outputs: Any, deadline_ns: int) -> None:
-    """Send what is due after a ``turn`` that returned `code`: `outputs`, or what the device rests at, or nothing.
+    """Send what is due after a ``turn`` that returned `code`: `outputs`, the safe values, or nothing.
 
-    Those of `outputs` that have to wait are then what was given instead.
+    The `outputs` that have to wait are replaced by the given values.
     """
     if code == 0:
         if not wait_for_device(c["gate"]):
@@ -62,8 +62,8 @@ def send_outputs(c: Any, outputs: Any, deadline_ns: int) -> None:
 def give(g: Any, f: Any, s: Any, counts: int, outputs: Any, deadline_ns: int) -> int:
     """Send `outputs` as a frame `f` with its count, which begins anew after `counts`: 0, or the system's error number.
 
-    Each is what it is, or what is next to it and near enough to what the device has. One that is not finite or out of
-    range stays as it was.
+    Each output is sent as it is, or as the nearest value within a step of what the device may have. An output that is
+    not finite or out of range keeps its last value.
     """
     data = s["sent"]
     begin_frame(f, data, g["sent_count"] % counts)
@@ -117,7 +117,7 @@ def rest(c: Any) -> int:
 
 @compiled
 def end(c: Any) -> int:
-    """Let go of the socket."""
+    """Close the socket."""
     c["opened"], c["closed"] = 0, 1
     close(c["socket"])
     return 0

@@ -1,7 +1,7 @@
 """Codes to values and back: integers, signed ones, IEEE 754 numbers of 16, 32 and 64 bits, with scale and limits.
 
-Where a code lies in a frame is for others: whole bytes in ``frames.py``, bits of a CAN frame in its driver. A number
-is a record with the fields of ``CODE``; `bits` is its width, `scratch` uint64 (1,).
+The place of a code in a frame is defined elsewhere: whole bytes in ``frames.py``, bits of a CAN frame in its driver. A
+number is a record with the fields of ``CODE``; `bits` is its width, `scratch` uint64 (1,).
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
 """System calls of descriptors that do not block, as compiled code makes them: datagrams, terminals, TCP, a file.
 
 A socket for datagrams is opened and connected by Python (``bus/datagram_socket.py``). A call costs some 1 us where
-nothing has come, and never waits. The kernel says when a datagram came: by the wall clock, which may be stepped, so
-that counts within what is known for sure: after the one before it and after the queue was last seen empty, and before
-now.
+nothing has come, and never waits. The kernel stamps each datagram by the wall clock, which may be stepped. So the stamp
+counts only within certain bounds: after the datagram before it, after the queue was last seen empty, and before now.
 """
 
 from __future__ import annotations
@@ -114,7 +113,7 @@ def received_ns(s: Any, k: int) -> int:
 def send(s: Any, length: int) -> int:
     """Send so many bytes of `sent` as one datagram: 0, or an error number.
 
-    That nobody has listened to one before is told once, in place of sending this one: it is tried again.
+    If the system reports here that nobody listened to a datagram before, this one is sent again.
     """
     for _ in range(2):
         if _send(s["descriptor"], s["sent"].ctypes.data, length, _DONT_WAIT | _NO_SIGNAL) >= 0:
@@ -138,7 +137,7 @@ def send_back(s: Any, k: int, length: int) -> int:
 
 @compiled
 def close(s: Any) -> None:
-    """Let go of the socket; does no harm twice."""
+    """Close the socket; may be called twice."""
     if s["descriptor"] >= 0:
         _close(s["descriptor"])
         s["descriptor"] = -1

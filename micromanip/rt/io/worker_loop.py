@@ -1,16 +1,16 @@
-"""The turns of a bus worker without Python: do what is due, listen, hand over what came, until Python is needed.
+"""The turns of a bus worker without Python: run due tasks, receive, publish samples, until Python is needed.
 
-It stands in for ``bus/worker.py`` while the link is up and the outputs follow the loop, or rest; what a turn does
-there it does here, in the same order, by the same gate and schedule in the same records. Anything else ends it, with
-nothing done by halves: outputs on the ramp, a frame out of the ordinary, an error, rules that have changed, the time
-for a report. Python then has a turn, and calls again. The driver has two C functions of the type of ``exchange``:
+It replaces ``bus/worker.py`` while the link is up and the outputs follow the loop, or rest: the same steps in the same
+order, with the same gate and schedule in the same records. It returns between two turns if anything else is due:
+outputs on the ramp, an unusual frame, an error, changed rules, a report. Python then takes a turn, and calls it again.
+The driver has two C functions of the type of ``exchange``:
 
     int32_t receive(void *context, 0, struct inbox *inbox, int64_t now_ns, 0)      0, or more: Python is needed
     int32_t send(void *context, const double *values, 0, int64_t now_ns, int64_t task)
                                                         0: the device has them; NOTHING_SENT, SENT_IN_DOUBT, UNCONFIRMED
 
-``receive`` takes what is there and never waits. After anything but 0 and UNCONFIRMED the driver does in its Python
-methods what is left.
+``receive`` takes what is there and never waits. After a code other than 0 and UNCONFIRMED the driver's Python methods
+do the rest.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ _sealed = compiled(sealed)
 
 @compiled
 def take_wanted(g: Record, image: Record) -> None:
-    """What the loop wants, and when it wrote that; as before where it is just writing."""
+    """Read the loop's outputs and their time; unchanged while the loop is writing."""
     words = image["words"]
     for _ in range(of.TRIES):
         turn = load_acquire(words, of.OUTPUT_TURN)
@@ -70,7 +70,7 @@ def take_wanted(g: Record, image: Record) -> None:
 
 @compiled
 def publish(image: Record, inbox: Record) -> int:
-    """Hand fresh samples to the loop; how many inputs have one."""
+    """Publish fresh samples to the loop; how many inputs have one."""
     fresh = 0
     for i in range(image["inputs"]):
         source, target = inbox["signal"][i], image["input"][i]
@@ -87,7 +87,7 @@ def publish(image: Record, inbox: Record) -> int:
 
 @compiled
 def take(g: Record, image: Record, memory: Record, task: int, now: int) -> None:
-    """The device has taken what it was sent of `task` last: gate, image and file remember that."""
+    """The device has taken the last values of `task`: record that in gate, image and file."""
     if not note_taken(g, task, now):
         return
     words = image["words"]

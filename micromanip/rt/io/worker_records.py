@@ -1,7 +1,7 @@
-"""What a worker and its compiled turns (``worker_loop.py``) share beside gate and image: schedule, samples, file.
+"""Records that a worker shares with its compiled turns (``worker_loop.py``): schedule, samples, file.
 
-Each task of a bus is due on a grid of its own; what was missed is skipped. After a failure each write has a turn of its
-own before anything is read again: a read that always fails would take the line away from the writes for ever.
+Each task of a bus is due on a grid of its own; missed turns are skipped. After a failure each write has a turn before
+the next read: otherwise a read that always fails would block the writes for ever.
 """
 
 from __future__ import annotations
@@ -106,7 +106,7 @@ def first_due(t: Any) -> int:
 
 @compiled
 def advance(t: Any, task: int, now_ns: int) -> None:
-    """A task has its turn now; the next is the first on its grid that is still to come."""
+    """Schedule the task's next turn: the first on its grid in the future."""
     if t["owed"][task] != 0:
         t["owed"][task] = 0
         t["due_ns"][task] = now_ns + t["period_ns"][task]  # never two values within a period
@@ -116,7 +116,7 @@ def advance(t: Any, task: int, now_ns: int) -> None:
 
 @compiled
 def pass_over(t: Any, task: int, now_ns: int) -> int:
-    """A task loses the turns that it is due: so many."""
+    """Skip the overdue turns of a task; how many."""
     t["owed"][task] = 0
     turns = max(0, (now_ns - t["due_ns"][task]) // t["period_ns"][task] + 1)
     t["due_ns"][task] += turns * t["period_ns"][task]

@@ -1,20 +1,20 @@
-"""What axes have to do with each other: the tracker's own coordinates turned into axes, and decoupling.
+"""Coupling between axes: the tracker's coordinates transformed into those of the axes, and decoupling.
 
     deviation_i = sum_j matrix[i, j] signal_j + offset_i
 
-are signals of the process image that are computed, not read. A derived signal is fresh when every source has been fresh
-since it was last; its time is that of the oldest source, its status all of theirs together. The derived signals stand
-in the image after the drivers' inputs.
+are signals of the process image that are computed, not read. A derived signal is fresh when every source has had a
+fresh sample since its last value; its time is that of the oldest source, its status combines all of theirs. In the
+image the derived signals follow the drivers' inputs.
 
-Decoupling: a stage sees a share c_ij of axis j's motion. Its own sensor sees it too, so the outer loop takes it away,
-but only as fast as it takes any disturbance away. What the others are going to do is known, though: their references
-r_j. So to the set-point is added
+Decoupling: a stage sees a share c_ij of axis j's motion. Its own sensor sees it too, so the outer loop rejects it, but
+only as fast as any other disturbance. The motion of the others is known ahead by their references r_j. So the set-point
+is
 
     u_i = .. - sum_j c_ij / g_i (r_j + lead_i r_j')
 
-with the steady gain g_i of the stage, and the lead by which it answers later at low frequencies. It is feedforward: no
-loop is closed by it, and no margin changes. The estimator is not told of it, since what it moves and what it takes away
-are the same.
+with the steady gain g_i of the stage, and the lead that compensates its lag at low frequencies. This is feedforward: it
+closes no loop, and no margin changes. The estimator does not get this part, because it cancels the coupling, which the
+estimator does not model.
 """
 
 from __future__ import annotations

@@ -4,22 +4,22 @@ Model per cycle ``x+ = A x + B u``, ``y = C x``: identified dynamics, actuation 
 input disturbance and tooth-passing oscillator; u is the actuator set-point that was really given
 (after its limits), relative to the working point, y the capacitive sensor, both in um.
 
-``filtered`` is the estimate at the cycle of the last fresh sample, ``x`` its prediction to now.
-A sample taken `age` cycles ago is applied where it belongs: ``filtered`` is carried to the
-sample's cycle with the set-points remembered, corrected there, and predicted to now again. The
-gain belongs to the cycles m since the sample before (``control/gain_schedule.py``): the stationary one where m is the
-sensor's interval, whose error dynamics ``(I - L C) A^m`` are checked to be stable with the configuration. With that
-one for every m the estimate would run away where most of a busy machine's cycles are missed.
+``filtered`` is the estimate at the cycle of the last fresh sample, ``x`` its prediction to now. A sample of age `age`
+cycles corrects the estimate of its own cycle: ``filtered`` is predicted to that cycle with the stored set-points,
+corrected there, and predicted to now again. The gain belongs to the cycles m since the sample before
+(``control/gain_schedule.py``): the stationary one where m is the sensor's interval, whose error dynamics
+``(I - L C) A^m`` are checked to be stable with the configuration. With that gain for every m the estimate would diverge
+if most cycles are missed.
 
-No sample moves the estimate by more than is plausible at once: an innovation beyond what sensor and process together
-bring (``innovation_um``) is cut down to that. While more comes the limit opens, threefold per sample, and closes slowly
-again, so that the filter is soon the linear one: what really happened is followed a few samples later, a reading that
-was late, held or false for a moment leaves no disturbance behind. One that is exactly the same for the third time
-counts for no more than the sensor's noise: it is held somewhere, or nothing moves. After a gap the states of motion
-take all of the innovation, because nobody knows what went on; the disturbances don't.
+No sample moves the estimate by an implausible amount: an innovation larger than sensor noise and process explain
+(``innovation_um``) is limited to that. While innovations exceed the limit, it opens threefold per sample, and then
+closes slowly again. So a real event is followed a few samples later, and a reading that was late, held or false for a
+moment leaves no disturbance behind. The third of identical readings counts for no more than the sensor's noise: the
+value is held somewhere, or nothing moves. After a gap the states of motion take the whole innovation, because the
+motion during the gap is unknown; the disturbances do not.
 
-Where the tooth's frequency is followed (``frequency_lock.py``) its oscillator turns by more, or less, than the model
-says. Once it is given up the filter has the gains of the one without it (``plain``).
+If the tooth's frequency is followed (``frequency_lock.py``), its oscillator turns by more, or less, than in the model.
+Once it is dropped, the filter has the gains of the filter without it (``plain``).
 """
 
 from __future__ import annotations
@@ -155,7 +155,7 @@ def change_model(old: Record, new: Record, s: Record) -> None:
 
 @compiled
 def remember(s: Record, u: float) -> None:
-    """Note the set-point `u` that is given in the present cycle."""
+    """Store the set-point `u` of the present cycle."""
     s["history"][s["cycle"] & _MASK] = u
 
 
@@ -175,7 +175,7 @@ def follow_stage(
 ) -> None:
     """Predict to `cycle`; correct with a fresh sample of the `sensor` at its own age, where that is `usable`.
 
-    It starts with a fresh sample only, at rest at the set-point `given_um`: what the sensor said before may be old.
+    It starts with a fresh sample only, at rest at the set-point `given_um`: earlier samples may be old.
     """
     if s["running"] != 0:
         predict_to(p, s, cycle)
@@ -187,7 +187,7 @@ def follow_stage(
 
 @compiled
 def believed(p: Record, s: Record, innovation: float) -> float:
-    """What of an innovation (um) is applied; the limit opens or closes for the next one."""
+    """The limited innovation (um); the limit opens or closes for the next one."""
     limit_um = p["innovation_um"] + s["opened_um"] if s["repeated"] < _REPEATED else p["repeated_um"]
     applied = max(-limit_um, min(limit_um, innovation))
     s["opened_um"] = max(_OPENS * abs(applied), _CLOSES * s["opened_um"])

@@ -1,14 +1,14 @@
-"""A small multisine on top of the set-point that the loops ask for: their sensitivity is measured so.
+"""A small multisine on top of the set-point, to measure the sensitivity of the loops.
 
     d[k] = l(k) sum_i a_i cos(2 pi (h_i k mod N) / N + phi_i)
 
 k cycles after its beginning, N the period of the whole, h_i whole numbers: each line is one of an FFT over N cycles,
 and a cycle that was missed shifts nothing. The level l rises and falls as minimum jerk: it begins and ends at zero
-without a step. It is added to the actuator's set-point (um), before its limits. There it is at the input of the outer
-loop's plant, and at the reference of the strain loop, whose voltage then follows it at low frequencies: added to the
-voltage itself the feedback would take it away just there, and leave hysteresis and noise.
+without a step. It is added to the actuator's set-point (um), before its limits. This is the input of the outer loop's
+plant, and the reference of the strain loop, whose voltage follows it at low frequencies. If it were added to the
+voltage, feedback would remove it just there, and leave hysteresis and noise.
 
-A stop lets the level fall; an axis that is not ``CLOSED`` any more has none at once, and no more of the same number.
+A stop fades the level out; an axis that is no longer ``CLOSED`` has no excitation, and plays that number no more.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ EXCITATION_STATE = record(("number", "i8"), ("begun_cycle", "i8"), ("over", "i8"
 
 @compiled.rare
 def excitation(p: Record, s: Record, cycle: int, allowed: bool) -> float:
-    """What is added in this cycle, um; 0 where nothing is, or may be."""
+    """Offset of this cycle, um; 0 without an excitation."""
     if p["lines"] == 0:
         return 0.0
     if s["number"] != p["number"]:

@@ -1,14 +1,14 @@
 """Feedforward of one axis: the voltage at which the hysteresis model gives the set-point.
 
-The set-point is clipped to the attainable range *before* the inverse: clipping the voltage after
-it would let the memories of the model and of the actuator drift apart.
+The set-point is clipped to the attainable range *before* the inverse: clipping the voltage after it would let the
+states of model and actuator drift apart.
 
-Two extensions of (7), both off by default. Creep: the actuator also follows ``sum g_m L_m[u]``, first-order
-lags of the plays' input u; the inverse is asked for what is left of the set-point. Rate dependence:
-thresholds grow with the speed of u; the speed is that of the cycle before.
+Two extensions of (7), both off by default. Creep: the actuator also follows ``sum g_m L_m[u]``, first-order lags of the
+plays' input u; the inverse gets the rest of the set-point. Rate dependence: thresholds grow with the speed of u; the
+speed is that of the cycle before.
 
-Linear dynamics around the hysteresis, off by default as well: resonances are undone before the inverse
-(``resonance.py``), and the amplifier's first-order lag behind it, ``v + lead (v - v_before)``.
+Linear dynamics around the hysteresis, off by default as well: resonances are inverted before the inverse
+(``resonance.py``), and the amplifier's first-order lag after it, ``v + lead (v - v_before)``.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ def feedforward_voltage(p: Record, s: Record, setpoint_um: float) -> float:
 
 @compiled.rare
 def start_feedforward(p: Record, s: Record, y_um: float, v: float) -> None:
-    """Take over at displacement `y_um` and voltage `v`: memory made consistent, whatever it was."""
+    """Start at displacement `y_um` and voltage `v`, with a consistent memory, whatever it was."""
     y = max(p["low_um"], min(p["high_um"], y_um))
     start_resonances(p, s, y)
     s["begun"] = 0

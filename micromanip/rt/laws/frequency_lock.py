@@ -1,24 +1,24 @@
-"""An oscillator that turns at another frequency than was said: found from the phase of its own corrections.
+"""Phase-locked loop: finds an oscillator's true frequency from the phase of its own corrections.
 
-Its states ``o = (o1, o2)`` are ``A (sin th, cos th)``; th grows by the configured frequency and what was found beyond
-it. A sample's correction ``d`` of the states moves th by
+Its states ``o = (o1, o2)`` are ``A (sin th, cos th)``; th grows by the configured frequency plus the detuning found. A
+sample's correction ``d`` of the states moves th by
 
     lead = (o2 d1 - o1 d2) / |o|^2
 
-and where the frequency is another one, every correction moves it the same way: what was found takes up a share of that,
-within a range and no faster than its slew. With b the share of the oscillator's error that a sample removes and g the
-share of the lead that is taken up, the linearised loop is ``z^2 - (2 - b) z + 1 - b + b g``: a phase-locked loop whose
-filter is the Kalman gain (Gardner, Phaselock Techniques, chapter 2) and has a damping of ``sqrt(b / g) / 2``. Far from
-the frequency the oscillator is dragged around at the difference, so that the lead says it without being locked.
+and if the frequency differs, every correction moves th in the same direction: the detuning integrates a share of this,
+within a range and a slew limit. With b the share of the oscillator's error that a sample removes and g the share of the
+lead that is taken up, the linearised loop is ``z^2 - (2 - b) z + 1 - b + b g``: a phase-locked loop whose filter is the
+Kalman gain (Gardner, Phaselock Techniques, chapter 2) and has a damping of ``sqrt(b / g) / 2``. Far from the frequency
+the oscillator is dragged around at the difference, so that the lead shows it without a lock.
 
-Joints: each of the predictor's oscillations has its lock. Its o2 is the rate over the configured frequency, and
-`detuning` (rad/s) what was found beyond that, of which a sample's lead, by `detuning_pull` (1/s), is taken up. The
-states are amplitude and phase, whatever the frequency: no position steps where it changes, and the gains stay. Below
-`swing_floor_um2`, the square of an amplitude, nothing swings that could be followed, and `detuning` stays.
+Joints: each of the predictor's oscillations has its lock. Its o2 is the rate over the configured frequency; `detuning`
+(rad/s) integrates a sample's lead by `detuning_pull` (1/s). The states are amplitude and phase at any frequency, so no
+position jumps when it changes, and the gains stay. Below `swing_floor_um2`, the square of an amplitude, there is no
+oscillation to follow, and `detuning` stays.
 
-Tooth passing at another speed than was said: the lock finds the `turn` (rad) beyond the configured angle by which the
-estimator's oscillator turns a cycle, within a range about 0. Below `tooth_floor_um2` `turn` stays. The observer is
-given up, until it starts anew, where windows of samples say that it does not hold what it is for:
+Tooth passing: the lock finds the `turn` (rad) beyond the configured angle by which the estimator's oscillator turns per
+cycle, within a range about 0. Below `tooth_floor_um2` `turn` stays. The oscillator is dropped, until the filter starts
+anew, if windows of samples show that it does no good:
 
 - in one of them the frequency stood at an end of its range, by a hundredth of it, in 90 % of the samples;
 - in `tooth_patience` of them, one after the other, the innovations e were worse with the tooth than without: so many as

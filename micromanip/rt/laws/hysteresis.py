@@ -136,8 +136,8 @@ def inverse_parameters(p: Record) -> None:
 def inverse_state(p: Record, w: Any, z: Any) -> None:
     """State `z` from which the inverse undoes a model whose play states are `w` (any admissible ones).
 
-    ``z_i = (alpha + sum_{j<=i} rho_j) w_i + sum_{j>i} rho_j w_j``. Started anywhere else the
-    inverse is micrometres off until the states have been wiped out.
+    ``z_i = (alpha + sum_{j<=i} rho_j) w_i + sum_{j>i} rho_j w_j``. From any other state the inverse is wrong by
+    micrometres until the states have been wiped out.
     """
     tail = 0.0
     partial = p["alpha"]

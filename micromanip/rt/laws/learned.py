@@ -1,11 +1,10 @@
-"""A learned correction: what earlier identical parts left over, played on top of the reference while a part runs.
+"""A learned correction: the repeating error of earlier identical parts, compensated at the reference during a part.
 
-The correction c (um) is a column of rows, one per cycle from the beginning of the part; behind them stands the path
-that it belongs to, in as many rows. Position, speed and acceleration of c are added to the reference's state, so that
-c goes through the same law, and the same limits of set-point and voltage, as the reference itself. It never exceeds
-``limit_um``. It begins with the part, ends after it and is broken off as minimum jerk: at once where the reference is
-further than ``tolerance_um`` from the remembered path, looked at in every cycle. A part that was broken off is not
-resumed.
+The correction c (um) is a column with one row per cycle from the beginning of the part; the path that it belongs to
+follows in as many rows. Position, speed and acceleration of c are added to the reference's state, so that c goes
+through the same law, and the same limits of set-point and voltage, as the reference itself. It never exceeds
+``limit_um``. It begins with the part, ends after it, and fades out on a minimum-jerk course from the cycle in which the
+reference is further than ``tolerance_um`` from the remembered path. It is not resumed in that part.
 """
 
 from __future__ import annotations
@@ -67,7 +66,7 @@ def _begin(p: Record, s: Record, order: Record, cycle: int) -> None:
 
 @compiled
 def _judge(p: Record, s: Record, order: Record, w: Any, samples: Any, k: int, allowed: bool) -> int:
-    """Whether the correction goes on in cycle `k` of its part, or why it ends."""
+    """Whether the correction continues in cycle `k` of its part, or why it ends."""
     if p["number"] != s["number"]:
         return WITHDRAWN
     if k >= p["rows"]:
@@ -110,7 +109,7 @@ def add_learned(p: Record, s: Record, order: Record, w: Any, samples: Any, cycle
 
 @compiled
 def forget_played(s: Record) -> None:
-    """The axis is at rest: nothing is left of what was played."""
+    """The axis is at rest: clear the correction."""
     s["level"] = 0.0
     if s["why"] == PLAYS:
         s["why"] = BROKEN_OFF

@@ -31,7 +31,7 @@ OUTER_PARAMETERS = record(
 )
 """The estimator's model with K and G, per cycle, for near the path and far from it; G has `reference_states`."""
 OUTER_STATE = record(("bridge_um", "f8"))
-"""What the set-point still is away from what is demanded: by that any change of the law makes no jump, and fades."""
+"""Offset of the set-point from the demand: it bridges the jump of any change of the law, and fades."""
 
 
 @compiled

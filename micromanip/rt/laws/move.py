@@ -1,13 +1,13 @@
-"""A move of an axis that is held: where it is held goes along a course that was judged beforehand.
+"""A move of a held axis: its held position follows a course that was judged beforehand.
 
 Either from place to place, each way as minimum jerk, with a rest at each, or an oscillation
 
     l(k) A sin(2 pi (f0 k + (f1 - f0) k^2 / (2 N)))
 
 k cycles after its beginning, N its length, with a level l that rises and falls as minimum jerk: a sine where f0 = f1,
-else a sweep. Time of the course passes with the cycles that are run: a missed one delays it and makes no jump. A stop
-lets that time run ever slower until it stands: the axis comes to rest on its course, and is held there. Whatever ends
-the hold ends the move where it is; it never goes on by itself.
+else a sweep. The time of the course advances with the cycles that run: a missed cycle delays it and causes no jump. A
+stop slows this time until it stands: the axis comes to rest on its course, and is held there. The end of the hold ends
+the move where it is; it never resumes by itself.
 """
 
 from __future__ import annotations

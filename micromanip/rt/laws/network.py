@@ -1,12 +1,11 @@
 """Recurrent-network inverse of the hysteresis, equations (10)-(12), displacement to voltage.
 
-Input ``X = [y_k, y_{k-1}, v_{k-1}]``, one hidden layer of sigmoid neurons, output ``v_k`` (section
-3.4: y as the input, v as the output). Weights are in physical units (um, V): the scaling used in
-training is folded into them.
+Input ``X = [y_k, y_m, v_m]``, one hidden layer of sigmoid neurons, output ``v_k`` (section 3.4: y as the input, v as
+the output). Weights are in physical units (um, V): the scaling used in training is folded into them.
 
-The memory ``(y_m, v_m)`` is the last turning point of y, not the sample before: the sample before y has come
-back by more than ``reversal_um`` from its extreme. The branch that leaves a turning point is a smooth function of y
-alone, at any speed and any loop rate (``design/identify/network/model.py`` trains just that).
+The memory ``(y_m, v_m)`` is the last turning point of y, where the paper has the sample before: it is the sample before
+y has returned by more than ``reversal_um`` from its extreme. The branch that leaves a turning point is a smooth
+function of y alone, at any speed and any loop rate (``design/identify/network/model.py`` trains just that).
 """
 
 from __future__ import annotations

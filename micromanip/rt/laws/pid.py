@@ -5,12 +5,11 @@ so that a change of Ti is bumpless by itself; ``retune`` covers one of K or of t
 first-order filter of time constant Tf (backward Euler, stable for every Tf >= 0 and period).
 ``tracking`` is period/Tt of the back-calculation, stable for 0 <= tracking < 2.
 
-A step covers `periods` cycles, normally one: with a slow sensor the cycles since its last sample. The
-periods that an overrun skipped, or for which the sensor was given up, do not count: the error seen after them did not
-stand all the while, and integrated over them would kick the output. Where samples are missing the integral takes no
-more than `most_periods` for a step, twice the sensor's interval: a gain margin of 6 dB bears that, and ten times the
-gain would make it unstable (decision 0072). A held sample is never integrated or differentiated: the caller does not
-step then.
+A step covers `periods` cycles, normally one: with a slow sensor the cycles since its last sample. Periods that an
+overrun skipped, or in which the sensor was unusable, do not count: the error after them did not last all the time, and
+its integral over them would kick the output. If samples are missing, the integral takes at most `most_periods` per
+step, twice the sensor's interval: a gain margin of 6 dB allows that, but not ten times the gain (decision 0072). A held
+sample is never integrated or differentiated: the caller does not step then.
 """
 
 from __future__ import annotations
@@ -50,10 +49,10 @@ def pid_output(p: Record, s: Record, error_um: float, periods: int) -> float:
 
 @compiled
 def unwind(p: Record, s: Record, excess_V: float) -> None:
-    """Back-calculation in every cycle: `excess_V` is what the limiter took away (requested minus applied).
+    """Back-calculation in every cycle: `excess_V` is requested minus applied voltage.
 
-    The output held until the next sample gives way as well: else a slow sensor's integrator would be unwound by the
-    same excess again and again, and overshoot.
+    The output held until the next sample is reduced as well: otherwise a slow sensor's integrator would be unwound by
+    the same excess again and again, and overshoot.
     """
     s["integrator"] -= p["tracking"] * excess_V
     s["output_V"] -= p["tracking"] * excess_V

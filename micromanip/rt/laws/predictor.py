@@ -1,19 +1,19 @@
-"""How a reference goes on, and a second predictor, surer of itself, believed as far as the samples bear it out.
+"""Extrapolation of a reference, and a second, narrow predictor, weighted by its likelihood.
 
 The state of a reference is ``w = [p, v, a, o1, o1', ..]``, extrapolated in closed form.
 
-The wide predictor of ``reference.py`` bears what moves: joints that jump, another pose. While nothing does, it lets
-through more of the noise than need be. Beside it runs a narrow one, of the same states and less process noise, whose
-path may also return (`returning`, 1/s^2: the acceleration goes against the rate, so that it swings slowly). What is
-given is both in proportion to how likely the samples have made each (Magill, Optimal Adaptive Estimation of Sampled
-Stochastic Processes, IEEE Transactions on Automatic Control, 1965),
+The wide predictor of ``reference.py`` tolerates changes: joints that jump, another pose. In steady conditions it passes
+more noise than necessary. A narrow predictor runs beside it, with the same states and less process noise, whose path
+may also return (`returning`, 1/s^2: the acceleration opposes the rate, so that the path swings slowly). The output is
+the mean of both, weighted by likelihood (Magill, Optimal Adaptive Estimation of Sampled Stochastic Processes, IEEE
+Transactions on Automatic Control, 1965),
 
     trust += (e_wide^2 - e_narrow^2) / (2 v),   given = wide + (narrow - wide) / (1 + exp(-trust))
 
-e being the innovations and v the variance that the narrow one states for its own. The wide predictor knows nothing of
-the other. `trust` (nats) is at most `SURE_NATS`, so that doubt comes soon. A sample further than `FAR_SIGMA` from where
-the narrow one expects it, or a trust below `LOST_NATS`, makes that one begin anew where the wide one is, at a trust of
-`ANEW_NATS`.
+e being the innovations and v the variance that the narrow one states for its own. The wide predictor does not depend on
+the narrow one. `trust` (nats) is at most `SURE_NATS`, so that it can fall soon. After a sample further than `FAR_SIGMA`
+from its expectation, or at a trust below `LOST_NATS`, the narrow predictor restarts at the wide one's state, with a
+trust of `ANEW_NATS`.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ def position(w: Any) -> float:
 
 @compiled.rare
 def narrow_anew(s: Record) -> None:
-    """Let the narrow predictor begin where the wide one is."""
+    """Restart the narrow predictor at the wide one's state."""
     for i in range(STATES):
         s["narrow"][i] = s["wide"][i]
     for k in range(MAX_MODES):
@@ -93,7 +93,7 @@ def narrow_anew(s: Record) -> None:
 
 @compiled
 def follow_narrowly(p: Record, s: Record, value_um: float, gap_s: float, innovation_um: float) -> None:
-    """Take up a sample `gap_s` after the last, where the wide predictor has taken it up with `innovation_um`."""
+    """Correct with a sample `gap_s` after the last, whose innovation of the wide predictor was `innovation_um`."""
     narrow, expected = s["narrow"], s["w"]
     extrapolate(p, s["narrow_detuning"], narrow, gap_s, expected)
     expected[2] -= p["returning"] * gap_s * expected[1]
@@ -112,7 +112,7 @@ def follow_narrowly(p: Record, s: Record, value_um: float, gap_s: float, innovat
 
 @compiled
 def give_both(s: Record) -> None:
-    """Fill what is given, ``filtered`` and ``detuning``, from both."""
+    """Fill the output, ``filtered`` and ``detuning``, from both."""
     share = 1.0 / (1.0 + math.exp(-s["trust"]))
     for i in range(STATES):
         s["filtered"][i] = s["wide"][i] + share * (s["narrow"][i] - s["wide"][i])
@@ -122,7 +122,7 @@ def give_both(s: Record) -> None:
 
 @compiled.rare
 def keep_given(old: Record, new: Record, s: Record) -> None:
-    """Under other parameters both go on from what was given; the same ones change nothing."""
+    """With new parameters both continue from the output; equal parameters change nothing."""
     same = old["steady"] == new["steady"] and old["modes"] == new["modes"] and old["returning"] == new["returning"]
     for i in range(STATES):
         same = same and old["gain"][i] == new["gain"][i] and old["steady_gain"][i] == new["steady_gain"][i]

@@ -1,16 +1,16 @@
 """The reference of one axis: position, velocity, acceleration and oscillation at this very moment.
 
 Own sources are a constant, a sum of sines as (25), a step, samples played cycle by cycle, and a position that is jogged
-by hand. A signal (laser tracker) arrives late and at its own rate: a Kalman filter with the state ``w = [p, v, a, o1,
-o1', ..]`` (up to three oscillations o of known decay, their frequencies known or found, ``frequency_lock.py``) is
-corrected at each sample's own time and extrapolated to now in closed form (``predictor.py``), with a surer one beside
-it where one is known; it can also just hold the sample. Only finite samples inside ``[low_um, high_um]`` are taken, and
-none that jumps by more than ``jump_um`` from where it is expected; ``silent`` counts the cycles since one was. A signal
-that stays where it jumped to is believed after the horizon, but not while the axis follows it (`followed`): once it has
-been ``doubted`` for so long it goes on being silent until the watch calls it lost, wherever it wanders.
+by hand. A signal (laser tracker) arrives late and at its own rate: a Kalman filter with the state
+``w = [p, v, a, o1, o1', ..]`` (up to three oscillations o of known decay, their frequencies known or found,
+``frequency_lock.py``) is corrected at each sample's own time and extrapolated to now in closed form (``predictor.py``),
+with a narrow one beside it if configured; the law can also just hold the sample. Only finite samples inside
+``[low_um, high_um]`` are used, and none that jumps by more than ``jump_um`` from its expectation; ``silent`` counts the
+cycles since a used sample. A signal that stays where it jumped to is accepted after the horizon, but not while the axis
+follows it (`followed`): after that time in doubt (``doubted``) it counts as silent until the watch reports it lost.
 
-The horizon counts cycles that ran: a loop that stood still heard nothing of a signal that may have gone on, and what it
-hears then is judged by the extrapolation over that time, up to ``STOOD_STILL`` horizons.
+The horizon counts cycles that ran: a loop that stood still missed samples of a signal that may have continued. Its next
+sample is judged by the extrapolation over that time, up to ``STOOD_STILL`` horizons.
 """
 
 from __future__ import annotations
@@ -119,7 +119,7 @@ def own_reference(p: Record, w: Any, t_s: float, samples: Any) -> None:
 
 @compiled
 def previewed(p: Record, s: Record, t_s: float, samples: Any) -> float:
-    """Position (um) of the axis' own source at `t_s`, which is yet to come; between two samples on their line."""
+    """Position (um) of the axis' own source at the future time `t_s`; linear between two samples."""
     own_reference(p, s["ahead"], t_s, samples)
     beyond_s = 0.0
     if p["kind"] == SAMPLES:
@@ -130,7 +130,7 @@ def previewed(p: Record, s: Record, t_s: float, samples: Any) -> float:
 
 @compiled
 def is_foreseen(p: Record, s: Record, gap_s: float) -> bool:
-    """Whether the last sample still says where the signal is `gap_s` after it."""
+    """Whether the last sample still predicts the signal `gap_s` after it."""
     stood_still = s["silent"] <= p["horizon_cycles"] and gap_s <= STOOD_STILL * p["horizon_s"]
     return stood_still or gap_s <= p["horizon_s"]
 
@@ -203,7 +203,7 @@ def change_modes(old: Record, new: Record, s: Record) -> None:
 
 @compiled
 def jog_reference(p: Record, s: Record, moves: bool) -> None:
-    """Go on towards ``target_um``: at most ``speed_um`` per cycle, the speed itself smoothed."""
+    """Move towards ``target_um``: at most ``speed_um`` per cycle, with smoothed speed."""
     wanted = p["target_um"] - s["jog_um"] if moves else 0.0
     # slow enough to come to rest at the target: the smoothing lets the speed of `smoothing` cycles run on
     step = max(-p["speed_um"], min(p["speed_um"], 0.25 * p["smoothing"] * wanted))
@@ -218,7 +218,7 @@ def jog_reference(p: Record, s: Record, moves: bool) -> None:
 def reference_now(p: Record, s: Record, preview_s: float, now_ns: int, t_s: float, samples: Any) -> None:
     """Reference state ``w`` of this very moment, from the axis' own source or its signal.
 
-    Of an own source the position `preview_s` ahead as well: ``ahead_um``. It begins at `t_s` 0.
+    An own source begins at `t_s` 0, and also gives its position `preview_s` ahead: ``ahead_um``.
     """
     if p["kind"] == SIGNAL:
         signal_reference(p, s, now_ns)

@@ -5,11 +5,10 @@ length. x and y in um.
 
     y = x - share B x,   B(s) = k w0 s / (s^2 + k w0 s + w0^2)
 
-Notch: a narrow band is taken out, so that the inner loop does not drive a resonance of the stage. w0 is the centre, k
-width over centre: gain 1 at rest and far from the centre, ``1 - share`` in it. A step is as long as the PID's. Without
-input its states lose energy at every step, however long: stable for every k > 0. It stands before the PID, not behind
-it: so what the limiter takes away unwinds the integrator itself, and a bumpless change is the integrator's alone.
-``share`` 0 is no notch.
+Notch: removes a narrow band, so that the inner loop does not excite a resonance of the stage. w0 is the centre, k width
+over centre: gain 1 at rest and far from the centre, ``1 - share`` in it. A step is as long as the PID's. Without input
+its states lose energy at every step, however long: stable for every k > 0. It acts before the PID, so anti-windup acts
+on the integrator alone, and so does a bumpless change. ``share`` 0 is no notch.
 
     y = H x,   H(s) = (w_z/w_p)^2 (s^2 + 2 d_p w_p s + w_p^2) / (s^2 + 2 d_z w_z s + w_z^2)
 
@@ -94,7 +93,7 @@ def is_same_notch(old: Record, new: Record) -> bool:
 
 @compiled.rare
 def without_resonances(p: Record, s: Record, x_um: float) -> float:
-    """Displacement (um) to ask of the stack, so that the gauge shows `x_um`; one cycle."""
+    """Displacement (um) of the stack for which the gauge shows `x_um`; one cycle."""
     for i in range(p["resonances"]):
         g, k = p["zero_tangent"][i], p["zero_width"][i]
         band, low = integrate(g, k, s["resonance_band_um"][i], s["resonance_low_um"][i], x_um)

@@ -1,16 +1,16 @@
-"""Saturation: what an axis may ask for, and in which direction no more is to be had.
+"""Saturation: what an axis may request, and in which direction it is saturated.
 
-`limit` is the last gate before any output, one small function that knows nothing of the control law. Whatever is
+`limit` is the last gate before any output, one small function that does not depend on the control law. Whatever is
 requested, the result is finite, inside ``[low_V, high_V]`` and within ``slew_V`` of the voltage before (change per
 cycle). Where the state does not permit motion the request is ignored and the output goes to ``park_V`` at the slew
 limit. `previous_V` is this function's own last result; should it ever be outside the range, the range wins over the
 slew.
 
-A device may be behind: one whose frames come back late gets no voltage further than a step from those that it may
-have (``io/link_gate.py``), and one behind a worker that stands still gets none. A loop that does not know asks for
-more, and swings from end to end behind a voltage that hardly moves. So the driver, or the bus' exchange, puts what was
-given in place of what was asked, and the axis goes no further in that direction, as at an end of its range: neither
-set-point nor voltage (`hold_back`). Back they go as ever.
+A device may be behind: if its frames come back late, it gets no voltage further than a step from those that it may have
+(``io/link_gate.py``); if its worker stands still, it gets none. A loop that does not know this asks for more and swings
+from end to end, while the voltage hardly moves. So the driver, or the bus' exchange, replaces the requested voltage by
+the given one, and set-point and voltage go no further in that direction, as at an end of the range (`hold_back`). They
+may always go back.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def limit(p: Record, previous_V: float, requested_V: float, permitted: bool) -> 
 
 @compiled
 def beyond(p: Record, requested_V: float) -> int:
-    """1 or -1 where a request is beyond the upper or lower end of the range, where no more is to be had; else 0."""
+    """1 or -1 if a request is beyond the upper or lower end of the range; else 0."""
     return int(requested_V > p["high_V"]) - int(requested_V < p["low_V"])
 
 
@@ -64,7 +64,7 @@ def attainable(low: float, high: float, before: float, value: float) -> float:
 
 @compiled
 def slewed(before: float, value: float, step: float) -> float:
-    """`value`, or as near to it as `step` leads."""
+    """`value`, or the nearest value within `step`."""
     if abs(value - before) <= step:
         return value
     return before + step if value > before else before - step

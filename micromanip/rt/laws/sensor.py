@@ -9,7 +9,7 @@ from micromanip.rt.jit import compiled
 from micromanip.rt.record import Record, record
 
 BELIEVED = 1000
-"""Consecutive unusable cycles after which a reading that jumped away is believed: then the sensor was moved."""
+"""Consecutive unusable cycles after which a jump is accepted as the new position: the sensor was moved."""
 _END = 0.01
 """The ends of a range, as a share of it."""
 
@@ -35,13 +35,13 @@ SENSOR_STATE = record(
 def read_signal(signal: Record, s: Record, now_ns: int, max_age_ns: int, range_um: Any, rate_um_per_ns: float) -> bool:
     """Update sensor state `s` from `signal`; True for a fresh, good sample.
 
-    ``value`` keeps the last good sample. ``bad`` counts consecutive cycles without a usable one: not finite,
-    outside `range_um` (low, high), further from the last good one than `rate_um_per_ns` allows in the time since
-    the one before was taken, or arrived, whichever is longer; flagged by the driver, never arrived, or older than
-    `max_age_ns`. A sample taken after `now_ns`, the cycle's deadline, counts as of now. ``identical`` counts
-    consecutive samples that read exactly the same. Of all that the device took since the first one here, ``samples``
-    were fresh and good, ``refused`` not, ``unseen`` never got here; where a driver starts its sequence over nothing is
-    known of that. ``silent_ns`` is the time since the last that arrived was taken, usable or not: old news is silence.
+    ``value`` keeps the last good sample. ``bad`` counts consecutive cycles without a usable one: not finite, outside
+    `range_um` (low, high), further from the last good one than `rate_um_per_ns` allows in the time since the one before
+    was taken, or arrived, whichever is longer; flagged by the driver, never arrived, or older than `max_age_ns`. A
+    sample taken after `now_ns`, the cycle's deadline, counts as of now. ``identical`` counts consecutive samples that
+    read exactly the same. Of all that the device took since the first one here, ``samples`` were fresh and good,
+    ``refused`` not, ``unseen`` never got here; if a driver restarts its sequence, these are unknown. ``silent_ns`` is
+    the time since the measurement of the last sample that arrived, usable or not.
     """
     arrived = signal["sequence"] != s["sequence"]
     value = signal["value"]
@@ -84,13 +84,13 @@ def read_sensor(
 
 @compiled
 def is_silent(s: Record, longest_ns: int) -> bool:
-    """Whether nothing that was taken within `longest_ns` has arrived, or nothing ever."""
+    """Whether no sample of the last `longest_ns` has arrived, or no sample ever."""
     return s["sequence"] == 0 or s["silent_ns"] > longest_ns
 
 
 @compiled
 def may_be_at_end(s: Record, range_um: Any) -> bool:
-    """Whether the reading is a number that does not count, or at an end of the range: the truth may be beyond."""
+    """Whether the reading is an unusable number, or at an end of the range: the true value may be beyond."""
     margin_um = _END * (range_um[1] - range_um[0])
     inside = range_um[0] + margin_um < s["reading"] < range_um[1] - margin_um
     return math.isfinite(s["reading"]) and (s["bad"] > 0 or not inside)

@@ -25,17 +25,16 @@ class Watchdog(Section):
     """The device's own reaction to missing commands, and to being switched on; its rest is `safe` of each output."""
 
     ms: Milliseconds | None = Field(
-        description="Time without commands until it begins to go to rest; null: it keeps what it was given."
+        description="Time without commands until the device begins to go to rest; null: it keeps its values."
     )
     rest_ms: Annotated[float, Field(strict=True, ge=0, le=10_000)] = Field(
-        default=0.0, description="Time from there until all outputs are at their `safe` values, at most."
+        default=0.0, description="Longest time from then until all outputs are at their `safe` values."
     )
     latches: bool = Field(
-        default=False, strict=True, description="Then it takes commands only after somebody has reset it."
+        default=False, strict=True, description="After that the device takes commands only when somebody has reset it."
     )
     after_power_on: Literal["rest", "last", "unknown"] = Field(
-        description="Outputs of a device that was switched off and on: at their `safe` values, what they were given "
-        "last, or nobody knows."
+        description="Outputs after a power cycle: at their `safe` values, at the last values, or unknown."
     )
 
     @property

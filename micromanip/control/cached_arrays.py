@@ -19,14 +19,14 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True)
 class _Given:
-    """Arguments, told apart by every bit; passed on as they are: their order in memory is part of how BLAS rounds."""
+    """Arguments, compared bit by bit, and passed on unchanged: their order in memory affects how BLAS rounds."""
 
     key: tuple[object, ...]
     arguments: tuple[Any, ...] = field(compare=False)
 
 
 def cached_arrays(size: int) -> Callable[[Callable[[*Given], Result]], Callable[[*Given], Result]]:
-    """Keep the last `size` results of a function of arrays and numbers, which nobody may write into."""
+    """Keep the last `size` results of a function of arrays and numbers; the results are read-only."""
 
     def decorate(function: Callable[[*Given], Result]) -> Callable[[*Given], Result]:
         @functools.lru_cache(size)

@@ -24,7 +24,7 @@ oscillator more, as much as finds a frequency within half a second, but no less 
 _FORGOTTEN = 5.0
 _FLOOR_SIGMA = 4.0
 _WINDOW_S, _ACROSS_S, _FADE_S = 1.0, 1.0, 0.05
-"""Of what is judged; from one end of the range to the other at the fastest; of states that are given up."""
+"""Window of the judgement; shortest time from one end of the range to the other; fading of dropped states."""
 _PLACES = np.linspace(-1.0, 1.0, 9)
 
 

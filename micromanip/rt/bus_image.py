@@ -33,12 +33,11 @@ _WORDS = 16
 
 LINK_DOWN, LINK_UP, LINK_LATCHED = range(3)
 LINK_NAMES = ("down", "up", "latched")
-"""Not reached, in use, or given up until somebody has looked at it."""
+"""Not reached, in use, or not tried again until a person has acted."""
 
 RESTING, FOLLOWING, SAFE_RAMP, UNKNOWN = range(4)
 OUTPUT_NAMES = ("at rest", "following", "ramping to rest", "unknown")
-"""The device was given the safe values, is given what the loop decides, is on the way to the safe values, or can't be
-reached: then nobody knows."""
+"""The device was given the safe values, follows the loop, is on the ramp to the safe values, or can't be reached."""
 
 DOWN, TAKEN, AWAY = -1, -2, -3
 """What the loop's exchange returns while the link can't be used, while the outputs do not follow the loop, and while

@@ -39,7 +39,7 @@ _APART = 1 << states.DISAGREEMENT | 1 << states.STAGE_DRIFT
 _GAUGE_LOST = 1 << states.STRAIN_INVALID | 1 << states.STRAIN_SILENT | 1 << states.STRAIN_STUCK
 _GAUGE_CHANGED = _APART | _GAUGE_LOST | 1 << states.AMPLIFIER_FAULT | 1 << states.STRAIN_CHECK
 _STAGE_CHANGED = 1 << states.STAGE_INVALID | 1 << states.STAGE_STUCK | 1 << states.STAGE_CHECK
-"""Faults after which a device, a cable or a setting may be another one, or is to be mended."""
+"""Faults after which a device, a cable or a setting may have been changed or repaired."""
 
 
 @compiled.rare

@@ -132,7 +132,7 @@ def _prune(root: Path) -> None:
 
 
 class _Made:
-    """Made when it is asked for first, under numba's lock: whoever compiles holds that, and asks for others' meanwhile.
+    """Made on first use, under numba's lock: a thread that compiles holds this lock, and needs other values meanwhile.
 
     A ``functools.cached_property`` of Python 3.11 has one lock for all instances, within which a thread would wait for
     another that compiles, and that one for this lock.

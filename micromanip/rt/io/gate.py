@@ -227,7 +227,7 @@ def note_sent(g: Any, task: int, began_ns: int, now_ns: int) -> None:
 
 @compiled
 def note_taken(g: Any, task: int, now_ns: int) -> bool:
-    """The device has taken what it was sent of `task` last, as far as its protocol can tell; False: that is no news."""
+    """The device has taken the last values of `task`, as far as its protocol can tell; False: that is no news."""
     if g["unconfirmed"][task] == 0:
         return False
     for i in range(g["outputs"][0]):

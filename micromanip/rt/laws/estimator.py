@@ -52,10 +52,9 @@ MODEL: tuple[Field, ...] = (
     ("b", "f8", (MAX_STATES,)),
     ("c", "f8", (MAX_STATES,)),
 )
-"""Parameters: the model and what its filter believes;
-``slow``: the first of the states that are disturbances; ``innovation_um``: how large an innovation may be at once,
-``repeated_um`` of a reading that is the same for the third time; ``gap_cycles``: samples further apart than that leave
-the estimate uncertain."""
+"""Parameters: the model and the filter's assumptions; ``slow``: the first of the states that are disturbances;
+``innovation_um``: how large an innovation may be at once, ``repeated_um`` of a reading that is the same for the third
+time; ``gap_cycles``: samples further apart than that leave the estimate uncertain."""
 MATRICES: tuple[Field, ...] = (
     ("a_blocks", "f8", (MAX_STATES // ROWS_AT_ONCE, MAX_STATES, ROWS_AT_ONCE)),
     ("gains", "f8", (GAPS, MAX_STATES)),

@@ -100,7 +100,7 @@ def locked(
 def follow_joints(
     p: Record, gain: Any, pull: Any, floor_um2: Any, detunings: Any, expected: Any, innovation_um: float
 ) -> None:
-    """Take up a sample: a predictor's states were `expected` before its `gain` times the innovation corrected them.
+    """Process a sample: a predictor's states were `expected` before `gain` times the innovation corrected them.
 
     `pull`, `floor_um2` and `detunings` (modes,) are that predictor's.
     """
@@ -138,7 +138,7 @@ def joint_Hz(p: Record, s: Record, k: int) -> float:
 
 @compiled.rare
 def keep_detuning(old: Record, new: Record, s: Record) -> None:
-    """Carry what was found over to other parameters: the frequency within the new range, amplitude and phase."""
+    """Carry the found frequency over to new parameters: within the new range, with amplitude and phase kept."""
     for k in range(MAX_MODES):
         if k < min(old["modes"], new["modes"]):
             before, after = old["oscillator"][k], new["oscillator"][k]
@@ -160,7 +160,7 @@ def start_tooth(s: Record) -> None:
 
 @compiled
 def turn_on(p: Record, s: Record, x: Any) -> None:
-    """One cycle of what the oscillator in `x` turns beyond its model, or fades once it is given up."""
+    """Turn the oscillator in `x` by one cycle beyond its model, or fade it once it is dropped."""
     i, turn = p["tooth"], s["turn"]
     square = turn * turn
     cos, sin = 1.0 - square * (0.5 - square / 24.0), turn * (1.0 - square / 6.0)
@@ -171,7 +171,7 @@ def turn_on(p: Record, s: Record, x: Any) -> None:
 
 @compiled
 def follow_tooth(p: Record, s: Record, o1: float, o2: float, d1: float, d2: float, applied_um: float) -> None:
-    """Take up a sample: the oscillator was (o1, o2) before its correction (d1, d2), the innovation `applied_um`."""
+    """Process a sample: the oscillator was (o1, o2) before its correction (d1, d2), the innovation `applied_um`."""
     shown_um = p["tooth_shown"][0] * o1 + p["tooth_shown"][1] * o2
     noise = 2.0 * applied_um * shown_um
     s["tooth_gained_um2"] += noise + shown_um * shown_um
@@ -202,7 +202,7 @@ def tooth_Hz(p: Record, s: Record, cycles_per_ns: float) -> float:
 
 @compiled
 def forget_tooth(p: Record, x: Any) -> None:
-    """States that have faded are none: what is left of them would only be slow to compute with."""
+    """Set faded states to zero: denormal numbers would be slow to compute with."""
     i = p["tooth"]
     if x[i] * x[i] + x[i + 1] * x[i + 1] < _GONE_UM2:
         x[i] = x[i + 1] = 0.0

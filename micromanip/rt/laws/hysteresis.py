@@ -134,7 +134,7 @@ def inverse_parameters(p: Record) -> None:
 
 @compiled
 def inverse_state(p: Record, w: Any, z: Any) -> None:
-    """State `z` from which the inverse undoes a model whose play states are `w` (any admissible ones).
+    """State `z` of the exact inverse of a model whose play states are `w` (any admissible ones).
 
     ``z_i = (alpha + sum_{j<=i} rho_j) w_i + sum_{j>i} rho_j w_j``. From any other state the inverse is wrong by
     micrometres until the states have been wiped out.

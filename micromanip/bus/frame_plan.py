@@ -1,57 +1,25 @@
-"""What a configuration says of a frame, as the table that compiled code walks (``rt/io/frames.py``)."""
+"""What a configuration says of a frame, as the table that compiled code walks (``rt/io/frames.py``); its counter."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.errors import ConfigError
+from micromanip.rt.io.counting import COUNTED, OLD, missing_before
 from micromanip.rt.io.frames import FRAME, MAX_BYTES, MAX_GOOD, MAX_GROUPS, checksum
 from micromanip.rt.io.numbers import FLOATING, SIGNED, UNSIGNED
+from micromanip.rt.record import move
 from micromanip.rt.records import MAX_SIGNALS
 
-from .number_codec import NumberKeys
 from .number_options import number_range
 
-
-class ChecksumKeys(Protocol):
-    """A checksum, the last of its frame."""
-
-    @property
-    def name(self) -> str:
-        """For messages."""
-
-    @property
-    def size(self) -> int:
-        """How many bytes it has."""
-
-    @property
-    def first(self) -> int:
-        """First byte that it covers."""
-
-    @property
-    def byte_order(self) -> str:
-        """Little or big."""
-
-    @property
-    def function(self) -> Callable[[bytes], int]:
-        """From the bytes that it covers to the checksum."""
-
-
-class StatusKeys(NumberKeys, Protocol):
-    """A number by which the device says whether its values are to be trusted."""
-
-    @property
-    def mask(self) -> int | None:
-        """Bits of it that matter; None for all."""
-
-    @property
-    def good(self) -> tuple[int, ...]:
-        """What is left of it when all is well."""
+_MOST_COUNTER_BITS = 32
+"""Of a wider counter the lowest bits count as well."""
 
 
 @dataclass(frozen=True)
@@ -59,22 +27,27 @@ class GroupPlan:
     """Numbers that are sampled together; `fields` are numbers with scale and offset, outputs with a range too."""
 
     fields: Mapping[str, Any]
-    counter: NumberKeys | None = None
+    counter: Any = None
     latency_ns: int = 0
 
 
 @dataclass(frozen=True)
 class FramePlan:
-    """One kind of frame. Group 0 comes with each; `head` are its first bytes."""
+    """One kind of frame. Group 0 comes with each; `head` are its first bytes.
+
+    The rest are keys of the configuration, None for what the frame has not: numbers with ``at``, ``size``, ``type`` and
+    ``byte_order``; of the status also the ``mask`` (None: all bits) and the ``good`` values of what is left; of the
+    checksum at the end ``size``, ``byte_order``, the ``first`` byte that it covers, and its ``function`` of them.
+    """
 
     length: int
     groups: Sequence[GroupPlan]
     head: bytes = b""
-    checksum: ChecksumKeys | None = None
-    counter: NumberKeys | None = None
-    clock: NumberKeys | None = None
-    status: StatusKeys | None = None
-    acknowledged: NumberKeys | None = None
+    checksum: Any = None
+    counter: Any = None
+    clock: Any = None
+    status: Any = None
+    acknowledged: Any = None
 
     def record(self) -> NDArray[np.void]:
         """The table, an array of one FRAME. Raises ConfigError for what it has no room for."""
@@ -125,7 +98,7 @@ def fill_number(number: Any, keys: Any) -> None:
     number["low"], number["high"] = getattr(keys, "range", None) or ends
 
 
-def _fill_checksum(frame: Any, keys: ChecksumKeys) -> None:
+def _fill_checksum(frame: Any, keys: Any) -> None:
     """Make the table by what the function does with single bytes, and see that both agree.
 
     Raises ConfigError for a checksum that no such table can compute.
@@ -143,3 +116,31 @@ def _fill_checksum(frame: Any, keys: ChecksumKeys) -> None:
         if int(checksum(frame, trial)) == expected:
             return
     raise ConfigError(f"{keys.name} takes its bits in one order and gives them in another, which is not supported")
+
+
+class DeviceCounter:
+    """The counter of a device's packets, of so many `bits`: Python and compiled code go on in one record."""
+
+    def __init__(self, bits: int) -> None:
+        self.record = np.zeros(1, COUNTED)[0]
+        self.record["counts"] = 1 << min(bits, _MOST_COUNTER_BITS)
+
+    def move_to(self, record: Any) -> None:
+        """Count in this record from now on, from where it stands."""
+        self.record = move(self.record, record)
+
+    def forget(self) -> None:
+        """Begin anew: what comes next is taken as it is."""
+        self.record["known"] = self.record["in_a_row"] = 0
+
+    def lost_before(self, count: int, step: int = 1) -> int | None:
+        """What is known to be missing before `count`, where the one after it is `step` further; None: it is not fresh.
+
+        A device that has begun anew is fresh, and nothing is known to be missing.
+        """
+        missing = int(missing_before(self.record, count % int(self.record["counts"]), step))
+        return None if missing == OLD else max(0, missing)
+
+    def counted(self, name: str) -> int:
+        """What was counted: lost, doubled, late, restarts."""
+        return int(self.record[name])

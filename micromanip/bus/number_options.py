@@ -1,4 +1,4 @@
-"""Keys of numbers in a device: of which type they are, what value one stands for, what may be sent at most.
+"""Numbers in a device: their keys (type, what value one stands for, what may be sent at most), and their bytes.
 
 value = scale x number + offset.
 """
@@ -6,7 +6,8 @@ value = scale x number + offset.
 from __future__ import annotations
 
 import math
-from typing import Self
+import struct
+from typing import Any, Self
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
@@ -23,6 +24,8 @@ PACKED = {"bool": 1, **{f"bit{bits}": bits for bits in range(2, 16) if bits != 8
 """Bits of the types that are no whole bytes, by their names in ETG.1020; unsigned."""
 BITS = {**{kind: 8 * size for kind, size in SIZES.items()}, **PACKED}
 """Bits of each type of either kind."""
+_CODES = {1: "b", 2: "h", 4: "i", 8: "q"}
+_FLOATS = {"float32": "f", "float64": "d"}
 _GREATEST = {"float32": (2.0 - 2.0**-23) * 2.0**127, "float64": (2.0 - 2.0**-52) * 2.0**1023}
 
 
@@ -108,3 +111,42 @@ class Commanded(Scaled):
             ends = sorted(self.scale * end + self.offset for end in (low, high))
             raise ValueError(f"safe {self.safe:g} can't be sent: the number holds {ends[0]:g} to {ends[1]:g}")
         return self
+
+
+class NumberCodec:
+    """A number in frames: bytes to a number and back; `at` is where its frame begins in the bytes that it is given."""
+
+    def __init__(self, options: Any) -> None:
+        """`options` has the first byte ``at``, the ``size``, the ``type`` and its ``byte_order``, None for one byte."""
+        self._at, self._size = options.at, options.size
+        self._order: Any = options.byte_order or "little"
+        self._signed = options.type.startswith("int")
+        self.floating = options.type.startswith("float")
+        self._layout: struct.Struct | None = None
+        order = "<" if self._order == "little" else ">"
+        self.low, self.high = number_range(options.type)
+        if self.floating:
+            self._layout = struct.Struct(order + _FLOATS[options.type])
+        elif self._size in _CODES:
+            code = _CODES[self._size]
+            self._layout = struct.Struct(order + (code if self._signed else code.upper()))
+
+    def read(self, data: bytes | bytearray, at: int = 0) -> float:
+        """The number; an int for a type that is one."""
+        place = at + self._at
+        if self._layout is not None:
+            number: float = self._layout.unpack_from(data, place)[0]
+            return number
+        return int.from_bytes(data[place : place + self._size], self._order, signed=self._signed)
+
+    def write(self, data: bytearray, number: float) -> None:
+        """Put a number that the type holds into `data`."""
+        if self._layout is not None:
+            self._layout.pack_into(data, self._at, number if self.floating else int(number))
+            return
+        data[self._at : self._at + self._size] = int(number).to_bytes(self._size, self._order, signed=self._signed)
+
+    @property
+    def counts(self) -> int:
+        """How many values an unsigned integer has before it wraps."""
+        return 1 << (8 * self._size)

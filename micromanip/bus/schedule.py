@@ -1,4 +1,4 @@
-"""The schedule of a worker's tasks (``rt/io/worker_records.py``) for Python."""
+"""Whose turn it is: a worker's schedule (``rt/io/worker_records.py``), and what waits on the way to rest."""
 
 from __future__ import annotations
 
@@ -11,9 +11,12 @@ from micromanip.rt.jit import plain
 from micromanip.rt.record import fields
 
 from .driver import Task
+from .safe_state import LAST_SWITCH, SafeOutput
 
 _HELD_AGAIN_NS = 1_000_000
 """A write that was held back is tried again so soon."""
+_FAILURES = 2
+"""A task that has failed so often in a row comes after the others."""
 _first_due, _turn_ns, _advance, _pass_over, _owe = map(
     plain, (law.first_due, law.turn_ns, law.advance, law.pass_over, law.owe)
 )
@@ -69,3 +72,46 @@ class Schedule:
 def only_asks(task: Task) -> bool:
     """Whether outputs come to rest without it."""
     return not task.outputs and not task.serves_outputs
+
+
+class WayToRest:
+    """Remembers what has failed since the outputs were at rest, over links that come and go.
+
+    What fails keeps no other output from its safe value.
+    """
+
+    def __init__(self, tasks: Sequence[Task], outputs: Sequence[SafeOutput]) -> None:
+        self.task_of = {i: number for number, task in enumerate(tasks) for i in task.outputs}
+        """Number of the task that writes each output."""
+        self._reads = {number for number, task in enumerate(tasks) if only_asks(task)}
+        self._outputs = outputs
+        self._failures: dict[int, int] = {}
+        self._troubled = False
+
+    def failed(self, number: int | None, *, broke: bool = False) -> None:
+        """A task, or what came between two, has failed; `broke`: the link is lost with it."""
+        self._troubled = True
+        if number is not None and number in self.task_of.values():
+            self._failures[number] = _FAILURES if broke else self._failures.get(number, 0) + 1
+
+    def went_well(self, number: int) -> None:
+        """A task has not failed."""
+        if self._failures.get(number, _FAILURES) < _FAILURES:
+            del self._failures[number]
+
+    def arrived(self) -> None:
+        """The outputs are at rest."""
+        self._failures.clear()
+        self._troubled = False
+
+    def open_tasks(self, unsafe: Collection[int]) -> set[int]:
+        """Tasks with outputs that are not at rest, of the `unsafe` ones, and don't wait for others."""
+        first = [i for i in unsafe if self._outputs[i].kind != LAST_SWITCH] or unsafe
+        return {self.task_of[i] for i in first}
+
+    def waiting(self, unsafe: Collection[int]) -> set[int]:
+        """Tasks that have no turn yet: reads, and what fails again and again while others are on their way."""
+        if not self._troubled:
+            return set()
+        failing = {number for number, count in self._failures.items() if count >= _FAILURES}
+        return self._reads | (failing if self.open_tasks(unsafe) - failing else set())

@@ -44,9 +44,8 @@ from .last_given import LastGiven
 from .output_writer import OutputWriter
 from .report import Report, tell
 from .safe_state import SafeOutput, SafeState, Values
-from .schedule import Schedule
+from .schedule import Schedule, WayToRest
 from .steady import SteadyService
-from .way_to_rest import WayToRest
 
 LOOK_NS = 1_000_000
 """The worker looks whether the loop still lives so often at most; five times while that is in doubt."""

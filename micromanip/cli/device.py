@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from micromanip.bus.cyclic import CyclicDriver
     from micromanip.bus.driver import Answer, BusDriver
-    from micromanip.bus.inspection import Inspected
+    from micromanip.bus.registry import Inspected
 
 
 @subcommand("list", "micromanip device list")
@@ -33,7 +33,7 @@ def list_(as_json: bool) -> None:
     can't be loaded or does not keep its contract. `loads` is no more than that: `run` compiles it, and what it does on
     its bus is for its author's conformance tests to show (docs/write-a-driver.md).
     """
-    from micromanip.bus.inspection import inspected
+    from micromanip.bus.registry import inspected
 
     found = inspected()
     if as_json:

@@ -102,7 +102,7 @@ def bug(problem: Exception) -> None:
     """What nobody foresaw: one line for the user, the trace in a file for us, or for the author of a driver."""
     import tempfile
 
-    from micromanip.bus.authors import driver_at_fault, first_cause
+    from micromanip.bus.registry import driver_at_fault, first_cause
 
     trace = "".join(traceback.format_exception(problem))
     try:

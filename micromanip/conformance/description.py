@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 
 from micromanip.bus.driver import BusDriver, Channel
-from micromanip.bus.inspection import findings
+from micromanip.bus.registry import findings
 
 from .hooks import Hooks
 from .resources import descriptors

@@ -14,8 +14,8 @@ from micromanip.bus.ethercat.al_states import (
     state_name,
 )
 from micromanip.bus.ethercat.esi import EsiDevice, EsiEntry, EsiPdo, esi_products, read_esi
-from micromanip.bus.ethercat.esi_assigned import apart
-from micromanip.bus.ethercat.esi_types import field_type
+from micromanip.bus.ethercat.esi_document import field_type
+from micromanip.bus.ethercat.esi_keys import apart
 from micromanip.bus.ethercat.frames import (
     DATAGRAM_BYTES,
     HEADER_BYTES,

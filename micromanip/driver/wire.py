@@ -4,10 +4,9 @@
 """
 
 from micromanip.bus.datagram_socket import hand_over, lend, open_datagrams
-from micromanip.bus.device_counter import DeviceCounter
-from micromanip.bus.frame_plan import FramePlan, GroupPlan, fill_number
+from micromanip.bus.frame_plan import DeviceCounter, FramePlan, GroupPlan, fill_number
 from micromanip.bus.loop_wire import LoopOutput, LoopWire, LoopWireOptions
-from micromanip.bus.number_codec import NumberCodec
+from micromanip.bus.number_options import NumberCodec
 from micromanip.bus.watchdog import Milliseconds, Watchdog
 from micromanip.rt.bus_image import DOWN, FOLLOWING, RESTING, TAKEN
 from micromanip.rt.io.clock_lock import CLOCK_LOCK, DEVICE_CLOCK, MOST_BITS, forget_clock, set_lock, taken_ns

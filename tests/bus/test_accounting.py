@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from micromanip.bus import report
 from micromanip.bus.bridge import BusBridge
-from micromanip.bus.device_counter import DeviceCounter
 from micromanip.bus.driver import BusOptions, Channel
+from micromanip.bus.frame_plan import DeviceCounter
 from micromanip.bus.image import ProcessImage
 from micromanip.bus.inbox import Inbox
 from micromanip.rt.bus_exchange import exchange_image

@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from micromanip.bus.inspection import findings
-from micromanip.bus.registry import driver_class
+from micromanip.bus.registry import driver_class, findings
 from micromanip.driver.testing import call_context, virtual_cell
 from micromanip.errors import ConfigError
 from micromanip.settings.check import prepare, validate

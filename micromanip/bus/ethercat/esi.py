@@ -13,8 +13,7 @@ from xml.etree.ElementTree import Element
 
 from micromanip.errors import ConfigError
 
-from .esi_document import EsiDocument, text_of
-from .esi_types import known_type
+from .esi_document import EsiDocument, known_type, text_of
 
 _ENGLISH = "1033"
 

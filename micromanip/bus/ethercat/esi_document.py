@@ -1,4 +1,4 @@
-"""An ESI file as XML, each element with its line, and its numbers.
+"""An ESI file as XML, each element with its line, its numbers, and its types by ours.
 
 A document type, and with it any entity of the file's own, is refused: such a file may be small, its text endless.
 """
@@ -7,13 +7,15 @@ from __future__ import annotations
 
 import codecs
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
 
+from micromanip.bus.number_options import BITS, PACKED
 from micromanip.errors import ConfigError, system_error
-from micromanip.files import open_regular
+from micromanip.files import marked_encoding, open_regular
 
 MOST_BYTES = 64 * 1024 * 1024
 _MOST_DEEP = 100
@@ -22,13 +24,8 @@ _HEXADECIMAL = re.compile(r"(?:#x0x|#x|0x)([0-9a-f]{1,20})", re.IGNORECASE)
 _DECIMAL = re.compile(r"[0-9]{1,20}", re.ASCII)  # 1_0, +1 and other scripts are none
 
 _DECLARED = re.compile(rb"""\s*<\?xml\s[^>]*?encoding\s*=\s*["']([A-Za-z][\w.-]*)["']""")
-_FAR_EAST = {
-    **dict.fromkeys(("gb2312", "gbk"), "gb18030"),
-    **dict.fromkeys(("shift_jis", "cp932"), "cp932"),
-    **dict.fromkeys(("euc_kr", "cp949"), "cp949"),
-    **{name: name for name in ("gb18030", "big5", "big5hkscs", "euc_jp")},
-}
-"""Encodings of several bytes a letter, which expat does not know, each by the widest of its kind."""
+_WIDER = {"utf-8": "cp1252", "gb2312": "gb18030", "gbk": "gb18030", "shift_jis": "cp932", "euc_kr": "cp949"}
+"""What is meant where a file has letters that the encoding which it declares has not."""
 
 
 @dataclass
@@ -50,8 +47,7 @@ class EsiDocument:
                 content = opened.read()
         except OSError as problem:
             raise system_error(problem, self.path) from problem
-        encoding = _to_spare_expat(content)
-        parser = expat.ParserCreate("utf-8" if encoding else None)
+        parser = expat.ParserCreate("utf-8")
         parser.buffer_text = True
 
         def start(name: str, attributes: dict[str, str]) -> None:
@@ -70,7 +66,7 @@ class EsiDocument:
         parser.StartElementHandler, parser.EndElementHandler = start, end
         parser.CharacterDataHandler, parser.StartDoctypeDeclHandler = self.builder.data, refuse
         try:
-            parser.Parse(content.decode(encoding, "replace").encode() if encoding else content, True)
+            parser.Parse(_text(content).encode(), True)  # expat itself knows few encodings
         except expat.ExpatError as problem:
             raise self.error(problem.lineno, f"this is no XML: {expat.ErrorString(problem.code)}") from problem
         except (ValueError, LookupError) as problem:  # of an encoding that nobody knows, or that is none for texts
@@ -105,22 +101,55 @@ def text_of(element: Element | None) -> str:
     return "" if element is None else " ".join((element.text or "").split())
 
 
-def _to_spare_expat(content: bytes) -> str | None:
-    """The encoding of a file that expat can't read: one of several bytes a letter, or Windows' where UTF-8 was said."""
+def _text(content: bytes) -> str:
+    """By its mark, or as it declares; by a wider page where that has not its letters. Raises LookupError."""
     declared = _DECLARED.match(content[:1000])
+    encoding = marked_encoding(content) or (declared[1].decode() if declared else "utf-8")
     try:
-        name = codecs.lookup(declared[1].decode() if declared else "utf-8").name
-    except LookupError:
-        return None
-    if name != "utf-8" or content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-        return _FAR_EAST.get(name)
-    try:
-        content.decode()
+        return content.decode(encoding)
     except UnicodeDecodeError:
-        return "cp1252"
-    return None
+        return content.decode(_WIDER.get(codecs.lookup(encoding).name, encoding), "replace")
 
 
 def _local(name: str) -> str:
     """A tag without the prefix of its namespace."""
     return name.rpartition(":")[2]
+
+
+_OURS = {
+    "SINT": "int8", "USINT": "uint8", "BYTE": "uint8", "BITARR8": "uint8", "BIT8": "uint8",
+    "INT": "int16", "UINT": "uint16", "WORD": "uint16", "BITARR16": "uint16", "BIT16": "uint16",
+    "DINT": "int32", "UDINT": "uint32", "DWORD": "uint32", "BITARR32": "uint32", "REAL": "float32",
+    "LINT": "int64", "ULINT": "uint64", "LWORD": "uint64", "LREAL": "float64",
+    "BOOL": "bool", "BIT": "bool", "BIT1": "bool",
+    **{kind.upper(): kind for kind in BITS},
+}  # fmt: skip
+"""By ETG.1020, and UINT16 and the like, as some makers write them; there are others, of texts."""
+_UNSIGNED = {bits: kind for kind, bits in BITS.items() if kind.startswith(("u", "b"))}
+_MOST_CHAINED = 8
+
+
+def field_type(kind: str, bits: int) -> str | None:
+    """Our type of an entry with a type of the file and so many bits; None where there is none that means the same.
+
+    Fewer bits than those of an unsigned number are the lower ones of it.
+    """
+    ours = _OURS.get(kind)
+    if ours is None or BITS[ours] == bits:
+        return ours
+    return unsigned_type(bits) if ours.startswith("u") and unsigned_type(bits) in PACKED else None
+
+
+def unsigned_type(bits: int) -> str | None:
+    """Our type of so many bits that mean nothing, or nothing that we know of."""
+    return _UNSIGNED.get(bits)
+
+
+def known_type(said: str, own_types: Mapping[str, str]) -> str:
+    """A type as `field_type` knows it, of a file's own that which it is based on; else as it is `said`."""
+    name = said
+    for _ in range(_MOST_CHAINED):
+        if name.upper() in _OURS:
+            return name.upper()
+        name = own_types.get(name, "")
+    return said

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from micromanip.bus.number_codec import NumberCodec
+from micromanip.bus.number_options import NumberCodec
 
 
 class LineNumber(NumberCodec):

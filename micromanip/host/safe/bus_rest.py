@@ -21,8 +21,7 @@ from micromanip.bus.inbox import Inbox
 from micromanip.bus.last_given import LastGiven
 from micromanip.bus.output_writer import OutputWriter
 from micromanip.bus.safe_state import LAST_SWITCH, VOLTAGE, SafeOutput, SafeState
-from micromanip.bus.schedule import Schedule
-from micromanip.bus.way_to_rest import WayToRest
+from micromanip.bus.schedule import Schedule, WayToRest
 from micromanip.errors import PermissionDenied
 from micromanip.rt.bus_image import RESTING
 

@@ -8,8 +8,7 @@ from __future__ import annotations
 import sys
 
 from micromanip.bus.driver import BusOptions
-from micromanip.bus.inspection import inspected
-from micromanip.bus.registry import driver_class
+from micromanip.bus.registry import driver_class, inspected
 from micromanip.settings.text.shape import Shape
 
 from .configuration_page import Section, page, sections

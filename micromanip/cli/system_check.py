@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
-
-from micromanip.errors import UsageError
 
 from .echo import echo
 from .options import Quantity, emit_answer, subcommand
@@ -39,11 +37,8 @@ def command(config: Path | None, seconds: float, no_run: bool, as_json: bool) ->
 
     (loop, interfaces), machine = _loop(config), Machine()
     findings, timed = looked_at(machine, loop, interfaces), None
-    if not no_run:
-        if loop.cpu is None:
-            raise UsageError("loop.cpu is null: there is no CPU to watch; name one in CONFIG, or give --no-run")
-        if not any(finding.name == "loop's CPU" and finding.verdict == "bad" for finding in findings):
-            timed = measure(loop, loop.cpu, seconds, lambda line: echo(line, err=True))
+    if not no_run and not any(finding.name == "loop's CPU" and finding.verdict == "bad" for finding in findings):
+        timed = measure(loop, seconds, lambda line: echo(line, err=True))
     answer = Answer(machine_and_loop(machine, loop), findings, timed)
     emit_answer(answer.document(), lambda _: _show(answer), as_json)
     if answer.ready is False:
@@ -78,30 +73,16 @@ def _show(answer: Answer) -> None:
         timed = answer.timed
         timings = [*_rows("at rest", timed.at_rest), *_rows("under load", timed.under_load)]
         print_table(("us", "p50", "p99", "p99.9", "p99.99", "max", "overruns"), timings)
-        echo(counted_line(timed.document()))
     style = {True: "bold green", False: "bold red", None: "bold yellow"}[answer.ready]
     console.print(f"[{style}]{_plain(answer.verdict)}[/]")
 
 
 def _rows(name: str, run: LoopRun) -> list[tuple[str, ...]]:
-    from micromanip.host.readiness.timed import run_document
-
-    document = run_document(run)
+    document = run.document()
     return [
         (f"{what}, {name}", *(f"{value / 1e3:.1f}" for value in document[f"{what}_ns"].values()), overruns)
         for what, overruns in (("lateness", str(document["overruns"])), ("compute", ""))
     ]
-
-
-def counted_line(timed: dict[str, Any]) -> str:
-    """What the kernel counted on the loop's CPU, and for its process."""
-    counted = [f"{name}: {value}" for name, value in timed["counters_under_load"].items()]
-    interrupts = sorted(timed["interrupts_under_load"].items(), key=lambda each: -each[1])
-    counted += [f"{name}: {count}" for name, count in interrupts[:_INTERRUPTS]]
-    return f"Counted under load: {'; '.join(counted)}."
-
-
-_INTERRUPTS = 5
 
 
 def _plain(text: str) -> str:

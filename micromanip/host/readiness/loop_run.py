@@ -7,7 +7,6 @@ import contextlib
 import os
 import tempfile
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,6 +19,7 @@ from micromanip.errors import CheckFailed
 from micromanip.host.controller import Controller
 from micromanip.host.realtime import missing_rights
 from micromanip.host.ring import RingReader
+from micromanip.host.statistics import durations
 from micromanip.rt import mailbox as w
 from micromanip.rt.states import STOP
 from micromanip.settings.check import Prepared, prepared
@@ -44,6 +44,15 @@ class LoopRun:
     refused: tuple[str, ...]
     """Rights that the loop asked for and did not get."""
 
+    def document(self) -> dict[str, Any]:
+        """Counts, and durations in ns, as JSON has them."""
+        return {
+            "cycles": self.cycles,
+            "overruns": self.overruns,
+            "lateness_ns": durations(self.lateness, self.lateness_max_ns),
+            "compute_ns": durations(self.compute, self.compute_max_ns),
+        }
+
 
 def simulated_cell(loop: Loop) -> Prepared:
     """Three axes at one in-memory plant, to be run as `loop` says; whatever it is for, no wire is touched."""
@@ -52,14 +61,9 @@ def simulated_cell(loop: Loop) -> Prepared:
     return prepared(Source.of(document, example.path))
 
 
-async def run_in_ready(
-    cell: Prepared,
-    seconds: float,
-    seen: Callable[[int, Any], None] = lambda *_: None,
-) -> LoopRun:
+async def run_in_ready(cell: Prepared, seconds: float) -> LoopRun:
     """Run the loop process of `cell` for `seconds` after it has started.
 
-    `seen` gets its process id and, every 20 ms, the new telemetry rows; before anything is counted, none.
     Raises what `Controller.start` does; CheckFailed where the loop ended early.
     """
     allowed = os.sched_getaffinity(0)
@@ -68,9 +72,7 @@ async def run_in_ready(
         try:
             leave_cpu(cell.configuration.loop.cpu)
             await controller.start()
-            process = controller.process.pid
             reader, lateness_max_ns, compute_max_ns = RingReader(controller.ring), 0, 0
-            seen(process, reader.read(0))
             lateness, compute = (controller.status[name].copy() for name in ("lateness", "compute"))
             overruns = int(controller.words[w.OVERRUNS])
             end = time.monotonic() + seconds
@@ -82,7 +84,6 @@ async def run_in_ready(
                 rows = reader.read(_MOST_ROWS)
                 lateness_max_ns = max(lateness_max_ns, *rows["lateness_ns"].tolist(), 0)
                 compute_max_ns = max(compute_max_ns, *rows["compute_ns"][1:].tolist(), 0)
-                seen(process, rows)
             lateness = controller.status["lateness"] - lateness
             return LoopRun(
                 lateness,

@@ -107,7 +107,7 @@ def _idle(machine: Machine, cpu: int) -> Finding:
 
 def _interrupts(machine: Machine, cpu: int, online: set[int]) -> Finding:
     why = "an interrupt of a disk or network card on the loop's CPU stops the loop for as long as its handler takes"
-    if not (counts := interrupt_counts(machine, cpu)):
+    if not (counts := _interrupt_counts(machine, cpu)):
         return Finding("interrupts", Verdict.UNKNOWN, "not to be seen", why)
     rows = {
         source: about.split()[-1] for source, (count, about) in counts.items() if source.isdigit() and count and about
@@ -133,7 +133,7 @@ def _interrupts(machine: Machine, cpu: int, online: set[int]) -> Finding:
     return Finding("interrupts", Verdict.POOR, shown + more, why, mend)
 
 
-def interrupt_counts(machine: Machine, cpu: int) -> dict[str, tuple[int, str]]:
+def _interrupt_counts(machine: Machine, cpu: int) -> dict[str, tuple[int, str]]:
     """Count on `cpu` and description of each line of /proc/interrupts that counts by CPU, by its first word."""
     header, *lines = (machine.read("proc/interrupts") or "").splitlines() or [""]
     columns = [int(name[3:]) for name in header.split() if re.fullmatch(r"CPU\d+", name)]

@@ -1,4 +1,4 @@
-"""The timed run: the loop at rest and under load, and what the kernel counted meanwhile.
+"""The timed run: the loop at rest and under load.
 
 The load is ordinary work on every CPU, as a cell's computer may have it: hashing, copying, files, short processes.
 """
@@ -16,11 +16,8 @@ from pathlib import Path
 from typing import Any
 
 from micromanip.errors import CheckFailed
-from micromanip.host.statistics import durations
 from micromanip.settings.schema.model import Loop
 
-from .counters import Counters
-from .finding import Machine
 from .loop_run import LoopRun, run_in_ready, simulated_cell
 
 _WORK = """
@@ -68,7 +65,6 @@ class Timed:
     load_processes: int
     at_rest: LoopRun
     under_load: LoopRun
-    counters: Counters
 
     @property
     def keeps_its_deadlines(self) -> bool:
@@ -80,21 +76,9 @@ class Timed:
         return {
             "seconds_each": self.seconds,
             "load_processes": self.load_processes,
-            "at_rest": run_document(self.at_rest),
-            "under_load": run_document(self.under_load),
-            "interrupts_under_load": self.counters.interrupts,
-            "counters_under_load": self.counters.others,
+            "at_rest": self.at_rest.document(),
+            "under_load": self.under_load.document(),
         }
-
-
-def run_document(loop: LoopRun) -> dict[str, Any]:
-    """Counts, and durations in ns."""
-    return {
-        "cycles": loop.cycles,
-        "overruns": loop.overruns,
-        "lateness_ns": durations(loop.lateness, loop.lateness_max_ns),
-        "compute_ns": durations(loop.compute, loop.compute_max_ns),
-    }
 
 
 def refuse_beside_a_controller(root: Path = Path("/")) -> None:
@@ -109,32 +93,16 @@ def refuse_beside_a_controller(root: Path = Path("/")) -> None:
                 )
 
 
-def measure(loop: Loop, cpu: int, seconds: float, progress: Callable[[str], None]) -> Timed:
-    """Run the loop on `cpu`, `seconds` at rest and under load; `progress` hears what goes on.
+def measure(loop: Loop, seconds: float, progress: Callable[[str], None]) -> Timed:
+    """Run the loop, `seconds` at rest and under load; `progress` hears what goes on.
 
     Raises CheckFailed beside a running controller, and what `Controller.start` does.
     """
     refuse_beside_a_controller()
-    cell, watched = simulated_cell(loop), _Watched(Machine(), cpu)
+    cell = simulated_cell(loop)
     progress(f"the loop at rest, {seconds:g} s")
     quiet = asyncio.run(run_in_ready(cell, seconds))
     with loaded(2 * seconds + _STARTING_S) as processes:
         progress(f"the loop beside {processes} busy processes, {seconds:g} s")
-        busy = asyncio.run(run_in_ready(cell, seconds, watched))
-    return Timed(seconds, processes, quiet, busy, watched.since())
-
-
-class _Watched:
-    """Reads the kernel's counters at the beginning of a run, and with each look at its rows."""
-
-    def __init__(self, machine: Machine, cpu: int) -> None:
-        self._machine, self._cpu = machine, cpu
-        self._taken: list[Counters] = []
-
-    def __call__(self, process: int, _rows: Any) -> None:
-        now = Counters.taken(self._machine, self._cpu, process)
-        self._taken = [*self._taken[:1], now]
-
-    def since(self) -> Counters:
-        """From the beginning to the last look."""
-        return self._taken[-1].since(self._taken[0])
+        busy = asyncio.run(run_in_ready(cell, seconds))
+    return Timed(seconds, processes, quiet, busy)

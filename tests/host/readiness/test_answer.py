@@ -12,7 +12,6 @@ from micromanip.cli.main import main
 from micromanip.errors import CheckFailed
 from micromanip.host.readiness import timed
 from micromanip.host.readiness.answer import Answer
-from micromanip.host.readiness.counters import Counters
 from micromanip.host.readiness.finding import Finding, Verdict
 from micromanip.host.readiness.loop_run import LoopRun
 from micromanip.rt.mailbox import BINS
@@ -22,7 +21,7 @@ RUN = LoopRun(np.zeros(BINS, np.int64), np.zeros(BINS, np.int64), 0, 0, 10_000, 
 
 
 def answer(*verdicts, at_rest=RUN, under_load=RUN):
-    run = timed.Timed(1.0, 2, at_rest, under_load, Counters({}, {}))
+    run = timed.Timed(1.0, 2, at_rest, under_load)
     findings = tuple(Finding(f"setting {i}", verdict, "", "") for i, verdict in enumerate(verdicts))
     return Answer({}, findings, run)
 
@@ -75,7 +74,7 @@ def test_the_loop_is_run_and_every_cycle_is_counted(monkeypatch, capsys):
     monkeypatch.setattr(timed, "_CONTROLLERS", ())  # those of other tests, beside us
     asked_s = []
     monkeypatch.setattr(timed, "loaded", lambda longest_s: contextlib.nullcontext(asked_s.append(longest_s) or 2))
-    found = timed.measure(Loop(cpu=max(os.sched_getaffinity(0)), limits="simulation", spin_us=20), 0, 0.5, print)
+    found = timed.measure(Loop(cpu=max(os.sched_getaffinity(0)), limits="simulation", spin_us=20), 0.5, print)
     for run in (found.at_rest, found.under_load):
         assert run.cycles > 1000
         assert run.compute.sum() == pytest.approx(run.cycles, rel=0.01)  # read one after the other

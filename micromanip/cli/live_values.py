@@ -17,7 +17,7 @@ from .options import emit_json_lines
 
 if TYPE_CHECKING:
     from micromanip.gateway.fields import Field
-    from micromanip.host.ring import RingReader
+    from micromanip.host.shared_memory import RingReader
 
 _WIDTH = 14
 
@@ -50,8 +50,7 @@ def _ring_of(client: Client) -> tuple[RingReader, list[str], int]:
     """The telemetry of the controller, mapped for reading; its axes; its period, ns."""
     import numpy as np
 
-    from micromanip.host.ring import RingReader
-    from micromanip.host.shared_memory import RING, columns
+    from micromanip.host.shared_memory import RING, RingReader, columns
 
     telemetry, descriptors = client.telemetry()
     try:

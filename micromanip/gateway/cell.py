@@ -21,8 +21,7 @@ from numpy.typing import NDArray
 
 from micromanip.client import Client
 from micromanip.errors import CheckFailed, MicromanipError
-from micromanip.host.ring import RingReader
-from micromanip.host.shared_memory import CONTROL, RING, STATUS, columns
+from micromanip.host.shared_memory import CONTROL, RING, STATUS, RingReader, columns
 from micromanip.replies import Telemetry
 from micromanip.rt.telemetry import ROW
 from micromanip.status_reply import Status

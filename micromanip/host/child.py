@@ -14,12 +14,14 @@ import socket
 import sys
 import time
 from asyncio.subprocess import PIPE, Process
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from typing import Any
 
 from micromanip.bus.backoff import RestartLimit
 
 from .orders import send_orders
+
+_RESTART_S = 1.0
 
 
 class Child:
@@ -30,13 +32,12 @@ class Child:
         module: str,
         descriptors: Sequence[int] = (),
         *,
-        heard: bool = True,
         complains: bool = False,
         restarts: RestartLimit | None = None,
     ) -> None:
-        """`descriptors` are inherited; `heard`: its standard output is ours, `complains`: its standard error, too."""
+        """`descriptors` are inherited; `complains`: its standard error is ours, too, as its standard output is."""
         self._module, self._descriptors, self._restarts = module, tuple(descriptors), restarts
-        self._output, self._error = PIPE if heard else None, PIPE if complains else None
+        self._error = PIPE if complains else None
         self._process: Process | None = None
         self._wire: socket.socket | None = None
         self.starts = 0
@@ -57,7 +58,7 @@ class Child:
             sys.executable,
             *("-P", "-m", self._module),  # -P: the folder where we were started is no place for our modules
             stdin=standard_input,
-            stdout=self._output,
+            stdout=PIPE,
             stderr=self._error,
             pass_fds=self._descriptors,
             start_new_session=True,
@@ -81,6 +82,24 @@ class Child:
     def may_restart(self) -> bool:
         """Note that it is about to be started again; False where that was too often."""
         return self._restarts is not None and self._restarts.allows(time.monotonic())
+
+    async def keep_alive(
+        self, follow: Callable[[], Awaitable[None]], is_over: Callable[[], bool], say: Callable[[str], None], name: str
+    ) -> bool:
+        """Have `follow` start it and return at its end, again and again; False once that was too often.
+
+        True as soon as nobody needs it, which `is_over` says; `say` gets of the `name` that it died.
+        """
+        while True:
+            await follow()
+            if is_over():
+                return True
+            if not self.may_restart():
+                return False
+            say(f"WARNING: the {name} process died; it is started again")
+            await asyncio.sleep(_RESTART_S)
+            if is_over():
+                return True
 
     @property
     def runs(self) -> bool:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import os
 import sys
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -29,12 +30,11 @@ from micromanip.settings.check import Prepared
 from micromanip.status_reply import Link
 
 from .child import Child, loop_process
-from .loop_links import follow, loop_link
-from .loop_orders import loop_orders
 from .parameter_buffers import ParameterBuffers
 from .realtime import cpu_conflicts
 from .refusals import Refused, awaited, refusals
 from .shared_memory import CONTROL, RING, STATUS, Segments, context_layout
+from .workers import follow, loop_link
 
 _ANSWER_S = 1.0
 _READY_S = 8.0
@@ -120,7 +120,7 @@ class Controller:
                     f"WARNING: CPU {cpu} is this loop's (loop.cpu), and {conflict}: both miss their deadlines, and "
                     "this one may stay STARTING; give one of them another CPU"
                 )
-        self.process.send_orders(loop_orders(self.prepared, places, self._socket_path), self._handed_on)
+        self.process.send_orders(_loop_orders(self.prepared, places, self._socket_path), self._handed_on)
         self._relaying = asyncio.create_task(self._relay())
         heard = max(1, round(_SENSORS_S * 1e9 / self.prepared.configuration.loop.period_ns))
         while self.words[w.CYCLES_RUN] < heard:
@@ -296,6 +296,35 @@ class Controller:
             with contextlib.suppress(ValueError, OSError):
                 self._say(line)
         await self.process.wait()
+
+
+def _loop_orders(prepared: Prepared, places: Sequence[tuple[int, int]], socket_path: Path) -> dict[str, Any]:
+    """Orders for the loop of `prepared`; `places`: where in its segment each driver's context begins, and its size."""
+    configuration, wiring = prepared.configuration, prepared.wiring
+    loop = configuration.loop
+    drivers = [
+        {
+            "name": name,
+            "driver": configuration.drivers[name].driver,
+            "bus": name in wiring.buses,
+            "options": wiring.options[name].model_dump_json(),
+            "context": at,
+            "context_bytes": size,
+            "first_input": wiring.first_input[name],
+            "first_output": wiring.first_output[name],
+        }
+        for name, (at, size) in zip(wiring.drivers, places, strict=True)
+    ]
+    return {
+        "drivers": drivers,
+        "period_ns": loop.period_ns,
+        "cpu": loop.cpu,
+        "priority": loop.priority,
+        "spin_ns": round(loop.spin_us * 1e3),
+        "refuse_without_rights": loop.limits == "hardware",
+        "host": os.getpid(),
+        "socket": str(socket_path),
+    }
 
 
 async def _comes_true(condition: Callable[[], bool], patience_s: float = _ANSWER_S) -> bool:

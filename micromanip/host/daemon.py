@@ -165,8 +165,7 @@ class Daemon:
             self._say(f"WARNING: {warning}")
         ended = asyncio.create_task(self._controller.wait())
         helpers = [asyncio.create_task(task) for task in (self._beat(), self._look(), self._feed())]
-        helpers.append(asyncio.create_task(self._verbs.follow_trials()))
-        helpers += map(asyncio.create_task, (self._trail.follow_repeats(), self._recordings.warn()))
+        helpers += map(asyncio.create_task, (self._verbs.follow_trials(), self._trail.follow_repeats()))
         for helper in helpers:
             self._failures.watch(helper)
         stopped = asyncio.create_task(self._stop.wait())

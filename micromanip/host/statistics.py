@@ -18,7 +18,7 @@ from micromanip.status_reply import AxisValues, Durations, LearningStatus, Link,
 
 from .axis_values import AxesValues
 from .controller import Controller
-from .ring import RingReader
+from .shared_memory import RingReader
 from .signal_statistics import SignalStatistics
 
 _MOST_ROWS = 1 << 15

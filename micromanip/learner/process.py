@@ -21,8 +21,7 @@ import numpy as np
 from micromanip.design.learning.law import Update
 from micromanip.errors import MicromanipError
 from micromanip.host.orders import first_orders, send_message
-from micromanip.host.ring import RingReader
-from micromanip.host.shared_memory import RING, Segment
+from micromanip.host.shared_memory import RING, RingReader, Segment
 from micromanip.settings.load import validate_document
 from micromanip.settings.text.source import Source
 

@@ -6,8 +6,8 @@ import pytest
 
 from micromanip.errors import DeviceUnavailable
 from micromanip.host import loop_links
-from micromanip.host.loop_links import follow
 from micromanip.host.statistics import _seen_from
+from micromanip.host.workers import follow
 
 
 def link(outputs, up="up", **counts):

@@ -8,7 +8,6 @@ import resource
 import socket
 import threading
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,13 +15,12 @@ import pytest
 from micromanip import client
 from micromanip.errors import CheckFailed, DeviceUnavailable, MicromanipError
 from micromanip.host.recording.recording import RecorderProcess
-from micromanip.host.recording.recordings import Recordings, lack, looked_at
+from micromanip.host.recording.recordings import looked_at
 from micromanip.host.shared_memory import RING, Segments
 from micromanip.rt.record import MAX_AXES
 from micromanip.settings.check import prepare
 
 from .standin import SIMULATED
-from .test_recording_fails import small_disk
 
 
 class Turning:
@@ -112,25 +110,3 @@ def test_a_folder_that_does_not_answer():
 
     with pytest.raises(MicromanipError, match=r"^no$"):
         asyncio.run(looked_at(refuses, Path("/srv"), 5.0))
-
-
-def warned(folder):
-    said = []
-    asyncio.run(Recordings(SimpleNamespace(), folder, said.append).warn())
-    return said
-
-
-def test_a_folder_that_takes_nothing_is_told_at_the_start(tmp_path):
-    """Not at the first fault that somebody wanted to record; and nothing is made there."""
-    assert warned(tmp_path / "made" / "later") == []
-    assert list(tmp_path.iterdir()) == []
-    (tmp_path / "file").touch()
-    (said,) = warned(tmp_path / "file" / "below")
-    assert said.startswith(f"WARNING: recordings go to {tmp_path}/file/below, and {tmp_path}/file is no folder: ")
-    with small_disk(tmp_path, "1m") as keeper:
-        if keeper is None:
-            pytest.skip("mounting a file system takes root")
-        assert lack(Path(f"/proc/{keeper}/root{tmp_path}/new")).endswith(f"{tmp_path} has 1 MB left")
-    with small_disk(tmp_path, "1m,ro") as keeper:
-        seen = Path(f"/proc/{keeper}/root{tmp_path}")
-        assert lack(seen / "new") == f"{seen} is on a read-only file system"

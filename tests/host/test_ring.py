@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from micromanip.host.ring import RingReader
+from micromanip.host.shared_memory import RingReader
 
 SIZE = 8
 FIELDS = np.dtype([("cycle", "i8"), ("value", "i8")])

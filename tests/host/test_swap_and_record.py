@@ -11,7 +11,7 @@ import pytest
 from campaigns.running_controller import PATIENCE_S
 from micromanip.host.controller import Controller
 from micromanip.host.recording.recording import RecorderProcess
-from micromanip.host.ring import RingReader
+from micromanip.host.shared_memory import RingReader
 from micromanip.recordings import open_telemetry
 from micromanip.rt import mailbox as w
 from micromanip.rt.states import ARM, RESET, STOP, TRACKING

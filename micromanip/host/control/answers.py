@@ -1,4 +1,4 @@
-"""What the verbs answer: values, configurations beside each other, and the figures of a candidate.
+"""What the verbs answer: values, configurations beside each other, and a candidate tuning with its figures.
 
 The loop gathers the figures of the tuning in force, of the candidate beside it, and of a trial.
 """
@@ -7,11 +7,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from micromanip import replies
+from micromanip.faults import BY_NAME, FaultReport, raised
 from micromanip.replies import Change, Comparison, Computed, Difference, Parameter, TrialError, TuningFigures
-from micromanip.rt.states import NO_SHADOW, SHADOW_NAMES, SHADOWING, STAGE, VOLTAGE
+from micromanip.rt.states import NO_SHADOW, ROLLED_BACK, SHADOW_NAMES, SHADOWING, STAGE, STATE_NAMES, TRACKING, VOLTAGE
 from micromanip.settings.change import ABSENT, changed, needed, values
 from micromanip.settings.check import Prepared
 from micromanip.settings.schema.model import Configuration
@@ -19,8 +21,6 @@ from micromanip.settings.text.keys import selected
 from micromanip.settings.text.place import Path as KeyPath
 from micromanip.settings.text.source import key_text
 from micromanip.settings.wiring.timing import age_is_computed, signal_timing
-
-from .candidate import Candidate
 
 
 def parameters(running: Prepared, keys: Sequence[str]) -> list[Parameter]:
@@ -124,3 +124,50 @@ def _root(square: Any) -> float | None:
 
 def _rounded(value: float) -> float | None:
     return round(value, 4) if math.isfinite(value) else None
+
+
+@dataclass
+class Candidate:
+    """A tuning that was offered; `former` is what it replaced, once it was promoted."""
+
+    version: int
+    prepared: Prepared
+    changed: list[Change]
+    standing: int = SHADOWING
+    former: Prepared | None = None
+    reason: str | None = None
+    discarded: bool = False
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What happened to a candidate without anybody asking for it: for people, and for the audit trail."""
+
+    verb: str
+    told: str | FaultReport
+    changed: list[Change] = field(default_factory=list)
+
+
+def step(old: int, new: int) -> Change:
+    """From one standing to another."""
+    return Change(key="candidate", old=SHADOW_NAMES[old], new=SHADOW_NAMES[new])
+
+
+def why_taken_back(status: Any, state: str, axes: list[str]) -> FaultReport:
+    """The newest warning of the loop that tells of it."""
+    cell, kind = status["state"][0], BY_NAME["ROLLED_BACK"]
+    ring = cell["event"]
+    newest = [ring[k % len(ring)] for k in range(int(cell["events"]) - 1, -1, -1)[: len(ring)]]
+    event = next((event for event in newest if event["code"] == ROLLED_BACK), None)
+    if event is None or event["axis"] < 0:  # no axis is to blame
+        why = (
+            "too many deadlines were missed to judge it"
+            if state == STATE_NAMES[TRACKING]
+            else f"the cell no longer tracks, its state is {state}"
+        )
+        return FaultReport(kind, what=f"the promoted tuning was reverted: {why}", explained=False)
+    report = raised(event, axes)
+    assert report is not None
+    if report.value <= report.limit:
+        return replace(report, what="the promoted tuning was reverted: it swings")
+    return report

@@ -49,8 +49,7 @@ from micromanip.settings.wiring.timing import age_is_computed, with_ages
 from micromanip.settings.write import write_into
 
 from ..controller import Controller
-from .answers import changes, differences, parameters, report
-from .candidate import Candidate, Outcome, step, why_taken_back
+from .answers import Candidate, Outcome, changes, differences, parameters, report, step, why_taken_back
 from .injecting import Injecting
 from .moving import Moving
 

@@ -24,9 +24,9 @@ from micromanip.settings.text.source import Source
 from ..controller import Controller
 from ..learning.service import LearningService
 from . import fields
+from .answers import Outcome
 from .audit import AuditTrail
 from .authority import Peer, Right
-from .candidate import Outcome
 from .handover import telemetry
 from .request import Request, Verb
 from .transaction import Tuning

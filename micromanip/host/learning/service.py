@@ -35,7 +35,7 @@ from .handover import Handover, Memories, Put
 Note = Callable[[Sequence[Change]], Awaitable[None]]
 
 _LOOK_S = 0.02
-_RESTARTS, _WITHIN_S, _RESTART_S = 3, 600.0, 1.0
+_RESTARTS, _WITHIN_S = 3, 600.0
 _END_S = 5.0
 _TENTH_K = 0.1
 _LATE_NS = 1_000_000_000
@@ -129,18 +129,10 @@ class LearningService:
         self._child.send({"forget": dict.fromkeys(axes, keep)})
 
     async def _keep_alive(self) -> None:
-        while True:
-            await self._hear_all()
-            if self._stopping or self._controller.words[w.FINISHED] or self._state == "off":
-                return
-            if not self._child.may_restart():
-                break
-            self._say("WARNING: the learning process died; it is started again, what is played stays")
-            await asyncio.sleep(_RESTART_S)
-            if self._stopping:
-                return
-        self._state = "off"
-        self._say("WARNING: the learning process died again; nothing is learned any more, what is played stays")
+        over = lambda: self._stopping or bool(self._controller.words[w.FINISHED]) or self._state == "off"  # noqa: E731
+        if not await self._child.keep_alive(self._hear_all, over, self._say, "learning"):
+            self._state = "off"
+            self._say("WARNING: the learning process died again; nothing is learned any more, what is played stays")
 
     async def _hear_all(self) -> None:
         """One process from its start to its end."""

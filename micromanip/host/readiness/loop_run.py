@@ -18,7 +18,7 @@ from micromanip.bus.rights import leave_cpu
 from micromanip.errors import CheckFailed
 from micromanip.host.controller import Controller
 from micromanip.host.realtime import missing_rights
-from micromanip.host.ring import RingReader
+from micromanip.host.shared_memory import RingReader
 from micromanip.host.statistics import durations
 from micromanip.rt import mailbox as w
 from micromanip.rt.states import STOP

@@ -14,8 +14,7 @@ import time
 from typing import Any
 
 from micromanip.host.orders import Orders, first_orders, send_message
-from micromanip.host.ring import RingReader
-from micromanip.host.shared_memory import CONTROL, RING, STATUS, Segments
+from micromanip.host.shared_memory import CONTROL, RING, STATUS, RingReader, Segments
 
 from .mcap_file import McapRecording
 from .series import McapSeries

@@ -7,7 +7,6 @@ writes into its folder of recordings only, and replaces nothing there.
 from __future__ import annotations
 
 import asyncio
-import os
 import threading
 from collections.abc import Callable
 from datetime import datetime
@@ -29,8 +28,6 @@ if TYPE_CHECKING:
 _NAME_CHARACTERS = 100
 _LOOK_S = 5.0
 """A folder that takes longer to be looked at is refused."""
-_LITTLE_BYTES = 100_000_000
-"""Less is told at the start: three axes at 10 kHz fill it in a minute."""
 _NOTHING = "nothing is being recorded; `micromanip recording start` begins"
 
 
@@ -48,19 +45,6 @@ class Recordings:
         self._folder = default_folder() if folder is None else folder
         self._current: RecorderProcess | None = None
         self._ended = False
-
-    async def warn(self) -> None:
-        """At the start: say why nothing could be recorded to the folder. Nothing is made there, nothing raised."""
-        found: list[str | None] = []
-        try:
-            await looked_at(lambda: found.append(lack(self._folder)), self._folder, _LOOK_S)
-        except (DeviceUnavailable, OSError) as problem:
-            found = [str(problem)]
-        if found[0] is not None:
-            self._say(
-                f"WARNING: recordings go to {self._folder}, and {found[0]}: `recording start` will fail, or soon end; "
-                "mend that, or name another folder, `run --recordings`"
-            )
 
     def report(self) -> Recorded | None:
         """How far the present, or else the last recording is; None where there was none."""
@@ -172,21 +156,3 @@ async def looked_at(look: Callable[[], None], folder: Path, within_s: float) -> 
         await asyncio.wait_for(done, within_s)
     except TimeoutError:
         raise DeviceUnavailable(f"{folder} did not answer within {within_s:g} s: does its disk hang?") from None
-
-
-def lack(folder: Path) -> str | None:
-    """Why nothing, or hardly anything, can be recorded to `folder`; None where all is well. Makes nothing there.
-
-    A folder that is not there yet is made by the first recording: then what it would be made in is judged.
-    """
-    there = folder.absolute()
-    while not os.path.lexists(there):
-        there = there.parent
-    if not there.is_dir():
-        return f"{there} is no folder"
-    if not os.access(there, os.W_OK | os.X_OK):  # also root's on a file system that is read-only
-        room = os.statvfs(there)
-        return f"{there} is on a read-only file system" if room.f_flag & os.ST_RDONLY else f"{there} is not writable"
-    room = os.statvfs(there)
-    free = room.f_bavail * room.f_frsize
-    return f"{there} has {free / 1e6:.0f} MB left" if room.f_blocks and free < _LITTLE_BYTES else None

@@ -21,8 +21,7 @@ from numpy.typing import NDArray
 from micromanip.errors import CheckFailed
 from micromanip.faults import BY_NAME, LOOP_DIED, FaultReport, latched
 from micromanip.host.orders import first_orders, send_message
-from micromanip.host.ring import RingReader
-from micromanip.host.shared_memory import CONTROL, RING, STATUS, Segments
+from micromanip.host.shared_memory import CONTROL, RING, STATUS, RingReader, Segments
 from micromanip.rt import mailbox as w
 
 from .store import FORMAT, TripArchive, TripRecord

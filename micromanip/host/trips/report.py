@@ -42,8 +42,8 @@ _SENSORS = {
 """Faults of a sensor: the picture shows what it said."""
 _FRESH, _WORDS = {"strain": 1, "stage": 2}, {"strain": "gauge", "stage": "stage sensor"}
 _BEFORE_MS = -1000.0
-_SIZE, _DPI = (9.0, 9.0), 130
-_NEAR_MS = (-50.0, 50.0)
+_SIZE, _DPI = (12.0, 8.0), 130
+_NEAR_MS, _SHORTLY_MS = (-50.0, 50.0), 5.0
 _SHADES = {
     "READY": "white",
     "ARMING": "tab:olive",
@@ -202,8 +202,13 @@ def _axis_words(axis: dict[str, Any]) -> str:
     return f"error {axis['error_um']:.2f} um (largest before {axis['max_error_um']:.2f} um), {voltage}"
 
 
-def draw(box: TripRecord) -> Figure:
-    """Errors and voltages with their range, both also near the trip, states shaded; and a sensor that tripped."""
+def save(box: TripRecord, file: Path) -> None:
+    """Draw the trip into a PNG or SVG file."""
+    _drawn(box).savefig(file, dpi=_DPI, metadata={"Date": None} if file.suffix == ".svg" else None)
+
+
+def _drawn(box: TripRecord) -> Figure:
+    """Errors, voltages with their range, and a sensor that tripped: of the whole time, and near the trip."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=_SIZE, layout="constrained")
@@ -211,82 +216,54 @@ def draw(box: TripRecord) -> Figure:
     figure.suptitle(f"{box.trip['code']}{where}  {box.meta['utc']}")
     figure.supxlabel(f"{box.meta['path']} ({box.meta['sha256'][:8]})", fontsize="x-small", color="dimgrey")
     sensor = _SENSORS.get(box.trip["number"]) if box.trip["axis"] in box.meta["axes"] else None
-    panels = figure.subplots(4 if sensor is None else 5, 1)
+    panels = figure.subplots(2 if sensor is None else 3, 2, sharex="col")
     ms = milliseconds(box)
-    whole = (float(ms[0]), float(ms[-1]))
-    near = (max(whole[0], _NEAR_MS[0]), min(whole[1], _NEAR_MS[1]))
-    for panel, span in zip(panels, (whole, whole, near, near, near), strict=False):
-        _shade(panel, box, span)
-        panel.axvline(0.0, color="tab:red", lw=1.0)
-        panel.set_xlim(*span)
-        panel.grid(alpha=0.3)
-    for i, name in enumerate(box.meta["axes"]):
-        colour = f"C{i}"
-        error, voltage = error_um(box, i), box.rows["axis"]["voltage_V"][:, i]
-        limiter = parameters_of(box, i)["limiter"]
-        for panel in (panels[0], panels[2]):
-            panel.plot(ms, error, lw=0.8, color=colour, label=name)
-        for panel in (panels[1], panels[3]):
-            panel.plot(ms, voltage, lw=0.8, color=colour, label=name)
-            for end in (limiter["low_V"], limiter["high_V"]):
-                panel.axhline(end, color=colour, lw=0.8, ls="--")
-    for panel, span in ((panels[0], whole), (panels[2], near)):
-        panel.set_ylabel("error, um")
-        _fit(panel, box, span)
-    for panel in (panels[1], panels[3]):
-        panel.set_ylabel("voltage, V")
-    panels[-1].set_xlabel("time from the trip, ms")
-    if sensor is not None:
-        _draw_sensor(panels[4], box, sensor, near)
-    panels[0].legend(loc="upper left", fontsize="small", title="axis")
+    spans = (float(ms[0]), float(ms[-1])), (max(float(ms[0]), _NEAR_MS[0]), min(float(ms[-1]), _NEAR_MS[1]))
+    for column, span in zip(panels.T, spans, strict=True):
+        column[0].set_ylabel("error, um")
+        column[1].set_ylabel("voltage, V")
+        column[-1].set_xlabel("time from the trip, ms")
+        column[0].set_xlim(*span)
+        for panel in column:
+            _shade(panel, box, span)
+            panel.axvline(0.0, color="tab:red", lw=1.0)
+            panel.grid(alpha=0.3)
+        worst_um = 0.0
+        for i, name in enumerate(box.meta["axes"]):
+            error = error_um(box, i)
+            column[0].plot(ms, error, lw=0.8, color=f"C{i}", label=name)
+            column[1].plot(ms, box.rows["axis"]["voltage_V"][:, i], lw=0.8, color=f"C{i}")
+            for end in (parameters_of(box, i)["limiter"][name] for name in ("low_V", "high_V")):
+                column[1].axhline(end, color=f"C{i}", lw=0.8, ls="--")
+            before = np.abs(error[(ms >= span[0]) & (ms <= _SHORTLY_MS)])
+            worst_um = max(worst_um, float(np.max(before, initial=0.0, where=np.isfinite(before))))
+        if worst_um > 0.0:  # what the ramp leaves behind may run out of it
+            column[0].set_ylim(-1.2 * worst_um, 1.2 * worst_um)
+        if sensor is not None:
+            _draw_sensor(column[2], box, sensor)
+    panels[0, 0].legend(loc="upper left", fontsize="small", title="axis")
     return figure
 
 
-def _draw_sensor(panel: Any, box: TripRecord, sensor: str, span: tuple[float, float]) -> None:
+def _draw_sensor(panel: Any, box: TripRecord, sensor: str) -> None:
     """What the sensor of the axis that tripped said, each fresh sample a dot, beside what it should have said."""
-    axis, ms = box.meta["axes"].index(box.trip["axis"]), milliseconds(box)
-    row, shown = box.rows["axis"][:, axis], (ms >= span[0]) & (ms <= span[1])
-    fresh = shown & (row["fresh"] & _FRESH[sensor] != 0)
+    row, ms = box.rows["axis"][:, box.meta["axes"].index(box.trip["axis"])], milliseconds(box)
+    fresh = row["fresh"] & _FRESH[sensor] != 0
     wanted = "setpoint_um" if sensor == "strain" else "reference_um"
-    panel.plot(ms[shown], row[f"{sensor}_um"][shown], lw=0.8, label=f"{_WORDS[sensor]} {box.trip['axis']}")
+    panel.plot(ms, row[f"{sensor}_um"], lw=0.8, label=f"{_WORDS[sensor]} {box.trip['axis']}")
     panel.plot(ms[fresh], row[f"{sensor}_um"][fresh], ".", ms=2, color="C0")
-    panel.plot(ms[shown], row[wanted][shown], "--", lw=0.8, label=wanted.removesuffix("_um"))
+    panel.plot(ms, row[wanted], "--", lw=0.8, label=wanted.removesuffix("_um"))
     panel.set_ylabel(f"{_WORDS[sensor]}, um")
     panel.legend(loc="upper left", fontsize="small")
 
 
-def save(box: TripRecord, file: Path) -> None:
-    """Draw the trip into a PNG or SVG file."""
-    draw(box).savefig(file, dpi=_DPI, metadata={"Date": None} if file.suffix == ".svg" else None)
-
-
 def _shade(panel: Any, box: TripRecord, span: tuple[float, float]) -> None:
-    """States as coloured stretches with their names."""
+    """States as coloured stretches with their names, where there is room for one."""
     begun = states(box)
-    ends = [*(ms for ms, _ in begun[1:]), span[1]]
-    for (begin, name), end in zip(begun, ends, strict=True):
+    for (begin, name), end in zip(begun, [*(ms for ms, _ in begun[1:]), span[1]], strict=True):
         left, right = max(begin, span[0]), min(end, span[1])
         if right > left:
             panel.axvspan(left, right, color=_SHADES.get(name, "white"), alpha=0.15, lw=0)
-            if right - left > 0.06 * (span[1] - span[0]):
-                panel.annotate(
-                    name,
-                    ((left + right) / 2, 0.97),
-                    xycoords=("data", "axes fraction"),
-                    ha="center",
-                    va="top",
-                    fontsize="x-small",
-                )
-
-
-def _fit(panel: Any, box: TripRecord, span: tuple[float, float]) -> None:
-    """The height shows the errors up to shortly after the trip; what the ramp leaves behind may run out of it."""
-    ms = milliseconds(box)
-    shown = (ms >= span[0]) & (ms <= min(span[1], 5.0))
-    worst = 0.0
-    for i in range(len(box.meta["axes"])):
-        error = np.abs(error_um(box, i)[shown])
-        if np.isfinite(error).any():
-            worst = max(worst, float(np.nanmax(error)))
-    if worst > 0.0:
-        panel.set_ylim(-1.2 * worst, 1.2 * worst)
+        if right - left > 0.1 * (span[1] - span[0]):
+            place = {"xycoords": ("data", "axes fraction"), "ha": "center", "va": "top", "fontsize": "x-small"}
+            panel.annotate(name, ((left + right) / 2, 0.97), **place)

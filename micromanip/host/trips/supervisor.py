@@ -25,7 +25,6 @@ _STUCK_S = {"hardware": 0.5, "simulation": 3.0}
 _TELL_WITHIN_S = 1.0
 _SETTLE_S = 2.0
 _GIVE_UP_S = 30.0
-_RESTART_S = 1.0
 _RESTARTS, _WITHIN_S = 3, 600.0
 """It is started again so often within that time; one that dies by every trip must not keep a CPU busy."""
 _END_S = 20.0
@@ -154,18 +153,10 @@ class BlackBox:
         }
 
     async def _keep_alive(self) -> None:
-        while True:
-            await self._follow()
-            if self._stopping or self._controller.words[w.FINISHED]:
-                return
-            if not self._child.may_restart():
-                break
-            self._say("WARNING: the black box process died; it is started again")
-            await asyncio.sleep(_RESTART_S)
-            if self._stopping:
-                return
-        self._say("WARNING: the black box process died again; trips leave no black box any more")
-        self._gone = True
+        over = lambda: self._stopping or bool(self._controller.words[w.FINISHED])  # noqa: E731
+        if not await self._child.keep_alive(self._follow, over, self._say, "black box"):
+            self._say("WARNING: the black box process died again; trips leave no black box any more")
+            self._gone = True
 
     async def _follow(self) -> None:
         """One process from its start to its end."""

@@ -279,7 +279,7 @@ class VirtualBench:
         if self._parks:
             self._parks = False
             self._new_run()
-            failed = BusRest(self.wire, _RULES.outputs, RAMP_S).run()
+            failed = BusRest(self.wire, _RULES.outputs, RAMP_S).rest()
             if not failed:
                 now_ns = self.clock.monotonic_ns()
                 self.oracle.claim(now_ns, now_ns, "park ended with 0")

@@ -6,9 +6,10 @@ import math
 import random
 import threading
 import time
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
+from typing import Any
 
 from micromanip.errors import PermissionDenied
 from micromanip.rt.bus_image import (
@@ -139,22 +140,25 @@ class Worker:
 
     def run(self) -> None:
         """Keep the link up; returns when it is to end, raises what is a bug."""
-        back_off = BackOff(random.Random())
         with self._while_opening():
             self._steady = SteadyService.of(self._driver, self._image)
+        self._keep_up(BackOff(random.Random()))
+
+    def _keep_up(self, back_off: BackOff) -> None:
+        """Open the link again and again until it is to end."""
         self._image.tell(ALIVE_NS, time.monotonic_ns())
         while not self._may_leave():
             opened = time.monotonic()
             try:
                 self._serve()
             except (IdentityMismatch, OutputsUnknown) as problem:
-                tell("latched", str(problem))  # before the state: who sees that must find the reason
+                self._tell("latched", str(problem))  # before the state: who sees that must find the reason
                 self._lose(LINK_LATCHED)
                 self._wait(math.inf)
             except BusError as problem:
                 self._way.failed(None)
                 wait_s = back_off.lost(time.monotonic() - opened)
-                tell("lost", str(problem), retry_s=round(wait_s, 3))
+                self._tell("lost", str(problem), retry_s=round(wait_s, 3))
                 self._lose(LINK_DOWN)
                 self._wait(wait_s)
             finally:
@@ -185,7 +189,7 @@ class Worker:
         self._image.tell(OUTPUT_STATE, self.safe.state)
         self._image.tell(AT_REST, 0)
         self._image.tell(LINK, LINK_UP)
-        tell("up", self._driver.device)
+        self._tell("up", self._driver.device)
         while not self._may_leave():
             self._turn(left_over=self._serve_steadily())
         self._part()
@@ -196,18 +200,22 @@ class Worker:
         Raises `missing` where it is not to end then, or what comes before.
         """
         for number in missing.tasks:
-            self._way.failed(number, broke=True)
-        while self._way.open_tasks(self.safe.unsafe) - missing.tasks:
+            self._failed(number, missing, broke=True)
+        while self._way.open_tasks(self.safe.unsafe) - missing.tasks and not self._gives_up():
             self._turn()
         if not self._may_leave():
             raise missing
+
+    def _gives_up(self) -> bool:
+        """Whether nothing is to be hoped for: a worker hopes on."""
+        return False
 
     def _goes_on_opening(self, problem: StillOpening, for_s: float) -> bool:
         """Look after everything else while it takes its time, and tell the host each second; False to give it up."""
         self._image.tell(ALIVE_NS, time.monotonic_ns())
         if for_s >= self._opening_told_s + _TELL_S:
             self._opening_told_s = for_s
-            tell("opening", str(problem))
+            self._tell("opening", str(problem))
         return not self._may_leave()
 
     def _follow(self) -> None:
@@ -217,13 +225,13 @@ class Worker:
             try:
                 self._memory = self._memory.follow(self._driver.device, names, self.safe.last)
             except PermissionDenied as problem:
-                tell("rights", str(problem))
+                self._tell("rights", str(problem))
 
     def _read_back(self) -> None:
         """Begin where the device is. Raises OutputsUnknown where nobody knows that."""
         values = begin(self._driver, self.safe, self._writer, self._is_alive, self._read_outputs)
         for i in self.safe.outside(values):
-            tell("outputs", f"{self._driver.outputs[i].name} reads {values[i]:g}, which is outside of its range")
+            self._tell("outputs", f"{self._driver.outputs[i].name} reads {values[i]:g}, which is outside of its range")
 
     def _read_outputs(self) -> Sequence[float | None]:
         if not self._reads_back and not any(map(math.isnan, self.safe.last)):
@@ -244,7 +252,7 @@ class Worker:
                 try:
                     self._perform(number)
                 except BusError as problem:
-                    tell("unsafe", f"{task.name} was not given its safe values once more: {problem}")
+                    self._tell("unsafe", f"{task.name} was not given its safe values once more: {problem}")
 
     def _serve_steadily(self) -> bool:
         """Leave the turns to the compiled loop, if there is one, until it needs one of Python's: is that to listen?"""
@@ -265,12 +273,7 @@ class Worker:
     def _turn(self, *, left_over: bool = False) -> None:
         """Do what is due, or listen for a moment; hand over what came. With `left_over` no task keeps it from that."""
         now_ns = time.monotonic_ns()
-        waiting: Collection[int] = ()
-        if self.safe.state == SAFE_RAMP:
-            waiting = self._way.waiting(self.safe.unsafe)
-        else:
-            self._way.arrived()
-            self._reads_back = True
+        waiting = self._waiting()
         task = None if left_over else self._schedule.take(now_ns, waiting)
         if task is not None or now_ns - self.safe.decided_ns >= self._rules.look_ns:
             self._decide(now_ns)
@@ -285,18 +288,37 @@ class Worker:
         except (TransientError, OutputRefused) as problem:
             failed = True
             self._counts["errors"] += 1
-            number = task if problem.task is None else problem.task
-            self._schedule.failed(number)
-            self._way.failed(number)
+            self._schedule.failed(self._failed(task, problem))
             self._patience.judge(problem, self._rules.patience_ns)
         except BusError as problem:
-            self._way.failed(task if problem.task is None else problem.task, broke=True)
+            self._failed(task, problem, broke=True)
             raise
         if task is not None or failed or len(self._inbox) > 0:
             self._patience.note(failed, 1, now_ns)
         self._hand_over()
         self._image.tell(ALIVE_NS, time.monotonic_ns())
         self._tell_counts(now_ns)
+
+    def _waiting(self) -> set[int]:
+        """Tasks that have no turn now."""
+        if self.safe.state == SAFE_RAMP:
+            return self._way.waiting(self.safe.unsafe)
+        self._way.arrived()
+        self._reads_back = True
+        return set()
+
+    def _tell(self, event: str, text: str, **more: Any) -> None:
+        """Something has happened that others should know."""
+        tell(event, text, **more)
+
+    def _failed(self, task: int | None, problem: BusError, *, broke: bool = False) -> int | None:
+        """What was done, or is meant by the driver, has failed, and the link is lost with it where it `broke`."""
+        number = task if problem.task is None else problem.task
+        self._way.failed(number, broke=broke)
+        return number
+
+    def _went_well(self, number: int) -> None:
+        self._way.went_well(number)
 
     def _perform(self, number: int) -> None:
         """Do a task with what was decided. Raises what the driver does."""
@@ -307,7 +329,7 @@ class Worker:
             return
         self._held_since_ns.pop(number, None)
         if outcome is None:
-            self._way.went_well(number)
+            self._went_well(number)
         self._counts["performed"] += 1
         self._image.tell_turn(self._driver.tasks[number].outputs, time.monotonic_ns())
 
@@ -331,9 +353,9 @@ class Worker:
 
     def _hand_over(self) -> None:
         for number in self._writer.take_confirmed(self._inbox):
-            self._way.went_well(number)
+            self._went_well(number)
         for text in self._inbox.remarks:
-            tell("device", text)
+            self._tell("device", text)
         self._counts["received"] += len(self._inbox)
         self._counts["lost"] += self._inbox.lost
         self._image.publish(self._inbox)

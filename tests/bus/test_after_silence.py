@@ -181,9 +181,9 @@ def test_where_nothing_is_known_a_person_is_asked_before_the_first_write(tmp_pat
     (told,) = [document["text"] for document in said if document["event"] == "latched"]
     assert "nobody knows what voltage of amplifier has: nothing is written" in told
     assert line.amplifier.writes == 0
-    assert "`watchdog`" in BusRest(line, OUTPUTS, 0.1).run()[0]
+    assert "`watchdog`" in BusRest(line, OUTPUTS, 0.1).rest()[0]
     assert line.amplifier.writes == 0
-    assert BusRest(line, OUTPUTS, 0.1, at_rest=True).run() == []
+    assert BusRest(line, OUTPUTS, 0.1, at_rest=True).rest() == []
     assert line.amplifier.largest <= STEP_V
 
 
@@ -348,7 +348,7 @@ def test_park_on_a_host_that_is_slow_gives_up_no_output_that_comes_nearer_to_res
         wire = SlowWire(clock, amplifier, ANSWERED, KEEPS, connected=False)
         with contextlib.closing(LastGiven.open(wire.device, OUTPUTS_OF_TWO, tmp_path)) as memory:
             memory.write([60.0, 60.0])
-        assert BusRest(wire, [SafeOutput(VOLTAGE, 0.0, -20.0, 100.0, 500.0)] * 2, 0.3).run() == []
+        assert BusRest(wire, [SafeOutput(VOLTAGE, 0.0, -20.0, 100.0, 500.0)] * 2, 0.3).rest() == []
     assert [*amplifier.volts().values()] == pytest.approx([0.0, 0.0], abs=1e-9)
 
 

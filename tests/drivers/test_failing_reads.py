@@ -76,5 +76,5 @@ def test_without_a_worker_they_come_to_rest(device, tmp_path):
     names = [channel.name for channel in device.driver.outputs]
     with contextlib.closing(LastGiven.open(device.driver.device, names, tmp_path)) as memory:  # of who had it before
         memory.write([HIGH_V] * 2)
-    failed = BusRest(device.driver, device.outputs, RAMP_S).run()
+    failed = BusRest(device.driver, device.outputs, RAMP_S).rest()
     assert device.oracle.at_rest(), failed

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from micromanip.bus import device_lock, output_writer
+from micromanip.bus import device_lock, output_writer, worker
 from micromanip.bus.driver import BusDriver, BusOptions, Channel, Outcome, Task
 from micromanip.bus.errors import DeviceFault, IdentityMismatch, LinkError, TransientError
 from micromanip.bus.last_given import LastGiven
@@ -126,14 +126,14 @@ class Bus(BusDriver):
 @pytest.fixture(autouse=True)
 def _virtual_time(tmp_path, monkeypatch):
     monkeypatch.setattr(device_lock, "FOLDER", tmp_path)
-    for module in (bus_rest, output_writer):
+    for module in (bus_rest, output_writer, worker):
         monkeypatch.setattr(module, "time", time)
 
 
 def rested(bus, outputs=OUTPUTS, ramp_s=RAMP_S, **known):
     """What was said of it: failures and notes."""
     rest = BusRest(bus, outputs, ramp_s, **known)
-    failed = rest.run()
+    failed = rest.rest()
     assert bus.closed >= bus.opened
     return failed, rest.notes
 
@@ -321,7 +321,7 @@ def test_a_device_that_takes_everything_and_does_something_else():
         return perform(task, values, inbox)
 
     bus.perform = sticks
-    assert rest.run() == ["voltage_x (safe: 0 V) was given and reads 80 V"]
+    assert rest.rest() == ["voltage_x (safe: 0 V) was given and reads 80 V"]
 
 
 def test_a_device_that_can_only_be_asked_when_it_is_opened_is_opened_anew():

@@ -76,7 +76,7 @@ def _one_safe(name: str, driver: CyclicDriver, outputs: Sequence[SafeOutput], ra
             return Found(failed=_make_safe(name, driver))
         rest = BusRest(driver.bus, outputs, ramp_s, at_rest=at_rest, simulated=driver.simulated)
         return Found(
-            [f"driver {name}: {line}" for line in rest.run()], [f"driver {name}: {line}" for line in rest.notes]
+            [f"driver {name}: {line}" for line in rest.rest()], [f"driver {name}: {line}" for line in rest.notes]
         )
     except Exception as problem:  # a driver's bug keeps no other one's outputs from their safe values
         return Found([f"driver {name}: its outputs are unknown, bug: {type(problem).__name__}: {problem}"])

@@ -17,7 +17,6 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -100,30 +99,6 @@ def _warm(control: Any, samples: Any, spin_ns: int) -> None:
     run_loop(own, status, ring, np.zeros(0, DRIVER), samples, spin_ns, np.zeros(1, np.int64))
 
 
-@contextlib.contextmanager
-def without_blas() -> Iterator[None]:
-    """Numba asks scipy for BLAS when it first compiles: a third of what that loads, and the loop calls none.
-
-    What is compiled for this process then can't call it either: `np.dot` and `@` are refused.
-    """
-    if "scipy.linalg" in sys.modules:
-        yield
-        return
-    sys.modules["scipy.linalg"] = None  # type: ignore[assignment]  # as Python has it: there is no such module
-    try:
-        yield
-    finally:
-        del sys.modules["scipy.linalg"]
-
-
-def _may_call_blas(orders: dict[str, Any]) -> bool:
-    """Whether a driver of somebody else is called in the loop: what it compiles is not known."""
-    own = "micromanip_drivers."
-    return any(
-        not each["bus"] and not driver_class(each["driver"]).__module__.startswith(own) for each in orders["drivers"]
-    )
-
-
 def _compile(orders: dict[str, Any]) -> None:
     """The loop, and on another CPU at the same time what the drivers have; both are in the cache from then on."""
     child = None if compiled.keeps(run_loop) else os.fork()
@@ -164,9 +139,8 @@ def main() -> int:
     Compiler.tell = staticmethod(lambda name: _print(f"compiling {name} for this processor, once after an update"))
     Compiler.tell_left = staticmethod(lambda name, seconds: _print(f"compiling {name}: {seconds:.0f} s left"))
     try:
-        with contextlib.nullcontext() if _may_call_blas(orders) else without_blas():
-            _compile(orders)
-            drivers, opened, steering_ns = _drivers(orders, segments)
+        _compile(orders)
+        drivers, opened, steering_ns = _drivers(orders, segments)
         _warm(control[0], samples, orders["spin_ns"])
         segments.ring.bytes()[::4096] = 0
         rights = enter_real_time(orders["cpu"], orders["priority"])

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-import ctypes
-import mmap
 import os
-import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -36,9 +33,7 @@ def enter_real_time(cpu: int | None, priority: int) -> int:
     Called last, after everything is compiled, allocated and touched.
     """
     refused = 0
-    if lock_memory():
-        _let_go_of_the_compiler()
-    else:
+    if not lock_memory():
         refused |= NO_LOCK
     if cpu is not None and not stay_on_cpu(cpu):
         refused |= NO_PIN
@@ -48,34 +43,6 @@ def enter_real_time(cpu: int | None, priority: int) -> int:
         refused |= NO_FIFO
     _stay_awake()
     return refused
-
-
-def _let_go_of_the_compiler() -> None:
-    """LLVM's code, 150 MB that the lock has just read from the disk, is not called any more: its pages go.
-
-    They come back from the file where they are needed after all, at the end of the process. What was written to since
-    it was mapped would come back without that: tables that the dynamic linker has relocated are read-only, too; they
-    stay.
-    """
-    libc = ctypes.CDLL(None)
-    for first, end in clean_code("llvmlite", Path("/proc/self/smaps").read_text()):
-        libc.munlock(ctypes.c_void_p(first), ctypes.c_size_t(end - first))
-        libc.madvise(ctypes.c_void_p(first), ctypes.c_size_t(end - first), mmap.MADV_DONTNEED)
-
-
-def clean_code(library: str, smaps: str) -> list[tuple[int, int]]:
-    """First address and end of each mapping of `library`'s file in `smaps` (proc(5)) that is as in the file."""
-    found = []
-    for mapping in re.split(r"^(?=[0-9a-f]+-[0-9a-f]+ )", smaps, flags=re.MULTILINE)[1:]:
-        head, *rest = mapping.splitlines()
-        place, access, *_, name = head.split()
-        written_kB = [
-            line.split()[1] for line in rest if line.startswith(("Private_Dirty:", "Shared_Dirty:", "Anonymous:"))
-        ]
-        if library in name and "w" not in access and written_kB and set(written_kB) == {"0"}:
-            first, end = place.split("-")
-            found.append((int(first, 16), int(end, 16)))
-    return found
 
 
 def _stay_awake() -> None:

@@ -18,7 +18,6 @@ _RAGGED = 0.5
 """Rms jitter, in sampling intervals, beyond which no rate is taken to be meant."""
 _GAP = 1.5
 """Intervals from which on a step is a gap, not jitter."""
-_HOUR_S, _FASTEST_HZ = 3600.0, 2e6
 _PERIODS_S, _BITS, _LATE = (43_200.0, 86_400.0), (8, 10, 12, 16, 24, 32), 5.0
 """When clocks and counters begin anew, and how many intervals later at most the next sample comes."""
 _SPREAD, _ENDS, _UNKNOWN = 1.5, 30, 0.05
@@ -178,16 +177,3 @@ def _missing(name: str, places: list[str], missing: int) -> str:
     samples = "1 sample is" if missing == 1 else f"{missing} samples are"
     gaps = f", in {len(places)} gaps, the first" if len(places) > 1 else ""
     return f"by {name} {samples} missing{gaps} before {places[0]}: not filled in, what is on either side is kept apart"
-
-
-def doubts(name: str, samples: int, step_s: float) -> list[str]:
-    """What in a clock without a stated unit looks like another unit."""
-    length = samples * step_s
-    if length > _HOUR_S and step_s > 0.05:
-        return [
-            f"by {name} the record lasts {length / 3600:.3g} h at {1 / step_s:.4g} Hz: if these are milliseconds, "
-            f"give --time {name}:ms"
-        ]
-    if step_s < 1.0 / _FASTEST_HZ:
-        return [f"by {name} it was sampled at {1e-6 / step_s:.3g} MHz: if these are seconds, give --time {name}:s"]
-    return []

@@ -11,7 +11,7 @@ from __future__ import annotations
 import contextlib
 import warnings
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -33,14 +33,19 @@ Found = Iterator[tuple[str, Any]]
 def read_matlab(file: Path) -> Table:
     """A .mat file of any version. CheckFailed where it is cut off, or holds no numbers."""
     with file.open("rb") as head:
-        is_hdf5 = head.read(520)[512:] == b"\x89HDF\r\n\x1a\n"
-    every = dict(_of_hdf5(file) if is_hdf5 else _by_scipy(file))
+        if head.read(520)[512:] == b"\x89HDF\r\n\x1a\n":
+            return read_hdf5(file)
+    every = dict(_by_scipy(file))
     found = {name: values for name, values in every.items() if values is not None}
-    if not found and every:
-        raise CheckFailed(f"{file}: {', '.join(every)}: an object of MATLAB, which can't be read here; {_ADVICE}")
     if not found:
-        raise CheckFailed(f"{file}: there are no columns of numbers in it; {_ADVICE}")
+        raise _without_numbers(file, every)
     return table_of(file, found)
+
+
+def _without_numbers(file: Path, objects: Collection[str]) -> CheckFailed:
+    if objects:
+        return CheckFailed(f"{file}: {', '.join(objects)}: an object of MATLAB, which can't be read here; {_ADVICE}")
+    return CheckFailed(f"{file}: there are no columns of numbers in it, vectors or tables; {_ADVICE}")
 
 
 def _by_scipy(file: Path) -> Found:
@@ -72,24 +77,6 @@ def _flat(name: str, value: Any, deeper: int) -> Found:
                     yield from _flat(f"{several}.{field}", one[field], deeper - 1)
     elif value.dtype.kind in "fiub" and value.size > 1:
         yield name, value
-
-
-def _of_hdf5(file: Path) -> Found:
-    found: list[tuple[str, Any]] = []
-
-    def visit(name: str, item: Any) -> None:
-        kind = item.attrs.get("MATLAB_class", b"")
-        kind = kind.decode() if isinstance(kind, bytes) else str(kind)
-        if name.startswith("#") or "MATLAB_empty" in item.attrs:
-            return
-        if "MATLAB_object_decode" in item.attrs:
-            found.append((name, None))
-        elif getattr(item, "size", 0) > 1 and kind not in _TEXTS and item.dtype.kind in "fiu":
-            found.append((name.replace("/", "."), np.asarray(item[()]).T))  # MATLAB's arrays lie the other way round
-
-    with opened(file) as contents:
-        contents.visititems(visit)
-    return iter(found)
 
 
 def read_parquet(file: Path) -> Table:
@@ -150,23 +137,29 @@ def opened(file: Path) -> Iterator[Any]:
 
 
 def read_hdf5(file: Path) -> Table:
-    """The numbers in an HDF5 file. CheckFailed where it is damaged, or has none."""
+    """The numbers in an HDF5 file, one of MATLAB's too. CheckFailed where it is damaged, or has none."""
     columns: dict[str, Array | Callable[[], Array]] = {}
     units: dict[str, str] = {}
+    objects: list[str] = []
 
     def visit(path: str, item: Any) -> None:
-        if getattr(item, "ndim", 0) == 0 or item.size < 2:  # a group, a single number
+        kind = _text_of(item.attrs.get("MATLAB_class", ""))
+        if "MATLAB_object_decode" in item.attrs:
+            objects.append(path)
+        elif "MATLAB_empty" in item.attrs:
             return
-        name, stated = path.replace("/", "."), _stated_unit(item.attrs)
-        for found, _ in columns_of(name, np.zeros(_few(item.shape), item.dtype)):
-            columns[found] = _reading(file, path, name, found)
-            if stated:
-                units[found] = stated
+        elif getattr(item, "ndim", 0) > 0 and item.size > 1 and kind not in _TEXTS and not path.startswith("#"):
+            name, stated = path.replace("/", "."), _stated_unit(item.attrs)
+            shape = _few(item.shape[::-1] if kind else item.shape)  # MATLAB's arrays lie the other way round
+            for found, _ in columns_of(name, np.zeros(shape, item.dtype)):
+                columns[found] = _reading(file, path, name, found, turned=bool(kind))
+                if stated:
+                    units[found] = stated
 
     with opened(file) as contents:
         contents.visititems(visit)
     if not columns:
-        raise CheckFailed(f"{file}: there are no columns of numbers in it, vectors or tables")
+        raise _without_numbers(file, objects)
     return Table(file, columns, units)
 
 
@@ -174,8 +167,12 @@ def _stated_unit(attributes: Any) -> str:
     """The unit, "" without one; a text or an array of one, and "ms" of netCDF's "ms since 2026-11-24"."""
     stated = next((attributes[name] for name in _UNIT_ATTRIBUTES if name in attributes), "")
     stated = stated.item() if isinstance(stated, np.ndarray) and stated.size == 1 else stated
-    stated = stated.decode() if isinstance(stated, bytes) else stated
-    return stated.partition(" since ")[0] if isinstance(stated, str) else ""
+    return _text_of(stated).partition(" since ")[0]
+
+
+def _text_of(attribute: Any) -> str:
+    text = attribute.decode() if isinstance(attribute, bytes) else attribute
+    return text if isinstance(text, str) else ""
 
 
 def _few(shape: tuple[int, ...]) -> tuple[int, ...]:
@@ -186,7 +183,7 @@ def _few(shape: tuple[int, ...]) -> tuple[int, ...]:
     return (rows, WIDE * rows) if columns >= WIDE * rows else (max(2, min(shape)), columns)
 
 
-def _reading(file: Path, path: str, name: str, column: str) -> Callable[[], Array]:
+def _reading(file: Path, path: str, name: str, column: str, *, turned: bool) -> Callable[[], Array]:
     def read() -> Array:
         with opened(file) as contents:
             item = contents[path]
@@ -195,7 +192,8 @@ def _reading(file: Path, path: str, name: str, column: str) -> Callable[[], Arra
             for source in item.virtual_sources() if item.is_virtual else ():  # zeros where they are not there
                 if source.file_name != "." and not (file.parent / source.file_name).exists():
                     raise CheckFailed(f"{file}: {path} is kept in {source.file_name}, which is not there; copy it, too")
-            return dict(columns_of(name, _unpacked(item[()], item.attrs)))[column]
+            values = _unpacked(item[()], item.attrs)
+            return dict(columns_of(name, values.T if turned else values))[column]
 
     return read
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from micromanip.errors import CheckFailed, UsageError
 
-from .clock import Clock, doubts, even, read_clock, unwrapped
+from .clock import Clock, even, read_clock, unwrapped
 from .reading import read_table
 from .rows import usable
 from .spikes import faults_only, find_spikes
@@ -29,8 +29,6 @@ _DAYS, _DAY_S, _ROUND = ((2e4, 8e4), (6e5, 9e5)), 86_400.0, 1e-3
 """Days of our century from 1900 and from the year 0."""
 _SAME_RATE, _GAP = 1e-9, 2.5
 """Share by which rates differ that are one; steps from which on there is a gap between jittered samples."""
-_STROKE_UM = (0.2, 5000.0)
-_SWING_V = 2000.0
 _BASE = {"length": "um", "voltage": "V"}
 _OTHER = {"length": "mm", "voltage": "mV"}
 
@@ -74,7 +72,7 @@ def take(file: Path, wanted: Wanted) -> TimeSeries:
     notes: list[str] = []
     timed = wanted.time or table.time_column(names)
     timed = None if timed == NO_TIME and NO_TIME not in table else timed
-    time_name, t, unit_known = _times(table, timed, wanted, notes)
+    time_name, t = _times(table, timed, wanted, notes)
     if t is not None and time_name is not None:
         columns = {time_name: t} | columns
     other, samples = next((name, len(values)) for name, values in columns.items())
@@ -89,7 +87,6 @@ def take(file: Path, wanted: Wanted) -> TimeSeries:
         any_rate = wanted.rate_hz is not None
         where = lambda row: table.where(int(rows.number[row]))  # noqa: E731
         clock = read_clock(time_name, rows.times, where, any_rate=any_rate, step_s=wanted.step_s)
-    notes += [] if unit_known or time_name is None else doubts(time_name, len(rows.times), clock.step_s)
     part = _part(file, clock, wanted.cut)
     dimensions = wanted.dimensions or [None] * len(names)
     written = [unit for _, unit in found]
@@ -125,8 +122,8 @@ def _told(series: TimeSeries, place: str) -> str:
     )
 
 
-def _times(table: Table, timed: str | None, wanted: Wanted, notes: list[str]) -> tuple[str | None, Array | None, bool]:
-    """Name and values, s, of the column of time, None where there is none and the interval is given; unit known?"""
+def _times(table: Table, timed: str | None, wanted: Wanted, notes: list[str]) -> tuple[str | None, Array | None]:
+    """Name and values, s, of the column of time; None where there is none and the interval is given."""
     if timed is None:
         if wanted.step_s is None:
             for name, text in table.texts.items():
@@ -138,7 +135,7 @@ def _times(table: Table, timed: str | None, wanted: Wanted, notes: list[str]) ->
             raise CheckFailed(
                 f"{table.file}: there is no time column (a name that begins with t); name it with --time, or give --dt"
             )
-        return None, None, True
+        return None, None
     name, unit = table.resolve(timed)
     stated = unit or unknown_unit(name) or (name if called_time(name) or has_time_word(name) else None)
     scale = known(unit) if unit else known_time(stated) if stated else None
@@ -157,7 +154,7 @@ def _times(table: Table, timed: str | None, wanted: Wanted, notes: list[str]) ->
         t = t * scale.factor
     elif scale is not None:
         raise CheckFailed(f"{table.file}: {name} is in {unit}, which is no time; name the right column with --time")
-    return name, t, scale is not None
+    return name, t
 
 
 def _require_seconds(table: Table, name: str, stated: str | None, t: Array) -> None:
@@ -230,7 +227,6 @@ def _in_our_units(
                 strange = unit or unknown_unit(name)
                 says = f"{name}: {strange!r} is no unit known here" if strange else f"{name} states no unit"
                 notes.append(f"{says}: taken as {_BASE[dimension]}; {name}:{_OTHER[dimension]} says another")
-                notes += _doubts(name, dimension, float(np.ptp(scaled[:, k])), _BASE[dimension])
             continue
         if dimension not in (None, scale.dimension):
             raise CheckFailed(
@@ -240,20 +236,7 @@ def _in_our_units(
         if scale.factor != 1.0:
             scaled[:, k] *= scale.factor
             notes.append(f"{name}: {unit} turned into {scale.base}")
-        notes += _doubts(name, scale.dimension, float(np.ptp(scaled[:, k])), unit or "")
     return tuple(units), scaled
-
-
-def _doubts(name: str, dimension: str, span: float, unit: str) -> list[str]:
-    """What in a span looks like another unit."""
-    if dimension == "length" and 0.0 < span < _STROKE_UM[0]:
-        guess = "mm" if span > 1e-3 * _STROKE_UM[0] else "m"
-        return [f"{name} moves by {span:.3g} um only: if these are {guess}, not {unit}, give {name}:{guess}"]
-    if dimension == "length" and span > _STROKE_UM[1]:
-        return [f"{name} moves by {span:.3g} um: if these are nm, not {unit}, give {name}:nm"]
-    if dimension == "voltage" and span > _SWING_V:
-        return [f"{name} swings by {span:.4g} V: if these are mV, not {unit}, give {name}:mV"]
-    return []
 
 
 def _tell_of_spikes(

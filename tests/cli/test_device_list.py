@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from micromanip.bus import inspection
+from micromanip.bus import registry
 from tests.cli import command
 from tests.cli.command import code_of
 
@@ -92,10 +92,10 @@ class Driver(BusDriver):
 @pytest.fixture
 def only(monkeypatch):
     """Hide all drivers but those named."""
-    everything = inspection.installed
+    everything = registry.installed
 
     def choose(*names):
-        monkeypatch.setattr(inspection, "installed", lambda: {name: everything()[name] for name in names})
+        monkeypatch.setattr(registry, "installed", lambda: {name: everything()[name] for name in names})
 
     return choose
 

@@ -1,7 +1,5 @@
 """Gaps, jitter, cuts, rates, spikes and doubtful units: handled, and told."""
 
-import re
-
 import numpy as np
 import pytest
 from host.test_mcap_recording import begun, slots
@@ -132,27 +130,6 @@ def test_a_cut_is_in_seconds_from_the_first_sample(tmp_path):
     spoilt = Y.copy()
     spoilt[:3] = np.nan  # what is cut off need not be good
     assert len(take(written(file, y=spoilt), Wanted(("u", "y"), cut=(0.1, 1.0))).values) == 180
-
-
-DOUBTS = {
-    "millimetres": (T, U, 1e-3 * Y, "t_s,u_V,y_um", "y_um moves by .* um only: if these are mm, not um"),
-    "nanometres": (T, U, 1e3 * Y, "t_s,u_V,y_um", "y_um moves by .* um: if these are nm, not um"),
-    "millivolts": (T, 1e3 * U, Y, "t_s,u_V,y_um", "u_V swings by .* V: if these are mV, not V"),
-    "milliseconds": (1e5 * T, U, Y, "t,u,y", "by t the record lasts .* h at .* Hz: if these are milliseconds"),
-}
-
-
-@pytest.mark.parametrize("name", DOUBTS)
-def test_units_that_can_hardly_be_meant_are_told(name, tmp_path):
-    t, u, y, header, sentence = DOUBTS[name]
-
-    file = written(tmp_path / "x.csv", np.repeat(t, 1), u, y, header)
-    if name == "milliseconds":  # 10 kHz, times in ms, for a minute
-        file = written(tmp_path / "x.csv", 0.1 * np.arange(60_000), np.resize(u, 60_000), np.resize(y, 60_000), header)
-    notes = take(file, Wanted(tuple(header.split(",")[1:]))).notes
-    assert any(re.search(sentence, note) for note in notes), notes
-    good = take(written(tmp_path / "good.csv", header=header), Wanted(tuple(header.split(",")[1:])))
-    assert not good.notes
 
 
 @settings(max_examples=40, deadline=None)

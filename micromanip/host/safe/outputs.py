@@ -6,7 +6,7 @@ back or was given last. Every output of every driver is tried; what the device h
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
@@ -32,14 +32,6 @@ class SafeReport:
     notes: list[str] = field(default_factory=list)
 
 
-@dataclass(frozen=True)
-class Found:
-    """What is to be said of one driver."""
-
-    failed: Sequence[str] = ()
-    notes: Sequence[str] = ()
-
-
 def make_safe(plan: SafePlan, wait_s: float = 0.0, *, at_rest: bool = False) -> SafeReport:
     """Open each driver, bring its outputs to their safe values, close it again; does no harm twice.
 
@@ -49,45 +41,37 @@ def make_safe(plan: SafePlan, wait_s: float = 0.0, *, at_rest: bool = False) -> 
     """
     wiring = plan.wiring
     outputs = {name: wiring.safe_outputs(name, plan.configuration) for name in wiring.buses}
+    ramp_s = plan.configuration.start.ramp_s
     try:
         locks = DeviceLocks(wiring.devices, wait_s=wait_s)
     except DeviceUnavailable as problem:
         raise CheckFailed(f"nothing was touched: {problem}") from problem
-    with locks:
-        return _reported(_all_safe(wiring.drivers, outputs, plan.configuration.start.ramp_s, at_rest))
-
-
-def _all_safe(
-    drivers: Mapping[str, CyclicDriver], outputs: Mapping[str, Sequence[SafeOutput]], ramp_s: float, at_rest: bool
-) -> dict[str, Found]:
-    """All that have outputs, at the same time: none waits until another one's device has been given up."""
-    with ThreadPoolExecutor(len(drivers)) as threads:
+    report = SafeReport()
+    with locks, ThreadPoolExecutor() as threads:  # at the same time: none waits until another one's is given up
         tasks = {
             name: threads.submit(_one_safe, name, driver, outputs.get(name, ()), ramp_s, at_rest)
-            for name, driver in drivers.items()
+            for name, driver in wiring.drivers.items()
             if driver.outputs
         }
-    return {name: task.result() for name, task in tasks.items()}
+    for name, task in tasks.items():
+        failed, notes = task.result()
+        report.safe += [] if failed else [name]
+        report.failed += failed
+        report.notes += [f"driver {name}: {note}" for note in notes]
+    return report
 
 
-def _one_safe(name: str, driver: CyclicDriver, outputs: Sequence[SafeOutput], ramp_s: float, at_rest: bool) -> Found:
+def _one_safe(
+    name: str, driver: CyclicDriver, outputs: Sequence[SafeOutput], ramp_s: float, at_rest: bool
+) -> tuple[Sequence[str], Sequence[str]]:
+    """What failed, and what else is to be said."""
     try:
         if not isinstance(driver, BusBridge):
-            return Found(failed=_make_safe(name, driver))
+            return _make_safe(name, driver), ()
         rest = BusRest(driver.bus, outputs, ramp_s, at_rest=at_rest, simulated=driver.simulated)
-        return Found(
-            [f"driver {name}: {line}" for line in rest.rest()], [f"driver {name}: {line}" for line in rest.notes]
-        )
+        return [f"driver {name}: {line}" for line in rest.rest()], rest.notes
     except Exception as problem:  # a driver's bug keeps no other one's outputs from their safe values
-        return Found([f"driver {name}: its outputs are unknown, bug: {type(problem).__name__}: {problem}"])
-
-
-def _reported(found: Mapping[str, Found]) -> SafeReport:
-    report = SafeReport([name for name, each in found.items() if not each.failed])
-    for each in found.values():
-        report.failed += each.failed
-        report.notes += each.notes
-    return report
+        return [f"driver {name}: its outputs are unknown, bug: {type(problem).__name__}: {problem}"], ()
 
 
 def _make_safe(name: str, driver: CyclicDriver) -> list[str]:

@@ -12,6 +12,7 @@ A trip is a ``.npz`` without pickles, so that any numpy reads it:
 from __future__ import annotations
 
 import contextlib
+import io
 import json
 import os
 import re
@@ -28,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.errors import CheckFailed, PermissionDenied, UsageError
-from micromanip.files import open_regular
+from micromanip.files import held, open_regular
 from micromanip.host.state_directory import state_directory
 
 FORMAT = 1
@@ -71,26 +72,15 @@ class TripRecord:
     def save(self, file: Path) -> None:
         """Write the file whole or not at all: once it has its name it is on the disk. Raises OSError."""
         write = np.savez_compressed if self.meta["complete"] else np.savez  # the first must be quick
-        partial = file.with_name(f".{file.name}.{os.getpid()}{PARTIAL}")
-        try:
-            with partial.open("wb") as stream:
-                write(
-                    stream,
-                    allow_pickle=False,
-                    meta=np.array(json.dumps(self.meta)),
-                    **{part: getattr(self, part) for part in _PARTS},
-                )
-                stream.flush()
-                os.fsync(stream.fileno())
-            partial.replace(file)
-        except BaseException:
-            partial.unlink(missing_ok=True)
-            raise
-        folder = os.open(file.parent, os.O_RDONLY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
+        content = io.BytesIO()
+        write(
+            content,
+            allow_pickle=False,
+            meta=np.array(json.dumps(self.meta)),
+            **{part: getattr(self, part) for part in _PARTS},
+        )
+        with held(file) as (folder, name):
+            folder.write(name, content.getvalue())
 
     @classmethod
     def load(cls, file: Path) -> TripRecord:

@@ -355,17 +355,17 @@ class VirtualBench:
 
 def interleaved(seed, number, folder):
     """One of them; what devices were given last is kept in `folder` meanwhile, and nobody is told anything."""
-    kept, said = device_lock.FOLDER, report.say
+    kept, said = device_lock.FOLDER, report.send_message
     device_lock.FOLDER = folder / f"{seed}-{number}"
     device_lock.FOLDER.mkdir()
     bench = VirtualBench(seed, number)
-    report.say = lambda document: bench.note(document)
+    report.send_message = lambda **document: bench.note(document)
     try:
         with bench.clock.in_force():
             begin_ns = bench.clock.monotonic_ns()
             found = few(bench.play())
     finally:
-        device_lock.FOLDER, report.say = kept, said
+        device_lock.FOLDER, report.send_message = kept, said
     seconds = (bench.clock.monotonic_ns() - begin_ns) * 1e-9
     course = [[0, f"{bench.habits}, {bench.way}, {bench.silence}, connected: {bench.connected}"], *bench.notes]
     return Interleaving(number, bench.steps, seconds, bench.largest_V, bench.arrivals.count, found, course)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -15,11 +14,11 @@ from pydantic import BaseModel
 from micromanip.rt.bus_image import IMAGE, OUTPUT_STATE, RESTING, SENT_NS, UNKNOWN
 from micromanip.rt.mailbox import ask
 
-from .cyclic import CONTEXT_C, CyclicDriver, Functions
+from .cyclic import CyclicDriver, Functions
 from .driver import BusDriver, BusOptions, Channel, Load
 
 UNSAFE = 1
-"""What ``safe`` returns where the worker did not bring its outputs to rest in time."""
+"""Of ``safe_in_host``: the worker did not bring its outputs to rest in time."""
 PATIENCE_NS, _STEP_S = 5_000_000_000, 2e-3
 PERIODS = 4
 """An output waits for its device where its turn has not come for more than so many periods; a bus that is slow for
@@ -117,9 +116,4 @@ def bridge_functions() -> Functions:
     """The four functions of every bus, in this process."""
     from . import bridge_functions as compiled  # loaded only where it is going to be called
 
-    safe = ctypes.cast(_SAFE, ctypes.c_void_p).value or 0
-    begin, exchange, _, end = compiled.ENTRIES
-    return Functions(begin.address, exchange.address, safe, end.address)
-
-
-_SAFE = CONTEXT_C(lambda at: wait_for_rest(np.ctypeslib.as_array((ctypes.c_uint8 * IMAGE.itemsize).from_address(at))))
+    return Functions(*compiled.ENTRIES.addresses)

@@ -9,9 +9,7 @@ happens it tells on standard output, a JSON document a line.
 from __future__ import annotations
 
 import gc
-import json
 import os
-import signal
 import sys
 import threading
 import time
@@ -27,7 +25,7 @@ from .driver import BusDriver
 from .image import ProcessImage
 from .last_given import LastGiven
 from .registry import driver_class
-from .report import say
+from .report import Orders, first_orders, tell
 from .rights import leave_cpu, lock_memory, stay_on_cpu
 from .safe_state import SafeOutput
 from .worker import Rules, Worker
@@ -36,10 +34,10 @@ _STUCK_S, _LOOK_S = 30.0, 1.0
 """With the host gone, a driver that does not come back from its bus for so long is ended."""
 
 
-def _listen(worker: Worker, image: ProcessImage, lines: Iterator[bytes]) -> None:
+def _listen(worker: Worker, image: ProcessImage, told: Orders) -> None:
     """Take new rules; end with the host, and if the driver does not come back from its bus, end all the same."""
-    for line in lines:
-        worker.adopt(_rules(json.loads(line)["rules"]))
+    while (order := told.next()) is not None:
+        worker.adopt(_rules(order["rules"]))
     worker.end()
     while time.monotonic() - image.ask(ALIVE_NS) * 1e-9 < _STUCK_S:
         time.sleep(_LOOK_S)
@@ -58,19 +56,16 @@ def _memory(driver: BusDriver, folder: Path) -> LastGiven | None:
     try:
         return LastGiven.open(driver.device, names, folder)
     except PermissionDenied as problem:
-        say({"event": "rights", "text": str(problem)})
+        tell("rights", str(problem))
         return None
 
 
 def main() -> int:
     """Serve until the end; the exit code is 0, 78 for options that the driver refuses, 1 after a bug."""
-    for number in (signal.SIGHUP, signal.SIGINT, signal.SIGTERM):  # sent to all of a service; the host ends this one
-        signal.signal(number, signal.SIG_IGN)
     os.set_blocking(1, False)
-    lines = _lines()
-    if (first := next(lines, None)) is None:
-        return 0  # the host is gone already
-    orders = json.loads(first)
+    told, orders = first_orders()
+    if orders is None:
+        return 0
     kind = driver_class(orders["driver"])
     assert issubclass(kind, BusDriver)
     try:
@@ -84,7 +79,7 @@ def main() -> int:
     memory = _memory(driver, Path(orders["memory"]))
     at_ease = take_rights(orders["cpu"], orders["loop_cpu"], orders["priority"])
     worker = Worker(driver, image, _rules(orders["rules"]), memory, at_ease, simulated=options.simulated)
-    threading.Thread(target=_listen, args=(worker, image, lines), daemon=True).start()
+    threading.Thread(target=_listen, args=(worker, image, told), daemon=True).start()
     gc.collect()
     gc.freeze()
     worker.run()
@@ -100,13 +95,13 @@ def take_rights(cpu: int | None, loop_cpu: int | None, priority: int) -> Callabl
     if cpu is None:
         leave_cpu(loop_cpu)
     elif not stay_on_cpu(cpu):
-        say({"event": "rights", "text": f"its worker is not pinned to CPU {cpu}: it does not exist or is not allowed"})
+        tell("rights", f"its worker is not pinned to CPU {cpu}: it does not exist or is not allowed")
     lock_memory(once_touched=True)
     urgent = os.sched_param(priority)
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, urgent)
     except PermissionError:
-        say({"event": "rights", "text": "no real-time priority for its worker: samples and voltages may come late"})
+        tell("rights", "no real-time priority for its worker: samples and voltages may come late")
         return nullcontext
 
     @contextmanager
@@ -120,14 +115,6 @@ def take_rights(cpu: int | None, loop_cpu: int | None, priority: int) -> Callabl
                     os.sched_setscheduler(int(thread), os.SCHED_FIFO, urgent)
 
     return at_ease
-
-
-def _lines() -> Iterator[bytes]:
-    """Whole lines of standard input, until it ends."""
-    rest = b""
-    while data := os.read(0, 1 << 16):
-        *lines, rest = (rest + data).split(b"\n")
-        yield from lines
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ from typing import Any
 
 from micromanip.bus.backoff import RestartLimit
 
-from .orders import send_orders
+from .shared_memory import send_orders
 
 _RESTART_S = 1.0
 

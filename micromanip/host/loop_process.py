@@ -1,7 +1,7 @@
 """The loop process: maps the memory, opens the drivers, warms up, goes real-time, runs the loop.
 
 Started by the host as ``python -m micromanip.host.loop_process`` in a session of its own, so that Ctrl-C
-reaches the host only. It imports before it gets its orders, with the shared memory (``orders.py``).
+reaches the host only. It imports before it gets its orders, with the shared memory (``shared_memory.py``).
 """
 
 # ruff: noqa: E402
@@ -34,9 +34,8 @@ from micromanip.rt.records import DRIVER
 from micromanip.rt.states import ARM, HOST_DEAD, RAMPS, READY
 
 from .control.socket_file import remove_stale
-from .orders import receive_orders
 from .realtime import enter_real_time, missing_rights
-from .shared_memory import CONTROL, RING, STATUS, Segments
+from .shared_memory import CONTROL, RING, STATUS, Segments, receive_orders
 
 _WARM_CYCLES, _WARM_PERIOD_NS = 3000, 20_000
 

@@ -1,12 +1,17 @@
 """The shared memory of one running controller: anonymous files, inherited by descriptor; and who reads the ring.
 
-``memfd_create`` gives memory without a name: nothing is left behind after kill -9 of any process.
+``memfd_create`` gives memory without a name: nothing is left behind after kill -9 of any process. A process that runs
+already, and began to import before the host knew what to order, gets it with its one document on a socket that is its
+standard input (SCM_RIGHTS, unix(7)).
 """
 
 from __future__ import annotations
 
+import json
 import mmap
 import os
+import socket
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -21,6 +26,9 @@ from micromanip.rt.mailbox import SLOTS as SLOTS
 from micromanip.rt.mailbox import STATUS as STATUS
 from micromanip.rt.records import MAX_AXES
 from micromanip.rt.telemetry import ROW
+
+_BYTES, _DESCRIPTORS = 65_536, 253
+"""Read at once; and the most that Linux lets go along."""
 
 
 @dataclass(frozen=True)
@@ -159,3 +167,20 @@ class RingReader:
         """The newest row, without moving on; None before the first."""
         head = int(self._words[RING_HEAD])
         return self._rows[(head - 1) % len(self._rows)].copy() if head else None
+
+
+def send_orders(wire: socket.socket, orders: Any, descriptors: Sequence[int]) -> None:
+    """All orders that there will ever be; raises OSError where nobody is there to take them."""
+    document = json.dumps(orders).encode()
+    sent = socket.send_fds(wire, [document], list(descriptors))
+    wire.sendall(document[sent:])
+    wire.shutdown(socket.SHUT_WR)
+
+
+def receive_orders(standard_input: int = 0) -> tuple[Any, list[int]]:
+    """What the host handed on, as soon as it does: orders and descriptors. None where it ended, or let go, before."""
+    with socket.socket(fileno=os.dup(standard_input)) as wire:
+        document, descriptors, _, _ = socket.recv_fds(wire, _BYTES, _DESCRIPTORS)
+        while more := wire.recv(_BYTES):
+            document += more
+    return (json.loads(document) if document else None), descriptors

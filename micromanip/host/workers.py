@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from types import TracebackType
 from typing import Self
 
@@ -79,17 +79,14 @@ class Workers:
 
         Raises DeviceUnavailable where that takes too long: nobody is told READY while a device may have a voltage.
         """
-        begin = time.monotonic()
-        while not ends():
-            away = [worker for worker in self._workers if not worker.is_in_hand]
-            if not away:
-                return True
-            for worker in away:
-                if time.monotonic() - begin > worker.way_to_rest_s + _IN_HAND_S:
-                    what = f"driver {worker.name}: its outputs are not brought to rest: {worker.outputs_text}"
-                    raise DeviceUnavailable(what + (f"; {worker.said}" if worker.said else ""))
-            await asyncio.sleep(_POLL_S)
-        return False
+
+        def away() -> Iterator[tuple[str, float, str]]:
+            for worker in self._workers:
+                if not worker.is_in_hand:
+                    what = f"its outputs are not brought to rest: {worker.outputs_text}"
+                    yield worker.name, worker.way_to_rest_s + _IN_HAND_S, "; ".join(filter(None, (what, worker.said)))
+
+        return await _nothing_is_away(away, ends)
 
     def adopt(self, prepared: Prepared) -> None:
         """Go by the limits and times of another configuration from now on."""
@@ -112,14 +109,25 @@ async def follow(links: Callable[[], Mapping[str, Link]], steering: str | None, 
     Raises DeviceUnavailable where it takes too long: nobody is told READY while a device is missing, or the deadlines
     still move.
     """
+
+    def away() -> Iterator[tuple[str, float, str]]:
+        for name, link in links().items():
+            if link["outputs"] != OUTPUT_NAMES[FOLLOWING]:
+                yield name, _LOCKS_IN_S if name == steering else _ANSWERS_IN_S, _missing(link, name == steering)
+
+    return await _nothing_is_away(away, ends)
+
+
+async def _nothing_is_away(away: Callable[[], Iterator[tuple[str, float, str]]], ends: Callable[[], bool]) -> bool:
+    """Wait until no driver is; of each that is, its name, how long it is waited for, and what is to be said then."""
     begin = time.monotonic()
     while not ends():
-        away = {name: link for name, link in links().items() if link["outputs"] != OUTPUT_NAMES[FOLLOWING]}
-        if not away:
+        found = list(away())
+        if not found:
             return True
-        for name, link in away.items():
-            if time.monotonic() - begin > (_LOCKS_IN_S if name == steering else _ANSWERS_IN_S):
-                raise DeviceUnavailable(f"driver {name}: {_missing(link, name == steering)}")
+        for name, patience_s, why in found:
+            if time.monotonic() - begin > patience_s:
+                raise DeviceUnavailable(f"driver {name}: {why}")
         await asyncio.sleep(_POLL_S)
     return False
 

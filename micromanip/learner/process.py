@@ -18,9 +18,9 @@ from typing import Any
 
 import numpy as np
 
+from micromanip.bus.report import first_orders, send_message
 from micromanip.design.learning.law import Update
 from micromanip.errors import MicromanipError
-from micromanip.host.orders import first_orders, send_message
 from micromanip.host.shared_memory import RING, RingReader, Segment
 from micromanip.settings.load import validate_document
 from micromanip.settings.text.source import Source

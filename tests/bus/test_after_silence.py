@@ -127,7 +127,7 @@ class Served:
 @pytest.fixture(autouse=True)
 def said(monkeypatch, tmp_path):
     told = []
-    monkeypatch.setattr("micromanip.bus.report.say", told.append)
+    monkeypatch.setattr("micromanip.bus.report.send_message", lambda **document: told.append(document))
     monkeypatch.setattr(device_lock, "FOLDER", tmp_path)
     return told
 

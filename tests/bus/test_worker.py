@@ -120,7 +120,7 @@ class Bench:
 @pytest.fixture
 def said(monkeypatch):
     said = []
-    monkeypatch.setattr("micromanip.bus.report.say", said.append)
+    monkeypatch.setattr("micromanip.bus.report.send_message", lambda **document: said.append(document))
     return said
 
 
@@ -404,8 +404,8 @@ def test_a_link_that_comes_back_is_not_at_rest_before_it_was_given_that(bench):
 def test_the_reason_is_told_before_the_state_that_it_is_the_reason_of(bench, monkeypatch):
     monkeypatch.setattr("micromanip.bus.worker._UNREACHED_S", 0.2)  # nobody waits for it to come back
     links = {}
-    say = lambda document: links.setdefault(document["event"], bench.image.link)  # noqa: E731
-    monkeypatch.setattr("micromanip.bus.report.say", say)
+    say = lambda **document: links.setdefault(document["event"], bench.image.link)  # noqa: E731
+    monkeypatch.setattr("micromanip.bus.report.send_message", say)
     bench.follow(10.0)
     bench.driver.open_errors = [IdentityMismatch("it says E-727, not E-709")]
     bench.driver.errors.append(LinkError("unplugged"))
@@ -431,7 +431,7 @@ def test_a_device_that_takes_its_time_to_open_is_neither_lost_nor_closed(bench):
 
 
 def test_it_ends_while_its_device_takes_its_time(tmp_path, monkeypatch):
-    monkeypatch.setattr("micromanip.bus.report.say", lambda document: None)
+    monkeypatch.setattr("micromanip.bus.report.send_message", lambda **_: None)
     driver = ScriptedDriver()
     driver.open_errors = [StillOpening("for ever")] * 100_000
     worker = Worker(driver, ProcessImage(np.zeros(1, IMAGE)), RULES)

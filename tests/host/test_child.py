@@ -106,7 +106,7 @@ def test_a_child_begins_wherever_its_host_did(tmp_path, module):
 
 HANDED = """
 import json, os
-from micromanip.host.orders import receive_orders
+from micromanip.host.shared_memory import receive_orders
 
 print(json.dumps("begun"), flush=True)
 orders, descriptors = receive_orders()

@@ -67,7 +67,7 @@ def parsed(line: bytes, peer: Peer) -> Request:
         )
     except (ValueError, RecursionError) as problem:
         raise UsageError(f"not a line of JSON: {problem}") from problem
-    if line.count(b"[") + line.count(b"{") > _DEPTH and _is_deeper(document, _DEPTH):
+    if line.count(b"[") + line.count(b"{") > _DEPTH and is_deeper(document, _DEPTH):
         raise UsageError(f"a request is nested at most {_DEPTH} deep")
     if not isinstance(document, dict) or "version" not in document:
         raise UsageError(f'a request is a JSON object with "version": {VERSION}')
@@ -85,7 +85,8 @@ def parsed(line: bytes, peer: Peer) -> Request:
     return Request(verb, document, peer)
 
 
-def _is_deeper(document: Any, depth: int) -> bool:
+def is_deeper(document: Any, depth: int) -> bool:
+    """Whether sections and lists of it are nested more than so deep."""
     level = [document]
     for _ in range(depth):
         level = [entry for part in level if isinstance(part, dict | list) for entry in _entries(part)]

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 
 class Verdict(StrEnum):
@@ -30,6 +30,13 @@ class Finding:
     found: str
     why: str
     mend: str | None = None
+
+    @classmethod
+    def of(cls, name: str, found: str | None, why: str, mend: str | None = None) -> Self:
+        """Poor where something mends it, else good; unknown where it could not be seen: None."""
+        if found is None:
+            return cls(name, Verdict.UNKNOWN, "not to be seen", why)
+        return cls(name, Verdict.GOOD if mend is None else Verdict.POOR, found, why, mend)
 
     def document(self) -> dict[str, Any]:
         """As JSON has it."""

@@ -36,7 +36,7 @@ def network_findings(
         if machine.read(f"{place}/ifindex") is None:
             why = "the loop sends its frames there"
             mend = f"ip link lists what there is; put the card in, or name another one than {interface}"
-            found.append(Finding(f"{interface}: card", Verdict.POOR, "not there", why, mend))
+            found.append(Finding.of(f"{interface}: card", "not there", why, mend))
             continue
         found.append(_driver(machine, interface, place))
         if machine.listed(place, "device"):
@@ -53,8 +53,8 @@ def _driver(machine: Machine, interface: str, place: str) -> Finding:
     if where == "on USB":
         mend = "take a card on PCI Express"
         why = "a card on USB is asked once in 125 us at best"
-        return Finding(f"{interface}: driver", Verdict.POOR, f"{driver}, {where}", why, mend)
-    return Finding(f"{interface}: driver", Verdict.GOOD, driver, why)
+        return Finding.of(f"{interface}: driver", f"{driver}, {where}", why, mend)
+    return Finding.of(f"{interface}: driver", driver, why)
 
 
 def _uevent(machine: Machine, place: str) -> list[str]:
@@ -71,10 +71,10 @@ def _coalescing(interface: str, said: str | None) -> Finding:
     holds = [f"{key} {values[key]}" for key in _HOLDS_BACK if int(values.get(key, "0")) > 0]
     adaptive = re.search(r"^Adaptive RX:\s*on", said, re.MULTILINE) is not None
     if not holds and not adaptive:
-        return Finding(name, Verdict.GOOD, "none", why)
+        return Finding.of(name, "none", why)
     found = ", ".join([*holds, *(["adaptive"] if adaptive else [])])
     mend = f"sudo ethtool -C {interface} {'adaptive-rx off ' if adaptive else ''}rx-usecs 0 tx-usecs 0, on every boot"
-    return Finding(name, Verdict.POOR, found, why, mend)
+    return Finding.of(name, found, why, mend)
 
 
 def _interrupts(machine: Machine, interface: str, cpu: int | None, priority: int) -> Finding:
@@ -94,14 +94,14 @@ def _interrupts(machine: Machine, interface: str, cpu: int | None, priority: int
     told += f", threads at FIFO {listed(threads.values())}" if threads else ", no threads"
     low = [number for number, rt_priority in threads.items() if rt_priority <= priority]
     if cpu not in there or (threads and not low):
-        return Finding(name, Verdict.GOOD, told, why)
+        return Finding.of(name, told, why)
     if not threads:
         why = "its interrupts stop the loop on the loop's own CPU"
     others = cpu_list(machine.read("sys/devices/system/cpu/online")) - {cpu}
     mend = f"echo {listed(others).replace(' ', '')} | sudo tee /proc/irq/{own[0]}/smp_affinity_list"
     if low:
         mend += f"; or sudo chrt -f -p {min(99, priority + 5)} {low[0]}"
-    return Finding(name, Verdict.POOR, told, why, mend)
+    return Finding.of(name, told, why, mend)
 
 
 def _threads(machine: Machine, sources: Sequence[str]) -> dict[int, int]:

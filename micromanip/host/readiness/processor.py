@@ -19,15 +19,15 @@ def processor_findings(machine: Machine, cpu: int | None, allowed: set[int]) -> 
     online = cpu_list(machine.read(f"{_CPUS}/online")) or allowed
     if cpu is None:
         mend = f"set loop.cpu to one of {listed(allowed)}, best the last"
-        return [Finding("loop's CPU", Verdict.POOR, "loop.cpu is null: any", why, mend)]
+        return [Finding.of("loop's CPU", "loop.cpu is null: any", why, mend)]
     if cpu not in online & allowed:
         there = f"CPU {cpu} is not {'online' if cpu not in online else 'allowed to this process'}"
         mend = f"set loop.cpu to one of {listed(online & allowed)}"
         return [Finding("loop's CPU", Verdict.BAD, there, why, mend)]
-    first = Finding("loop's CPU", Verdict.GOOD, f"CPU {cpu} of {listed(online)}", why)
+    first = Finding.of("loop's CPU", f"CPU {cpu} of {listed(online)}", why)
     if len(online) == 1:
         mend = "take a computer with two CPUs at least"
-        first = Finding("loop's CPU", Verdict.POOR, "the only one", "the host and all else wait for the loop", mend)
+        first = Finding.of("loop's CPU", "the only one", "the host and all else wait for the loop", mend)
     return [
         first,
         _isolated(machine, cpu),
@@ -45,9 +45,9 @@ def _isolated(machine: Machine, cpu: int) -> Finding:
     why = "other processes on the loop's CPU leave cold caches, and kernel work bound to it delays the loop"
     if cpu in boot | partition:
         found = f"CPU {cpu} is, by {'the command line' if cpu in boot else 'a cgroup partition'}"
-        return Finding("isolation", Verdict.GOOD, found, why)
+        return Finding.of("isolation", found, why)
     mend = f"kernel parameter isolcpus=managed_irq,domain,{cpu}, then reboot"
-    return Finding("isolation", Verdict.POOR, f"isolated: {listed(boot | partition)}", why, mend)
+    return Finding.of("isolation", f"isolated: {listed(boot | partition)}", why, mend)
 
 
 def _tick(machine: Machine, cpu: int) -> Finding:
@@ -55,21 +55,21 @@ def _tick(machine: Machine, cpu: int) -> Finding:
     callbacks = cpu_list(machine.parameters().get("rcu_nocbs"))
     why = "the timer tick and RCU callbacks interrupt the loop, each for some microseconds"
     if cpu in full:  # it takes the RCU callbacks elsewhere, too
-        return Finding("timer tick", Verdict.GOOD, f"CPU {cpu} has none while one process runs", why)
+        return Finding.of("timer tick", f"CPU {cpu} has none while one process runs", why)
     found = "ticks; " + ("no RCU callbacks" if cpu in callbacks else "RCU callbacks run there, too")
     mend = f"kernel parameters nohz_full={cpu} rcu_nocbs={cpu}, then reboot"
-    return Finding("timer tick", Verdict.POOR, found, why, mend)
+    return Finding.of("timer tick", found, why, mend)
 
 
 def _sibling(machine: Machine, cpu: int) -> Finding:
     siblings = cpu_list(machine.read(f"{_CPUS}/cpu{cpu}/topology/thread_siblings_list"))
     why = "two threads of a core share its units and caches: what runs on the other makes the cycle slower"
     if not siblings:
-        return Finding("hyper-threading", Verdict.UNKNOWN, "not to be seen", why)
+        return Finding.of("hyper-threading", None, why)
     if not (others := siblings - {cpu}):
-        return Finding("hyper-threading", Verdict.GOOD, "the core has one thread", why)
+        return Finding.of("hyper-threading", "the core has one thread", why)
     mend = f"echo 0 | sudo tee /sys/devices/system/cpu/cpu{min(others)}/online (or off in the BIOS)"
-    return Finding("hyper-threading", Verdict.POOR, f"shares its core with CPU {listed(others)}", why, mend)
+    return Finding.of("hyper-threading", f"shares its core with CPU {listed(others)}", why, mend)
 
 
 def _governor(machine: Machine, cpu: int) -> Finding:
@@ -81,9 +81,9 @@ def _governor(machine: Machine, cpu: int) -> Finding:
     if governor is None:
         return Finding("frequency", Verdict.UNKNOWN, "not to be seen: the firmware or a host decides", why)
     if governor == "performance" or (lowest is not None and lowest == highest):
-        return Finding("frequency", Verdict.GOOD, f"governor {governor}", why)
+        return Finding.of("frequency", f"governor {governor}", why)
     mend = f"sudo cpupower -c {cpu} frequency-set -g performance (Debian package linux-cpupower), at each start"
-    return Finding("frequency", Verdict.POOR, f"governor {governor}", why, mend)
+    return Finding.of("frequency", f"governor {governor}", why, mend)
 
 
 def _idle(machine: Machine, cpu: int) -> Finding:
@@ -97,23 +97,23 @@ def _idle(machine: Machine, cpu: int) -> Finding:
     if not states:
         return Finding("idle states", Verdict.UNKNOWN, "not to be seen: the firmware or a host decides", why)
     if not deep:
-        return Finding("idle states", Verdict.GOOD, "none takes long to leave", why)
+        return Finding.of("idle states", "none takes long to leave", why)
     found = ", ".join(deep)
     if os.access(machine.root / "dev/cpu_dma_latency", os.W_OK):
-        return Finding("idle states", Verdict.GOOD, f"{found}; the loop forbids them while it runs", why)
+        return Finding.of("idle states", f"{found}; the loop forbids them while it runs", why)
     mend = f"let the loop's user write /dev/cpu_dma_latency (the unit does), or: sudo cpupower -c {cpu} idle-set -D 5"
-    return Finding("idle states", Verdict.POOR, found, why, mend)
+    return Finding.of("idle states", found, why, mend)
 
 
 def _interrupts(machine: Machine, cpu: int, online: set[int]) -> Finding:
     why = "an interrupt of a disk or network card on the loop's CPU stops the loop for as long as its handler takes"
     if not (counts := _interrupt_counts(machine, cpu)):
-        return Finding("interrupts", Verdict.UNKNOWN, "not to be seen", why)
+        return Finding.of("interrupts", None, why)
     rows = {
         source: about.split()[-1] for source, (count, about) in counts.items() if source.isdigit() and count and about
     }
     if not rows:
-        return Finding("interrupts", Verdict.GOOD, f"no device has interrupted CPU {cpu}", why)
+        return Finding.of("interrupts", f"no device has interrupted CPU {cpu}", why)
     placed = {
         source: cpu_list(
             machine.read(f"proc/irq/{source}/effective_affinity_list")
@@ -123,14 +123,14 @@ def _interrupts(machine: Machine, cpu: int, online: set[int]) -> Finding:
     }
     still = [source for source, cpus in placed.items() if cpu in cpus]
     if not still:
-        return Finding("interrupts", Verdict.GOOD, f"no device interrupts CPU {cpu} any more", why)
+        return Finding.of("interrupts", f"no device interrupts CPU {cpu} any more", why)
     shown = ", ".join(f"{source} {rows[source]}" for source in still[:_SHOWN])
     more = f" and {len(still) - _SHOWN} more" if len(still) > _SHOWN else ""
     others = ",".join(map(str, sorted(online - {cpu})))
     mend = (
         f"kernel parameter irqaffinity={others}; now: echo {others} | sudo tee /proc/irq/{still[0]}/smp_affinity_list"
     )
-    return Finding("interrupts", Verdict.POOR, shown + more, why, mend)
+    return Finding.of("interrupts", shown + more, why, mend)
 
 
 def _interrupt_counts(machine: Machine, cpu: int) -> dict[str, tuple[int, str]]:

@@ -13,7 +13,7 @@ import sys
 import time
 from typing import Any
 
-from micromanip.host.orders import Orders, first_orders, send_message
+from micromanip.bus.report import Orders, first_orders, send_message
 from micromanip.host.shared_memory import CONTROL, RING, STATUS, RingReader, Segments
 
 from .mcap_file import McapRecording

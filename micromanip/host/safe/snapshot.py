@@ -26,6 +26,7 @@ from pathlib import Path
 from typing import Any
 
 from micromanip.files import HeldFolder, open_regular
+from micromanip.host.control.request import is_deeper
 from micromanip.settings.check import Prepared
 from micromanip.settings.text.source import Source
 
@@ -94,7 +95,7 @@ def read(config: Path, folder: Path, owners: Collection[int]) -> Snapshot | None
         document = json.loads(_content(path, owners))
         if document["format"] != _FORMAT or document["configuration"] != os.path.realpath(config):
             raise NotUsable(f"{path} is not a snapshot of {config}")
-        if _depth(document) > _DEEPEST:
+        if is_deeper(document, _DEEPEST):
             raise NotUsable(f"{path} is damaged")
         source = Source.of(document["document"], Path(document["path"]))
         files = {name: _unpacked(text) for name, text in document["files"].items()}
@@ -209,20 +210,6 @@ def _newest_run(config: Path, folder: Path) -> int:
     except NotUsable:
         return 0
     return 0 if before is None else before.order[-1]
-
-
-def _depth(value: Any) -> int:
-    """How deep a document is nested, as far as it matters."""
-    depth, layer = 0, [value]
-    while layer and depth <= _DEEPEST:
-        depth += 1
-        layer = [
-            each
-            for one in layer
-            if isinstance(one, dict | list)
-            for each in (one.values() if isinstance(one, dict) else one)
-        ]
-    return depth
 
 
 def _content(path: Path, owners: Collection[int]) -> bytes:

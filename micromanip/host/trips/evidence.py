@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from micromanip.recordings.spikes import runs
 from micromanip.rt.states import HOLDING, STAGE, STRAIN, TRACKING
 
 from .store import TripRecord
@@ -104,12 +105,6 @@ def observations(box: TripRecord) -> list[Moment]:
 
 def _newest(moments: Iterator[Moment]) -> list[Moment]:
     return sorted(moments, key=lambda moment: abs(moment.ms))[:_KEPT]
-
-
-def runs(flags: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
-    """First and one-past-last index of each stretch of true values."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
-    yield from zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
 
 
 def _missed_deadlines(box: TripRecord) -> Iterator[Moment]:

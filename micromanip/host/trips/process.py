@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from micromanip.bus.report import first_orders, send_message
 from micromanip.errors import CheckFailed
 from micromanip.faults import BY_NAME, LOOP_DIED, FaultReport, latched
-from micromanip.host.orders import first_orders, send_message
 from micromanip.host.shared_memory import CONTROL, RING, STATUS, RingReader, Segments
 from micromanip.rt import mailbox as w
 

@@ -5,7 +5,7 @@ import asyncio
 import pytest
 
 from micromanip.errors import DeviceUnavailable
-from micromanip.host import loop_links
+from micromanip.host import workers
 from micromanip.host.statistics import _seen_from
 from micromanip.host.workers import follow
 
@@ -26,7 +26,7 @@ def test_it_waits_until_the_outputs_of_all_follow():
 
 
 def test_a_device_that_does_not_answer_is_told(monkeypatch):
-    monkeypatch.setattr(loop_links, "_ANSWERS_IN_S", 0.0)
+    monkeypatch.setattr(workers, "_ANSWERS_IN_S", 0.0)
     silent, latched = "does not answer: ", "answers, and does not act on what it is sent: received 9, unanswered 9"
     for counts, said in (
         ({"lost": 3}, f"{silent}lost 3"),
@@ -40,7 +40,7 @@ def test_a_device_that_does_not_answer_is_told(monkeypatch):
 
 
 def test_a_clock_that_can_not_be_followed_is_told_with_what_is_known(monkeypatch):
-    monkeypatch.setattr(loop_links, "_LOCKS_IN_S", 0.0)
+    monkeypatch.setattr(workers, "_LOCKS_IN_S", 0.0)
     with pytest.raises(DeviceUnavailable, match=r"driver cell: .* lock to its clock: clock_drift_ppb 900000$"):
         waited(iter([{"cell": link("at rest")}] * 3), steering="cell")
 

@@ -23,7 +23,7 @@ from micromanip.settings.wiring.timing import feedback_path
 from micromanip.virtual.own_time import at_own_time
 
 from ..controller import Controller
-from ..ring import RingReader
+from ..shared_memory import RingReader
 from .lease import Lease
 
 _LOOK_S, _LEASE_S = 0.05, 1.0

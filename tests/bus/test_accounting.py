@@ -21,7 +21,7 @@ from micromanip.rt.records import MAX_OUTPUTS, MAX_SIGNALS, SIGNAL
 def test_lost_is_told_in_samples_as_received_is(monkeypatch):
     """Whatever the driver counts by that name: frames, as a rule."""
     told = []
-    monkeypatch.setattr(report, "say", told.append)
+    monkeypatch.setattr(report, "send_message", lambda **document: told.append(document))
     one = report.Report()
     one.counts["received"], one.counts["lost"] = 300, 45
     one.tell_counts(0, {"lost": 3, "overflows": 1})

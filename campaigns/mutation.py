@@ -34,7 +34,10 @@ TARGETS: dict[str, tuple[str, str | None]] = {
     "micromanip.rt.laws.saturation": ("tests/rt/test_limiter.py", "test_every_branch_is_taken"),
     "micromanip.rt.faults": ("tests/rt/test_faults.py", "test_every_branch_is_taken"),
     "micromanip.rt.io.gate": ("tests/bus/test_safe_state.py", None),
-    "micromanip.bus.safe_state": ("tests/bus/test_safe_state.py tests/bus/test_after_silence.py", None),
+    "micromanip.bus.safe_state": (
+        "tests/bus/test_safe_state.py tests/bus/test_after_silence.py tests/host/test_bus_rest.py",
+        None,
+    ),
     "micromanip.bus.beginning": ("tests/bus/test_after_silence.py", None),
     "micromanip.host.safe.outputs": ("tests/host/test_safe_outputs.py", None),
     "micromanip.host.safe.bus_rest": ("tests/host/test_bus_rest.py", None),

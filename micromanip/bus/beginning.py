@@ -14,8 +14,7 @@ from micromanip.rt.io.gate import EQUAL_V, VOLTAGE
 from .driver import BusDriver
 from .errors import OutputsUnknown, StillOpening
 from .inbox import Inbox
-from .output_writer import OutputWriter
-from .safe_state import Beginning, Bounds, Known, Left, SafeState
+from .safe_state import Beginning, Bounds, Known, Left, OutputWriter, SafeState
 from .watchdog import Watchdog
 
 _PAUSE_S = 0.02

@@ -1,9 +1,13 @@
-"""The gate of a bus' outputs (``rt/io/gate.py``) for Python: set up, told where the device is, asked."""
+"""The gate of a bus' outputs (``rt/io/gate.py``) for Python: set up, told where the device is, asked; and passed.
+
+Every value goes to a device through it: `OutputWriter`, which notes what became of it.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +18,9 @@ from micromanip.rt.io.gate import LAST_SWITCH, SWITCH, UNUSED, VOLTAGE
 from micromanip.rt.jit import plain
 from micromanip.rt.record import fields
 
-from .driver import Task
+from .driver import BusDriver, Outcome, Task
+from .errors import LinkError, OutputRefused
+from .inbox import Inbox
 
 Values = Sequence[float]
 """One for each output of the bus' driver."""
@@ -25,6 +31,7 @@ Known = Sequence[float | None]
 
 __all__ = ["LAST_SWITCH", "SWITCH", "UNUSED", "VOLTAGE", "SafeOutput", "SafeState", "Values"]
 
+_may_have_moved, _note_sent, _note_taken = map(plain, (law.may_have_moved, law.note_sent, law.note_taken))
 _decide, _leave, _rests, _rests_at, _rest_if_given, _known_last = map(
     plain, (law.decide, law.leave, law.rests, law.rests_at, law.rest_if_given, law.known_last)
 )
@@ -220,3 +227,72 @@ class SafeState:
         """Which of these values no device may have: they are outside of the outputs' ranges."""
         pairs = enumerate(zip(values, self._outputs, strict=True))
         return [i for i, (value, output) in pairs if value is not None and not output.low <= value <= output.high]
+
+
+class OutputWriter:
+    """Does the tasks of a driver with what its gate lets through."""
+
+    def __init__(self, driver: BusDriver, safe: SafeState, noted: Callable[[Sequence[float]], None]) -> None:
+        """`noted` gets what the outputs were given last (NaN: nobody knows) whenever the device has taken something."""
+        self._driver, self._safe, self._noted, self._gate = driver, safe, noted, safe.fields
+        self._gate["touched_ns"][0] = time.monotonic_ns()
+        self._confirmed: list[int] = []
+
+    def perform(self, number: int, inbox: Inbox) -> Outcome | None:
+        """Do task `number` with what was decided, and tell the gate what became of it.
+
+        Returns what the driver does, raises what it does; and LinkError where the device's watchdog may have moved it.
+        """
+        began_ns, outputs = time.monotonic_ns(), self._driver.tasks[number].outputs
+        if outputs and _may_have_moved(self._gate, number, began_ns):
+            raise LinkError(
+                f"{self._driver.tasks[number].name}: the device took no values for longer than its watchdog waits "
+                "(watchdog.ms): it may have gone to rest by itself"
+            )
+        try:
+            outcome = self._driver.perform(number, self._safe.values, inbox)
+        except BaseException as problem:
+            self._confirmed += self._taken(inbox)
+            if outputs and not isinstance(problem, OutputRefused):
+                _note_sent(self._gate, number, began_ns, time.monotonic_ns())
+            raise
+        self._confirmed += self._taken(inbox)
+        if outputs and outcome is not Outcome.HELD:
+            _note_sent(self._gate, number, began_ns, time.monotonic_ns())
+            if outcome is not Outcome.SENT:
+                self._take(number)
+        return outcome
+
+    def take_confirmed(self, inbox: Inbox) -> list[int]:
+        """What the device has said to have taken, as it was sent before; of which tasks, since the last call."""
+        confirmed, self._confirmed = self._confirmed + self._taken(inbox), []
+        return confirmed
+
+    def found_still(self) -> None:
+        """The device's watchdog has had its time, and what it has is known."""
+        for number in range(len(self._driver.tasks)):
+            self._gate["still"][number] = 1
+
+    @property
+    def touched_ns(self) -> int:
+        """When the device may have had a command last, at the latest; of whoever had it before, too."""
+        return int(self._gate["touched_ns"][0])
+
+    def taken_s(self, number: int) -> float:
+        """When what the device took last of a task was sent (time.monotonic), 0 for never."""
+        return 1e-9 * float(self._gate["fed_ns"][number])
+
+    def forget(self) -> None:
+        """What was sent over a link that is gone is not confirmed any more."""
+        for number in range(len(self._driver.tasks)):
+            self._gate["unconfirmed"][number] = 0
+
+    def _taken(self, inbox: Inbox) -> list[int]:
+        confirmed = inbox.take_confirmed()  # once: what is sent after it is not confirmed by it
+        for number in confirmed:
+            self._take(number)
+        return confirmed
+
+    def _take(self, number: int) -> None:
+        if _note_taken(self._gate, number, time.monotonic_ns()):
+            self._noted(self._safe.last)

@@ -42,9 +42,8 @@ from .errors import (
 from .image import ProcessImage
 from .inbox import Inbox
 from .last_given import LastGiven
-from .output_writer import OutputWriter
 from .report import Report, tell
-from .safe_state import SafeOutput, SafeState, Values
+from .safe_state import OutputWriter, SafeOutput, SafeState, Values
 from .schedule import Schedule, WayToRest
 from .steady import SteadyService
 

@@ -22,8 +22,7 @@ from micromanip.bus.driver import BusDriver, BusOptions, Channel, Task
 from micromanip.bus.errors import LinkError, OutputsUnknown
 from micromanip.bus.image import ProcessImage
 from micromanip.bus.last_given import LastGiven
-from micromanip.bus.output_writer import OutputWriter
-from micromanip.bus.safe_state import SWITCH, VOLTAGE, Left, SafeOutput, SafeState
+from micromanip.bus.safe_state import SWITCH, VOLTAGE, Left, OutputWriter, SafeOutput, SafeState
 from micromanip.bus.watchdog import Watchdog
 from micromanip.bus.worker import Rules, Worker
 from micromanip.host.safe.bus_rest import BusRest

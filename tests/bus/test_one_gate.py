@@ -16,8 +16,7 @@ from micromanip.bus.errors import LinkError, TransientError
 from micromanip.bus.image import ProcessImage
 from micromanip.bus.inbox import Inbox
 from micromanip.bus.last_given import LastGiven
-from micromanip.bus.output_writer import OutputWriter
-from micromanip.bus.safe_state import LAST_SWITCH, SWITCH, UNUSED, VOLTAGE, SafeOutput, SafeState
+from micromanip.bus.safe_state import LAST_SWITCH, SWITCH, UNUSED, VOLTAGE, OutputWriter, SafeOutput, SafeState
 from micromanip.bus.schedule import Schedule
 from micromanip.bus.watchdog import Watchdog
 from micromanip.rt.bus_image import FOLLOWING, IMAGE, OUTPUT_STATE, OUTPUT_TURN, RESTING, SAFE_RAMP, WRITTEN_NS

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from micromanip.bus import device_lock, output_writer, worker
+from micromanip.bus import device_lock, safe_state, worker
 from micromanip.bus.driver import BusDriver, BusOptions, Channel, Outcome, Task
 from micromanip.bus.errors import DeviceFault, IdentityMismatch, LinkError, TransientError
 from micromanip.bus.last_given import LastGiven
@@ -126,7 +126,7 @@ class Bus(BusDriver):
 @pytest.fixture(autouse=True)
 def _virtual_time(tmp_path, monkeypatch):
     monkeypatch.setattr(device_lock, "FOLDER", tmp_path)
-    for module in (bus_rest, output_writer, worker):
+    for module in (bus_rest, safe_state, worker):
         monkeypatch.setattr(module, "time", time)
 
 

@@ -155,15 +155,6 @@ def test_from_what_the_device_reads_back_in_steps_of_the_slew_limit():
         assert course == sorted(course, reverse=start > 0), "straight there"
 
 
-def test_a_long_ramp_takes_its_time_and_has_no_jump_in_speed():
-    bus = Bus(voltage_x=80.0)
-    assert rested(bus, ramp_s=0.4)[0] == []
-    moved = [step for step in steps([80.0, *bus.course("voltage_x")]) if step]
-    assert 150 <= len(moved) <= 200, "one step for each write, not by the clock"
-    assert max(moved) == pytest.approx(1.875 * 80.0 / 200, rel=0.01), "minimum jerk"
-    assert moved[0] < 0.01 * max(moved)
-
-
 def test_the_feed_is_held_at_once_and_the_amplifier_stays_on_until_the_voltages_are_at_rest():
     bus = Bus(voltage_x=80.0)
     assert rested(bus)[0] == []
@@ -270,13 +261,6 @@ def test_a_link_that_comes_back_is_used():
     assert max(steps([80.0, *bus.course("voltage_x")])) <= STEP_V * (1 + 1e-9)
 
 
-def test_the_link_may_fail_while_nothing_is_due():
-    bus = Bus(voltage_x=80.0)
-    bus.raises["receive"] = [None] * 3 + [LinkError("reset"), TransientError("noise")]
-    assert rested(bus)[0] == []
-    assert bus.opened == 3
-
-
 def test_the_wrong_device_is_not_written_to():
     bus = Bus(voltage_x=80.0)
     bus.raises["open"] = IdentityMismatch("serial number 8")
@@ -293,22 +277,6 @@ def test_what_was_held_back_or_not_answered_is_not_called_safe():
         failed, _ = rested(bus)
         assert failed[0] == "voltage_x (safe: 0 V) can't be called safe: unknown, last 80 V; it was not acknowledged"
         assert abs(bus.has["voltage_x"] - 80.0) <= STEP_V, "within a step of all that it may have"
-
-
-def test_what_is_confirmed_later_counts():
-    bus = Bus(voltage_x=80.0)
-    bus.outcome[1] = "confirmed"
-    assert rested(bus) == ([], [])
-    assert bus.has == SAFE
-
-
-def test_errors_that_come_and_go_do_no_harm():
-    bus = Bus(voltage_x=80.0)
-    bus.raises[1] = [TransientError("late"), None, None] * 20
-    bus.outcome[2] = [Outcome.HELD, None] * 20
-    assert rested(bus)[0] == []
-    assert bus.has == SAFE
-    assert max(steps([80.0, *bus.course("voltage_x")])) <= STEP_V * (1 + 1e-9)
 
 
 def test_a_device_that_takes_everything_and_does_something_else():

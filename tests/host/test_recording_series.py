@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from micromanip.host.recording.series import McapSeries
+from micromanip.host.recording.mcap_file import McapRecording
 from micromanip.recordings import open_telemetry
 from micromanip.rt.records import CELL_STATE
 
@@ -13,7 +13,7 @@ from .test_mcap_recording import PERIOD_NS, all_rows, slots, some_rows
 def begun(folder, quota_bytes=10**9, rows=1000):
     orders = {"file": str(folder / "shift.mcap"), "configuration": "c", "sha256": "abc", "axes": ["x"]}
     orders |= {"period_ns": PERIOD_NS, "segment_s": rows * PERIOD_NS * 1e-9, "quota_bytes": quota_bytes}
-    series = McapSeries(orders)
+    series = McapRecording(orders)
     series.begin(np.zeros(1, CELL_STATE)[0])
     return series
 

@@ -12,6 +12,7 @@ import json
 import math
 import os
 import time
+from collections import deque
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
@@ -35,25 +36,41 @@ _DECIMALS = 6
 _SCALARS = [name for name in AXIS_ROW.names or () if AXIS_ROW[name].kind == "f"]
 
 
+def numbered(file: Path, number: int) -> Path:
+    """``night-0001.mcap`` of ``night.mcap``."""
+    return file.with_name(f"{file.stem}-{number:04d}{file.suffix}")
+
+
 class McapRecording:
-    """An open file and what has been put into it."""
+    """An open recording and what has been put into it.
+
+    With ``segment_s`` in its orders it goes on from file to file without a gap; each is ended before the next begins,
+    and the oldest go once all have reached ``quota_bytes``.
+    """
 
     def __init__(self, orders: Mapping[str, Any]) -> None:
         """Raises OSError, also where the file exists already."""
-        self.file = Path(orders["file"])
-        self.written = 0
-        self._lost = 0
+        self._orders = orders
         self._axes: list[str] = orders["axes"]
         self._period_ns: int = orders["period_ns"]
-        self._versions: set[int] = set()
-        self._codec = BlockCodec.of(ROW)
+        self.goes_on = bool(orders.get("segment_s"))
+        """Whether it is a series of numbered files."""
+        self._most_rows = max(1, round(orders["segment_s"] * 1e9 / self._period_ns)) if self.goes_on else math.inf
+        self._ended: deque[tuple[Path, int]] = deque()
+        self._number = 1
+        self._before = self._lost = 0
         self._unix_ns = time.time_ns() - time.monotonic_ns()
+        self._open()
+
+    def _open(self) -> None:
+        self._rows, self._versions = 0, set[int]()
+        self._codec = BlockCodec.of(ROW)
         self._next_scalars_ns = -1
         self._stream = _Pieces(self.file)
         try:
             self._writer: Any = Writer(self._stream, chunk_size=_CHUNK_BYTES)  # type: ignore[arg-type]  # write, tell, flush
             self._writer.start(profile="micromanip")
-            self._describe(orders)
+            self._describe()
             self._channels()
             self._stream.commit()
         except BaseException:
@@ -62,20 +79,30 @@ class McapRecording:
                 self.file.unlink()
             raise
 
+    @property
+    def file(self) -> Path:
+        """The one that is being written."""
+        file = Path(self._orders["file"])
+        return numbered(file, self._number) if self.goes_on else file
+
+    @property
+    def written(self) -> int:
+        """Rows so far, also those that have been removed again."""
+        return self._before + self._rows
+
     def begin(self, state: Any, samples: NDArray[np.float64] | None = None) -> None:
-        """Store a snapshot of the loop, which the rows follow, and what the source `file` plays."""
+        """Store a snapshot of the loop, which the rows follow, and what the source `file` plays, in the first file."""
         if samples is not None:
             self._attach(header.SAMPLES, np.asarray(samples))
         self._attach(header.STATE, np.array([state], CELL_STATE))
-        self.go_on(int(state["cycle"]))
+        self._mark_begin(int(state["cycle"]))
 
     def keep(self, state: Any) -> None:
         """Store a snapshot on the way."""
         self._attach(header.state_file(int(state["cycle"])), np.array([state], CELL_STATE))
 
-    def go_on(self, cycle: int) -> None:
-        """Begin without a snapshot, behind another file."""
-        # the first chunk brings what readers must know of the rows
+    def _mark_begin(self, cycle: int) -> None:
+        """The first chunk of a file: it brings what readers must know of the rows."""
         self.mark(header.BEGAN, cycle, "recorder", time.monotonic_ns())
 
     def append(self, rows: NDArray[Any], slots: Any) -> None:
@@ -83,8 +110,24 @@ class McapRecording:
 
         Raises OSError where the disk takes no more; what was appended before is then in the file.
         """
-        if len(rows) == 0:
-            return
+        while len(rows):
+            if self._rows >= self._most_rows:
+                self._next(int(rows["cycle"][0]))
+            room = int(min(self._most_rows - self._rows, len(rows)))
+            self._append(rows[:room], slots)
+            rows = rows[room:]
+        while self._ended and self.size_bytes > self._orders["quota_bytes"]:  # what is being written stays
+            self._ended.popleft()[0].unlink(missing_ok=True)
+
+    def _next(self, cycle: int) -> None:
+        self.close()
+        self._ended.append((self.file, self._stream.tell()))
+        self._before += self._rows
+        self._number += 1
+        self._open()
+        self._mark_begin(cycle)
+
+    def _append(self, rows: NDArray[Any], slots: Any) -> None:
         for version in np.unique(rows["version"]):
             if int(version) not in self._versions:
                 self._versions.add(int(version))
@@ -96,15 +139,15 @@ class McapRecording:
             self._message(self._blocks, int(block["time_ns"][0]), self._codec.encode(block))
         self._writer.flush()
         self._stream.commit()
-        self.written += len(rows)
+        self._rows += len(rows)
 
     @property
     def size_bytes(self) -> int:
-        """Size of the file so far."""
-        return self._stream.tell()
+        """Size of all files that are there, so far."""
+        return sum(size for _, size in self._ended) + self._stream.tell()
 
     def note_lost(self, lost: int) -> None:
-        """`lost` rows are missing so far."""
+        """`lost` rows are missing so far, of all files."""
         self._lost = lost
 
     def mark(self, text: str, cycle: int, by: str, time_ns: int) -> None:
@@ -115,27 +158,27 @@ class McapRecording:
         self._stream.commit()
 
     def close(self) -> None:
-        """End the file in order, with its index. Raises OSError; what was written before is then whole."""
+        """End the present file in order, with its index. Raises OSError; what was written before is then whole."""
         try:
-            self._writer.add_metadata(header.END, {"rows": str(self.written), "lost": str(self._lost)})
+            self._writer.add_metadata(header.END, {"rows": str(self._rows), "lost": str(self._lost)})
             self._writer.finish()
             self._stream.commit()
         finally:
             self._stream.close()
 
-    def _describe(self, orders: Mapping[str, Any]) -> None:
+    def _describe(self) -> None:
         now_ns = time.monotonic_ns()
         about = {
             "format": header.FORMAT,
             "axes": json.dumps(self._axes),
             "period_ns": str(self._period_ns),
-            "sha256": orders["sha256"],
+            "sha256": self._orders["sha256"],
             "sources": header.sources_of_cycle(),
             "began": _iso(now_ns + self._unix_ns),
             "unix_ns_of_time_0": str(self._unix_ns),
         }
         self._writer.add_metadata(header.ABOUT, about)
-        text = orders["configuration"].encode()
+        text = self._orders["configuration"].encode()
         self._writer.add_attachment(0, now_ns + self._unix_ns, header.CONFIGURATION, "application/yaml", text)
 
     def _channels(self) -> None:

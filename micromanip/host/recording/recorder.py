@@ -17,7 +17,6 @@ from micromanip.bus.report import Orders, first_orders, send_message
 from micromanip.host.shared_memory import CONTROL, RING, STATUS, RingReader, Segments
 
 from .mcap_file import McapRecording
-from .series import McapSeries
 
 _TELL_S = 0.5
 _BATCH_ROWS = 8192
@@ -26,8 +25,6 @@ _SPARE_ROWS = 2048
 
 _PAUSE_S = 0.05
 """Between two writes: as much as a kill costs, but for the time that writing takes."""
-
-Recording = McapRecording | McapSeries
 
 
 def main() -> int:
@@ -38,7 +35,7 @@ def main() -> int:
     segments = Segments.attach(orders["descriptors"], writable=False)
     reader = RingReader(segments.ring.record(RING))
     try:
-        recording = McapSeries(orders) if orders.get("segment_s") else McapRecording(orders)
+        recording = McapRecording(orders)
     except OSError as problem:
         send_message(problem=f"{orders['file']} can't be written: {problem.strerror}")
         return 69
@@ -74,7 +71,7 @@ def _begin(orders: dict[str, Any], first: int, reader: RingReader) -> int:
     return first
 
 
-def _record(recording: Recording, reader: RingReader, told: Orders, first: int, segments: Segments) -> None:
+def _record(recording: McapRecording, reader: RingReader, told: Orders, first: int, segments: Segments) -> None:
     control, status = segments.control.record(CONTROL), segments.status.record(STATUS)
     told_s, due_s = 0.0, time.monotonic()
     while not told.ended:
@@ -96,11 +93,11 @@ def _record(recording: Recording, reader: RingReader, told: Orders, first: int, 
         if time.monotonic() - told_s > _TELL_S:
             told_s = time.monotonic()
             progress = {"rows": recording.written, "bytes": recording.size_bytes, "lost": reader.lost}
-            name = {"file": str(recording.file)} if isinstance(recording, McapSeries) else {}
+            name = {"file": str(recording.file)} if recording.goes_on else {}
             send_message(**progress, **name)
 
 
-def _discard(recording: Recording) -> None:
+def _discard(recording: McapRecording) -> None:
     """Take away the file that this process has made."""
     with contextlib.suppress(OSError):
         recording.file.unlink(missing_ok=True)

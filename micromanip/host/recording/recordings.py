@@ -19,8 +19,8 @@ from micromanip.replies import Marked
 from micromanip.rt import mailbox as w
 from micromanip.status_reply import Recorded
 
+from .mcap_file import numbered
 from .recording import MCAP, Extent, RecorderProcess, require_new_file
-from .series import numbered
 
 if TYPE_CHECKING:
     from micromanip.host.controller import Controller

@@ -105,7 +105,7 @@ def test_it_comes_to_rest_where_nobody_asks_any_more(cell, monkeypatch):
 
     async def scenario():
         await cell.ask("move", **SINE)
-        while not cell.verbs._tuning._moving._task.done():
+        while not cell.verbs._tuning.moving._task.done():
             await asyncio.sleep(0.02)
         place = cell.place_um
         await asyncio.sleep(0.05)

@@ -64,18 +64,19 @@ class Moving:
         self._task = asyncio.create_task(self._follow(move))
         return self._report(done=False)
 
-    def look(self, number: int) -> Moved:
-        """Where move `number` stands; CheckFailed where it was ended early."""
+    def look(self, number: int, *, stop: bool = False) -> Moved:
+        """Where move `number` stands, which is to come to rest where `stop`; CheckFailed where it was ended early."""
         if number != self._number or self._task is None:
             raise UsageError(f"move: there is no move {number}, the last is {self._number}")
         self._lease.renew()
+        if stop:
+            self.stop("as was asked for")
         return self._task.result() if self._task.done() else self._report(done=False)
 
-    def stop(self, why: str) -> bool:
-        """Let it come to rest, where one is under way; whether there was."""
+    def stop(self, why: str) -> None:
+        """Let it come to rest, where one is under way."""
         if self.runs and not self._stopped:
             self._stopped = why
-        return self.runs
 
     @property
     def _state(self) -> Any:

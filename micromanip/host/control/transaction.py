@@ -17,7 +17,7 @@ from typing import Any
 
 from micromanip import replies
 from micromanip.errors import CheckFailed
-from micromanip.replies import Change, Differences, Injected, Jogged, Moved, Parameter, Response, Saved, Swap
+from micromanip.replies import Change, Differences, Injected, Jogged, Moved, Parameter, Saved, Swap
 from micromanip.rt import mailbox as w
 from micromanip.rt.states import (
     CONFIRMED,
@@ -74,8 +74,8 @@ class Tuning:
         self._file = controller.prepared.source
         self._candidate: Candidate | None = None
         self._one_at_a_time = asyncio.Lock()
-        self._injecting = Injecting(controller)
-        self._moving = Moving(controller)
+        self.injecting = Injecting(controller)
+        self.moving = Moving(controller)
 
     @property
     def _prepared(self) -> Prepared:
@@ -122,24 +122,13 @@ class Tuning:
             self._refuse_on_trial()
             if self._candidate is not None and self._candidate.standing == SHADOWING:
                 raise CheckFailed("refused: a candidate is compared; `micromanip candidate discard` lets it go")
-            return await self._injecting.begin(axis, loop, amplitude_um, seed)
-
-    def injected(self, number: int) -> Response:
-        """Where that measurement stands."""
-        return self._injecting.look(number)
+            return await self.injecting.begin(axis, loop, amplitude_um, seed)
 
     async def move(self, axis: str, wanted: MoveRequest) -> Moved:
         """Begin to move an axis that is held; UsageError or CheckFailed says why not."""
         async with self._changing():
             self._refuse_on_trial()
-            return await self._moving.begin(axis, wanted)
-
-    def moved(self, number: int, *, stop: bool) -> Moved:
-        """Where that move stands, which is to come to rest where `stop`."""
-        found = self._moving.look(number)
-        if stop:
-            self._moving.stop("as was asked for")
-        return found
+            return await self.moving.begin(axis, wanted)
 
     async def put_again(self, before: Callable[[], None]) -> None:
         """Put what runs in force once more, as the controller adds to it after `before`; CheckFailed where it can't be.
@@ -151,14 +140,6 @@ class Tuning:
             before()
             async with self._controller.commanding():
                 await self._controller.inject(self._prepared.parameters)
-
-    def let_rest(self) -> None:
-        """End a move that is under way, gently."""
-        self._moving.stop("hold was asked for")
-
-    def require_at_rest(self, verb: str) -> None:
-        """Raise CheckFailed where an axis is being moved."""
-        self._moving.require_none(f"{verb} refused")
 
     async def reload(self) -> Swap:
         """Take over the file as it is now; errors as `set`, and nothing changed where one key of it can't be taken."""
@@ -315,8 +296,8 @@ class Tuning:
         """The only one to change anything, on the newest knowledge of the loop."""
         async with self._one_at_a_time:
             self._notice()
-            self._injecting.require_none()
-            self._moving.require_none()
+            self.injecting.require_none()
+            self.moving.require_none()
             yield
 
     def notice(self) -> None:

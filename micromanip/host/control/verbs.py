@@ -120,12 +120,12 @@ class Verbs:
             "analyse_live": Row(
                 fields.Inject,
                 self._analyse_live,
-                look=_observing(fields.Look, lambda given: tuning.injected(given.number)),
+                look=_observing(fields.Look, lambda given: tuning.injecting.look(given.number)),
             ),
             "move": Row(
                 fields.Moves,
                 self._move,
-                look=_observing(fields.MoveLook, lambda given: tuning.moved(given.number, stop=given.stop)),
+                look=_observing(fields.MoveLook, lambda given: tuning.moving.look(given.number, stop=given.stop)),
             ),
         }
 
@@ -222,9 +222,9 @@ class Verbs:
     async def _command(self, command: int) -> Done:
         before = self._controller.state
         if command == states.ARM:
-            self._tuning.require_at_rest("arm")
+            self._tuning.moving.require_none("arm refused")
         if command == states.HOLD:
-            self._tuning.let_rest()
+            self._tuning.moving.stop("hold was asked for")
         if command == states.RESET:
             await self._before_reset()
         await self._controller.command(command)

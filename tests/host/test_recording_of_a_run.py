@@ -14,11 +14,10 @@ from micromanip.host.recording.recording import RecorderProcess
 from micromanip.host.shared_memory import RingReader
 from micromanip.recordings import open_telemetry
 from micromanip.rt import mailbox as w
-from micromanip.rt.states import ARM, RESET, STOP, TRACKING
+from micromanip.rt.states import ARM, STOP
 from micromanip.rt.telemetry import ROW
 from micromanip.settings.check import prepare
-from micromanip.settings.compile.cell import compile_cell
-from tests.cells import QUICK, WAITING, rows_of, simulated
+from tests.cells import QUICK, WAITING, simulated
 
 pytestmark = pytest.mark.realtime  # path errors of a real loop
 
@@ -73,64 +72,6 @@ async def pass_cycles(controller, count):
     await until(lambda: controller.words[w.CYCLES_RUN] >= goal, controller)
 
 
-def variant(prepared, **updates):
-    """Parameters in which fields of every axis are replaced."""
-    axes = {
-        name: axis.model_copy(update={key: value(axis) for key, value in updates.items()})
-        for name, axis in prepared.configuration.axes.items()
-    }
-    return compile_cell(prepared.configuration.model_copy(update={"axes": axes}), prepared.wiring)
-
-
-SWAPS = {
-    "PID gain": {"inner": lambda axis: axis.inner.model_copy(update={"K_V_per_um": 0.4})},
-    "PID times": {"inner": lambda axis: axis.inner.model_copy(update={"Ti_ms": 1.0, "Td_ms": 0.05, "filter_ms": 0.5})},
-    "hysteresis model": {"hysteresis": lambda axis: axis.hysteresis_affine},
-    "feedforward off": {"inner": lambda axis: axis.inner.model_copy(update={"mode": "pid"})},
-    "outer loop": {
-        "outer": lambda axis: axis.outer.model_copy(update={"control_weight": 30.0, "disturbance_um": 0.03})
-    },
-}
-
-
-KICK, ATTEMPTS = 20, 20
-"""A stall of the machine of more periods than that is a kick of its own, and stalls in a row are a fault of the loop
-(X-216, it has swung too often): the swap is done once more, so many times.
-"""
-
-
-async def track(controller):
-    """Track, if need be again after a fault, which a stall must have made."""
-    if controller.state != "TRACKING":
-        assert rows_of(controller.ring)["periods"].max() > KICK, controller.faults()
-        await until(lambda: controller.state == "FAULT", controller)
-        await controller.command(RESET)
-        await until(lambda: controller.state == "READY", controller)
-        await controller.command(ARM)
-        await until(lambda: controller.state == "TRACKING", controller)
-
-
-async def swapped_rows(prepared, controller):
-    """Rows around each of SWAPS, and back again in between."""
-    rows = {}
-    for name, updates in SWAPS.items():
-        new = variant(prepared, **updates)
-        for _ in range(ATTEMPTS):
-            await track(controller)
-            await pass_cycles(controller, 3000)
-            before = int(controller.words[w.VERSION_ACTIVE])
-            await controller.apply(replace(prepared, parameters=new))
-            assert controller.words[w.VERSION_ACTIVE] == before + 1
-            await pass_cycles(controller, 2000)
-            near, tracked = rows_of(controller.ring)[-10_000:], controller.state == "TRACKING"
-            rows[name] = near[(near["version"] >= before) & (near["state"] == TRACKING)]
-            await controller.apply(prepared)
-            if tracked and rows[name]["periods"].max() <= KICK:
-                break
-            await track(controller)
-    return rows
-
-
 async def recorded(controller, file, during):
     """Record while `during(controller)` goes on: (what the recorder said, rows seen beside it, the file)."""
     recorder = RecorderProcess(controller, file, print)
@@ -153,7 +94,7 @@ async def recorded(controller, file, during):
 
 @pytest.fixture(scope="module")
 def one_run(prepared, tmp_path_factory):
-    """Recordings without a swap and over many, and then the rows around single swaps."""
+    """Recordings without a swap and over many."""
     folder = tmp_path_factory.mktemp("one_run")
     new = prepared.parameters.copy()
 
@@ -167,35 +108,9 @@ def one_run(prepared, tmp_path_factory):
         async with tracking(prepared, folder) as controller:
             calm = await recorded(controller, folder / "calm.mcap", lambda _: pass_cycles(controller, 8000))
             quick = await recorded(controller, folder / "quick.mcap", quick_swaps)
-            await controller.apply(prepared)
-            return {"calm": calm, "quick": quick, "swaps": await swapped_rows(prepared, controller)}
+            return {"calm": calm, "quick": quick}
 
     return asyncio.run(main())
-
-
-SETTLED = 500
-"""So many cycles after a missed one the kick that it was has died away."""
-
-
-@pytest.mark.parametrize("name", SWAPS)
-def test_swap_while_tracking(one_run, name):
-    """At a cycle boundary, all at once, without a step."""
-    rows = one_run["swaps"][name]
-    assert set(rows["state"]) == {TRACKING}
-    first = int(rows["version"][0])
-    at = int(np.argmax(rows["version"] == first + 1))
-    assert set(rows["version"][:at]) == {first}
-    assert set(rows["version"][at:]) == {first + 1}
-    assert at >= 1000
-    assert len(rows) - at >= 1000
-    voltage, periods = rows["axis"]["voltage_V"], rows["periods"][1:, None]
-    step = np.abs(np.diff(voltage, axis=0)) / periods  # after an overrun a larger step is right
-    usual = step[max(0, at - 3001) : at - 1].max(axis=0)
-    assert (step[at - 1] <= 1.2 * usual).all(), f"{step[at - 1]} V at the swap, else up to {usual} V"
-    assert (step[at : at + 20].max(axis=0) <= 3.0 * usual).all(), "a step right after the swap"
-    missed = np.convolve(rows["periods"] > 1, np.ones(SETTLED))[: len(rows)] > 0.5
-    error_um = np.abs(rows["axis"]["path_error_um"][at:][~missed[at:]])
-    assert error_um.max(initial=0.0) < 20.0, "but for what a stall of the machine left behind"
 
 
 def test_recording_has_every_cycle(prepared, one_run):
@@ -227,6 +142,7 @@ def test_recording_over_quick_swaps_has_every_set(one_run):
     telemetry = open_telemetry(file)
     rows, sets = np.concatenate(list(telemetry.rows())), np.concatenate(telemetry.parameters)
     assert rows["version"][-1] == 21
+    assert (np.diff(rows["version"]) >= 0).all(), "whole, at a cycle boundary"
     assert len(np.unique(rows["version"])) >= 20
     assert list(sets["version"]) == list(np.unique(rows["version"]))
     gains = dict(zip(sets["version"].tolist(), sets["axis"]["pid"]["K_V_per_um"][:, 0], strict=True))

@@ -1,4 +1,4 @@
-"""A controller driven from Python: parameters swapped while it tracks, everything recorded."""
+"""A real loop driven from Python, parameters swapped while it tracks: its recording has every cycle and every set."""
 
 import asyncio
 import contextlib
@@ -19,7 +19,7 @@ from micromanip.rt.telemetry import ROW
 from micromanip.settings.check import prepare
 from tests.cells import QUICK, WAITING, simulated
 
-pytestmark = pytest.mark.realtime  # path errors of a real loop
+pytestmark = pytest.mark.live  # a real loop
 
 
 @pytest.fixture(scope="module")

@@ -114,33 +114,29 @@ class BusWorker:
             self.said = said.splitlines()[-1]
 
     def _take(self, document: dict[str, Any], say: Callable[[str], None]) -> None:
-        if document["event"] == "statistics":
+        event = document["event"]
+        if event == "statistics":
             self.counts, self.cpu_s = document["counts"], document["cpu_s"]
             return
-        text = str(document["text"])
-        self._is_slow &= document["event"] == "opening"
-        if document["event"] == "up":
+        text, was_slow = str(document["text"]), self._is_slow
+        self._is_slow = event == "opening"
+        self._opening |= self._is_slow
+        if event == "up":
+            self.said = ""
             if self.image.ask(EPOCH) > 1 or self._child.starts > 1:
                 say(f"driver {self.name}: link up; its outputs stay at rest until the axes are armed again")
-            self.said = ""
-            return
-        if document["event"] == "outputs":
-            say(f"driver {self.name}: {text}")
-            return
-        if document["event"] == "opening":
-            if not self._is_slow:
+        elif event in ("outputs", "opening"):
+            if not (was_slow and self._is_slow):
                 say(f"driver {self.name}: {text}")
-            self._opening = self._is_slow = True
-            return
-        if document["event"] != "rights":
-            self.said = text
-        if document["event"] in ("latched", "lost") and self.image.ask(EPOCH) == 0:
-            return  # it is said once, where `first_link` gives up
-        if document["event"] == "latched":
-            say(f"WARNING: driver {self.name}: {text}; not tried again, mend it and restart")
-        elif document["event"] == "lost":
-            say(f"WARNING: driver {self.name}: link lost: {text}; tried again in {1e3 * document['retry_s']:.0f} ms")
         else:
+            if event != "rights":
+                self.said = text
+            if event in ("latched", "lost") and self.image.ask(EPOCH) == 0:
+                return  # it is said once, where `first_link` gives up
+            if event == "latched":
+                text += "; not tried again, mend it and restart"
+            elif event == "lost":
+                text = f"link lost: {text}; tried again in {1e3 * document['retry_s']:.0f} ms"
             say(f"WARNING: driver {self.name}: {text}")
 
     async def supervise(self, say: Callable[[str], None]) -> None:

@@ -2,7 +2,7 @@
 
 import pytest
 
-from micromanip.host.control.lease import Lease
+from micromanip.host.control.moving import Lease
 
 
 class Clock:

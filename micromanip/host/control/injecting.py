@@ -24,7 +24,7 @@ from micromanip.virtual.own_time import at_own_time
 
 from ..controller import Controller
 from ..shared_memory import RingReader
-from .lease import Lease
+from .moving import Lease
 
 _LOOK_S, _LEASE_S = 0.05, 1.0
 """How often the ring is read; an injection that nobody asks about for so long is taken back."""

@@ -49,11 +49,6 @@ COMPARISONS = (ast.Lt, ast.LtE, ast.Gt, ast.GtE, ast.Eq, ast.NotEq)
 ARITHMETIC = {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.Mod: ast.Mult}
 
 
-def constant(value: object) -> ast.expr:
-    """A literal."""
-    return ast.Constant(value=value)
-
-
 def altered(node: ast.Compare | ast.BinOp | ast.BoolOp) -> Iterator[ast.expr]:
     """The same operands under other operators."""
     if isinstance(node, ast.Compare):
@@ -75,11 +70,11 @@ def replacements(node: ast.AST, names: list[str], keys: list[str]) -> Iterator[a
     if isinstance(node, ast.Compare | ast.BinOp | ast.BoolOp):
         yield from altered(node)
     elif isinstance(node, ast.Constant) and isinstance(node.value, bool):
-        yield constant(not node.value)
+        yield ast.Constant(not node.value)
     elif isinstance(node, ast.Constant) and isinstance(node.value, int | float):
-        yield from (constant(node.value + 1), constant(-node.value if node.value else -1))
+        yield from (ast.Constant(node.value + 1), ast.Constant(-node.value if node.value else -1))
     elif isinstance(node, ast.Constant) and node.value in keys:
-        yield from (constant(key) for key in keys if key != node.value)
+        yield from (ast.Constant(key) for key in keys if key != node.value)
     elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load) and node.id in names:
         yield from (ast.Name(name, ast.Load()) for name in names if name != node.id)
     elif isinstance(node, ast.UnaryOp):
@@ -88,9 +83,9 @@ def replacements(node: ast.AST, names: list[str], keys: list[str]) -> Iterator[a
         yield from (node.body, node.orelse, ast.IfExp(node.test, node.orelse, node.body))
     elif isinstance(node, ast.If | ast.While):
         for always in (True, False) if isinstance(node, ast.If) else (False,):
-            yield type(node)(constant(always), node.body, node.orelse)
+            yield type(node)(ast.Constant(always), node.body, node.orelse)
     elif isinstance(node, ast.Return) and node.value is not None:
-        yield ast.Return(constant(0.0))
+        yield ast.Return(ast.Constant(0.0))
         is_true_or_false = isinstance(node.value, ast.Compare | ast.BoolOp) or called(node.value) in ("all", "any")
         if not (is_true_or_false or (isinstance(node.value, ast.Constant) and isinstance(node.value.value, bool))):
             yield ast.Return(ast.UnaryOp(ast.USub(), node.value))  # of a truth value it is the same one

@@ -59,7 +59,8 @@ class BusWorker:
         self.name = name
         self._source = prepared.source
         descriptors = (segments.contexts.descriptor, *locks)
-        self._child = Child("micromanip.bus.worker_process", descriptors, complains=True, restarts=RestartLimit())
+        self._child = Child("micromanip.bus.worker_process", descriptors, complains=True)
+        self._restarts = RestartLimit()
         self._orders = _orders(prepared, name, segments.contexts.descriptor, offset)
         self._places = prepared.wiring.places(name)
         self._voltages = [output for output in self._places if output in prepared.configuration.outputs]
@@ -155,7 +156,7 @@ class BusWorker:
             self.image.tell(LINK, LINK_DOWN)
             self.image.tell(OUTPUT_STATE, UNKNOWN)
             how = self._child.end if self._child.was_killed else f"{self._child.end}: {self.said}"
-            if not self._child.may_restart():
+            if not self._restarts.allows(time.monotonic()):
                 self.image.tell(LINK, LINK_LATCHED)
                 say(f"WARNING: driver {self.name}: its worker process {how}; not started again, it died too often")
                 return

@@ -22,6 +22,8 @@ from micromanip.bus.backoff import RestartLimit
 from .shared_memory import send_orders
 
 _RESTART_S = 1.0
+_RESTARTS, _WITHIN_S = 3, 600.0
+"""One is started again so often within that time: what dies by each trip, say, must not keep a CPU busy."""
 
 
 class Child:
@@ -33,10 +35,9 @@ class Child:
         descriptors: Sequence[int] = (),
         *,
         complains: bool = False,
-        restarts: RestartLimit | None = None,
     ) -> None:
         """`descriptors` are inherited; `complains`: its standard error is ours, too, as its standard output is."""
-        self._module, self._descriptors, self._restarts = module, tuple(descriptors), restarts
+        self._module, self._descriptors = module, tuple(descriptors)
         self._error = PIPE if complains else None
         self._process: Process | None = None
         self._wire: socket.socket | None = None
@@ -79,10 +80,6 @@ class Child:
             if self._process is not None:
                 await self._process.communicate()
 
-    def may_restart(self) -> bool:
-        """Note that it is about to be started again; False where that was too often."""
-        return self._restarts is not None and self._restarts.allows(time.monotonic())
-
     async def keep_alive(
         self, follow: Callable[[], Awaitable[None]], is_over: Callable[[], bool], say: Callable[[str], None], name: str
     ) -> bool:
@@ -90,11 +87,12 @@ class Child:
 
         True as soon as nobody needs it, which `is_over` says; `say` gets of the `name` that it died.
         """
+        limit = RestartLimit(_RESTARTS, _WITHIN_S)
         while True:
             await follow()
             if is_over():
                 return True
-            if not self.may_restart():
+            if not limit.allows(time.monotonic()):
                 return False
             say(f"WARNING: the {name} process died; it is started again")
             await asyncio.sleep(_RESTART_S)

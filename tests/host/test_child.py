@@ -9,7 +9,6 @@ import sys
 
 import pytest
 
-from micromanip.bus.backoff import RestartLimit
 from micromanip.host.child import Child
 
 TALKATIVE = """
@@ -68,7 +67,7 @@ def test_orders_and_answers_until_it_is_to_end(module):
 
 def test_a_death_is_noticed_and_what_it_cut_off_is_left_out(module):
     async def main():
-        child = Child(module, (), restarts=RestartLimit(1, 60.0))
+        child = Child(module, ())
         for starts in (1, 2):
             await child.start({"whole": starts})
             child.send("die")
@@ -76,9 +75,26 @@ def test_a_death_is_noticed_and_what_it_cut_off_is_left_out(module):
             assert await child.wait(10.0)
             assert (child.code, child.end, child.starts) == (-signal.SIGKILL, "was killed by signal 9", starts)
             assert child.was_killed
-            assert child.may_restart() == (starts == 1)
 
     asyncio.run(main())
+
+
+@pytest.mark.parametrize("over", [False, True])
+def test_one_that_dies_is_started_again_and_one_that_always_dies_is_given_up(module, monkeypatch, over):
+    monkeypatch.setattr("micromanip.host.child._RESTART_S", 0.0)
+    monkeypatch.setattr("micromanip.host.child._RESTARTS", 2)
+    child, said = Child(module, ()), []
+
+    async def follow():
+        await child.start("die")
+        child.send("die")
+        async for _ in child.answers():
+            pass
+        await child.wait(10.0)
+
+    assert asyncio.run(child.keep_alive(follow, lambda: over, said.append, "learning")) == over
+    assert child.starts == (1 if over else 3)
+    assert said == ["WARNING: the learning process died; it is started again"] * (child.starts - 1)
 
 
 def test_one_that_does_not_obey_is_killed(module):

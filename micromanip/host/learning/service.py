@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 
-from micromanip.bus.backoff import RestartLimit
 from micromanip.errors import CheckFailed, UsageError
 from micromanip.faults import KINDS
 from micromanip.host.child import Child
@@ -35,7 +34,6 @@ from .handover import Handover, Memories, Put
 Note = Callable[[Sequence[Change]], Awaitable[None]]
 
 _LOOK_S = 0.02
-_RESTARTS, _WITHIN_S = 3, 600.0
 _END_S = 5.0
 _TENTH_K = 0.1
 _LATE_NS = 1_000_000_000
@@ -61,10 +59,8 @@ class LearningService:
         self._handover = Handover(learning, table)
         self._room = Segment.create("micromanip-learned", table.nbytes)
         controller.added = self._handover.added
-        self._child = Child(
-            "micromanip.learner.process", (controller.segments.ring.descriptor, self._room.descriptor),
-            restarts=RestartLimit(_RESTARTS, _WITHIN_S),
-        )  # fmt: skip
+        descriptors = controller.segments.ring.descriptor, self._room.descriptor
+        self._child = Child("micromanip.learner.process", descriptors)
         self._stopping = False
         self._state = "starting"
         self._last: dict[str, dict[str, Any]] = {}

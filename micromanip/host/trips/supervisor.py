@@ -9,7 +9,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from micromanip.bus.backoff import RestartLimit
 from micromanip.errors import CheckFailed
 from micromanip.faults import KINDS, FaultReport
 from micromanip.host.child import Child
@@ -25,8 +24,6 @@ _STUCK_S = {"hardware": 0.5, "simulation": 3.0}
 _TELL_WITHIN_S = 1.0
 _SETTLE_S = 2.0
 _GIVE_UP_S = 30.0
-_RESTARTS, _WITHIN_S = 3, 600.0
-"""It is started again so often within that time; one that dies by every trip must not keep a CPU busy."""
 _END_S = 20.0
 
 
@@ -39,11 +36,7 @@ class BlackBox:
         """`say` gets messages, and each latched fault once."""
         self._controller, self._folder, self._kept, self._say = controller, folder, kept, say
         self._source = controller.prepared.source
-        self._child = Child(
-            "micromanip.host.trips.process",
-            controller.segments.descriptors,
-            restarts=RestartLimit(_RESTARTS, _WITHIN_S),
-        )
+        self._child = Child("micromanip.host.trips.process", controller.segments.descriptors)
         self._following: asyncio.Task[None] | None = None
         self._ready = self._stopping = self._gone = False
         self._settled: dict[int, dict[str, Any]] = {}

@@ -53,12 +53,10 @@ def esi(file: Path, product: int | None, revision: int | None, as_json: bool) ->
 
 def _all(file: Path) -> Sequence[EsiDevice]:
     """Those of a file that can be read; what is wrong with each other one is told."""
-    from micromanip.bus.ethercat.esi import esi_listing
-    from micromanip.errors import ConfigError
+    from micromanip.bus.ethercat.esi import read_esi
 
-    found = esi_listing(file)
-    problems = [each for each in found if isinstance(each, ConfigError)]
-    devices = [each for each in found if not isinstance(each, ConfigError)]
+    problems: list[Exception] = []
+    devices = read_esi(file, left_out=problems.append)
     if not devices:
         raise problems[0]
     for problem in problems:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from micromanip.bus.ethercat.esi import esi_listing, esi_products, read_esi
+from micromanip.bus.ethercat.esi import esi_products, read_esi
 from micromanip.bus.ethercat.esi_keys import lines_of, not_mapped, terminal_keys
 from micromanip.errors import ConfigError
 
@@ -187,8 +187,9 @@ def test_files_as_makers_write_them(tmp_path, data):
         read_esi(tmp_path / "device.xml", 0x0C1E3052)
     assert read_esi(tmp_path / "device.xml", 7) == []
     assert esi_products(tmp_path / "device.xml") == [202321999, 0x0C1E3052, 0x0C1F3052]
-    coupler, broken, *others = esi_listing(tmp_path / "device.xml")
-    assert [str(each).rpartition("/")[2][:13] for each in (coupler, broken)] == ["device.xml:8:", "device.xml:9:"]
+    left_out = []
+    others = read_esi(tmp_path / "device.xml", left_out=left_out.append)
+    assert [str(each).rpartition("/")[2][:13] for each in left_out] == ["device.xml:8:", "device.xml:9:"]
     assert [each.product for each in others] == [0x0C1F3052, 202321999]
 
 

@@ -6,7 +6,7 @@ harm.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree.ElementTree import Element
@@ -86,31 +86,26 @@ class EsiDevice:
     line: int
 
 
-def read_esi(path: Path, product: int | None = None) -> Sequence[EsiDevice]:
+def read_esi(
+    path: Path, product: int | None = None, left_out: Callable[[ConfigError], None] | None = None
+) -> Sequence[EsiDevice]:
     """All devices of a file, or those with one product code, whatever the others are like; that may be none.
 
-    Raises ConfigError with file and line, another MicromanipError if it can't be opened.
+    Raises ConfigError with file and line, another MicromanipError if it can't be opened. `left_out` gets that of a
+    single device instead: a maker's couplers may have no product code.
     """
     read = EsiDocument(path)
     vendor, found = _vendor_and_devices(read)
-    return [_device(read, vendor, each) for each in found if product is None or _product(read, each) == product]
-
-
-def esi_listing(path: Path) -> Sequence[EsiDevice | ConfigError]:
-    """Each device of a file, or in its place why it can't be read: a maker's couplers may have no product code.
-
-    Raises as `read_esi` where that is so for the file as a whole.
-    """
-    read = EsiDocument(path)
-    vendor, found = _vendor_and_devices(read)
-
-    def listed(element: Element) -> EsiDevice | ConfigError:
-        try:
-            return _device(read, vendor, element)
-        except ConfigError as problem:
-            return problem
-
-    return [listed(each) for each in found]
+    devices = []
+    for each in found:
+        if product is None or _product(read, each) == product:
+            try:
+                devices.append(_device(read, vendor, each))
+            except ConfigError as problem:
+                if left_out is None:
+                    raise
+                left_out(problem)
+    return devices
 
 
 def _vendor_and_devices(read: EsiDocument) -> tuple[int, Sequence[Element]]:

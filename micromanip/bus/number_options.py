@@ -118,7 +118,8 @@ class NumberCodec:
 
     def __init__(self, options: Any) -> None:
         """`options` has the first byte ``at``, the ``size``, the ``type`` and its ``byte_order``, None for one byte."""
-        self._at, self._size = options.at, options.size
+        self._at: int = options.at
+        self._size: int = options.size
         self._order: Any = options.byte_order or "little"
         self._signed = options.type.startswith("int")
         self.floating = options.type.startswith("float")

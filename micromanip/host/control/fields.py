@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
+from micromanip.host.recording.recording import Extent
 from micromanip.quantities import Micrometres, Seed
 from micromanip.rt.record import MAX_AXES
 from micromanip.settings.excitation_plan import AMPLITUDE_UM
@@ -91,25 +92,10 @@ class Forget(Settings):
     axes: tuple[str, ...] = Field(default=(), max_length=MAX_AXES, description="Of these axes; all without one.")
 
 
-class RecordStart(Settings):
+class RecordStart(Extent):
     """Fields of `recording_start`."""
 
     file: str | None = Field(default=None, description="Name in the folder of recordings; without one, the time.")
-    before_s: Annotated[float, Field(strict=True, ge=0, le=5, allow_inf_nan=False)] = Field(
-        default=0.0, description="Begin so much earlier, s."
-    )
-    segment_s: Annotated[float, Field(strict=True, ge=1, le=86_400, allow_inf_nan=False)] | None = Field(
-        default=None, description="Begin another file so often, s."
-    )
-    quota_bytes: Annotated[int, Field(strict=True, ge=1_000_000, le=10**16)] | None = Field(
-        default=None, description="Remove the oldest of these files beyond that."
-    )
-
-    @model_validator(mode="after")
-    def _both_or_neither(self) -> Self:
-        if (self.segment_s is None) != (self.quota_bytes is None):
-            raise ValueError("segment_s and quota_bytes go together: how long a file is, and how much all may take")
-        return self
 
 
 class RecordMark(Settings):

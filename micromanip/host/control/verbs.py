@@ -13,7 +13,6 @@ from typing import Any
 from micromanip import replies, status_reply
 from micromanip.errors import CheckFailed, MicromanipError
 from micromanip.faults import FaultReport
-from micromanip.host.recording.recording import Extent
 from micromanip.host.recording.recordings import Recordings
 from micromanip.replies import Change
 from micromanip.rt import states
@@ -207,8 +206,7 @@ class Verbs:
         return moved, [Change(key=f"axes.{given.axis}", old=None, new=f"moved: {what}")]
 
     async def _recording_start(self, given: fields.RecordStart) -> Done:
-        extent = Extent(given.before_s, given.segment_s, given.quota_bytes)
-        begun = await self._recordings.start(given.file, extent)
+        begun = await self._recordings.start(given.file, given)
         return begun, [Change(key="recording", old=None, new=begun["file"])]
 
     async def _recording_stop(self) -> Done:

@@ -7,13 +7,15 @@ import contextlib
 import tempfile
 import time
 from collections.abc import AsyncIterator, Callable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, Self
+
+from pydantic import Field, model_validator
 
 from micromanip.errors import CheckFailed, UsageError, system_error
 from micromanip.host.child import Child
 from micromanip.rt import mailbox as w
+from micromanip.settings.schema.base import Settings
 from micromanip.status_reply import Recorded
 
 if TYPE_CHECKING:  # the recorder's process needs the layout only
@@ -22,16 +24,27 @@ if TYPE_CHECKING:  # the recorder's process needs the layout only
 MCAP = ".mcap"
 
 
-@dataclass(frozen=True)
-class Extent:
+class Extent(Settings):
     """What a recording takes: `before_s` of what the ring still holds, and all from then on.
 
     With `segment_s` it goes into numbered files of that length; beyond `quota_bytes` the oldest are removed.
     """
 
-    before_s: float = 0.0
-    segment_s: float | None = None
-    quota_bytes: int | None = None
+    before_s: Annotated[float, Field(strict=True, ge=0, le=5, allow_inf_nan=False)] = Field(
+        default=0.0, description="Begin so much earlier, s."
+    )
+    segment_s: Annotated[float, Field(strict=True, ge=1, le=86_400, allow_inf_nan=False)] | None = Field(
+        default=None, description="Begin another file so often, s."
+    )
+    quota_bytes: Annotated[int, Field(strict=True, ge=1_000_000, le=10**16)] | None = Field(
+        default=None, description="Remove the oldest of these files beyond that."
+    )
+
+    @model_validator(mode="after")
+    def _both_or_neither(self) -> Self:
+        if (self.segment_s is None) != (self.quota_bytes is None):
+            raise ValueError("segment_s and quota_bytes go together: how long a file is, and how much all may take")
+        return self
 
 
 _FROM_NOW = Extent()

@@ -10,12 +10,13 @@ from __future__ import annotations
 
 import math
 import os
-import socket
 import struct
 from collections.abc import Mapping
 from pathlib import Path
 
 from micromanip.faults import FaultReport
+
+from .notify import send_datagram
 
 SOCKET = Path("/run/systemd/journal/socket")
 TRIP = "0abd6dde16004fdd95f7b63ab967704c"
@@ -47,14 +48,8 @@ def entry(found: Mapping[str, str]) -> bytes:
 
 
 def send(found: Mapping[str, str], path: Path = SOCKET) -> bool:
-    """Hand an entry to the journal; False where nobody takes it at once. Never blocks."""
-    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
-        sender.setblocking(False)
-        try:
-            sender.sendto(entry(found), str(path))
-        except OSError:
-            return False
-    return True
+    """Hand an entry to the journal; False where nobody takes it at once."""
+    return send_datagram(str(path), entry(found))
 
 
 def fields(told: str | FaultReport) -> dict[str, str]:

@@ -68,11 +68,17 @@ class ServiceManager:
             await asyncio.sleep(self.watchdog_s / _FEEDINGS)
 
     def _send(self, *lines: str) -> None:
-        if not self._address:
-            return
-        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as out, contextlib.suppress(OSError, UnicodeError):
-            out.setblocking(False)
-            out.sendto("\n".join(lines).encode(), self._address)
+        if self._address:
+            send_datagram(self._address, "\n".join(lines).encode(errors="replace"))
+
+
+def send_datagram(address: str, content: bytes) -> bool:
+    """Hand it to whoever listens there; False where nobody takes it at once. Never blocks."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender, contextlib.suppress(OSError, UnicodeError):
+        sender.setblocking(False)
+        sender.sendto(content, address)
+        return True
+    return False
 
 
 def _watchdog_s(environment: Mapping[str, str]) -> float | None:

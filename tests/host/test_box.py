@@ -28,21 +28,6 @@ def test_a_file_brings_everything_back(tmp_path, complete):
     assert os.listdir(tmp_path) == ["a.npz"]  # noqa: PTH208
 
 
-def test_a_disk_that_is_full_leaves_the_file_before_and_no_part(tmp_path, monkeypatch):
-    file = tmp_path / "a.npz"
-    box().save(file)
-    before = file.read_bytes()
-
-    def full(_descriptor):
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(OSError, match="No space left"):
-        replace(box(), meta=box().meta | {"complete": False}).save(file)
-    assert [entry.name for entry in tmp_path.iterdir()] == ["a.npz"]
-    assert file.read_bytes() == before
-
-
 def damaged(folder):
     """Files that are no boxes, each in its own way."""
     good = folder / "good.npz"

@@ -70,17 +70,6 @@ def test_the_newest_counts_and_a_writer_that_was_killed_leaves_the_one_before(co
     assert plan_of(config).configuration.outputs["voltage_x"].park_V == 5
 
 
-def test_it_is_on_the_disk_before_it_takes_the_place_of_the_one_before(config, folder, monkeypatch):
-    done = []
-    for name in ("fsync", "rename"):
-        call = getattr(os, name)
-        monkeypatch.setattr(
-            safe_snapshot.os, name, lambda *a, _name=name, _call=call, **k: (done.append(_name), _call(*a, **k))[1]
-        )
-    kept(config, folder)
-    assert done == ["fsync", "rename", "fsync"]
-
-
 def foreign(path):
     os.chown(path, 4711, 4711)
 

@@ -29,7 +29,7 @@ from micromanip.errors import CheckFailed
 from . import file_header as header
 from .blocks import BlockCodec
 from .table import Table
-from .telemetry import Piece, Telemetry
+from .telemetry import Telemetry
 
 T = TypeVar("T")
 MAGIC = b"\x89MCAP0\r\n"
@@ -134,6 +134,7 @@ def open_mcap(file: Path) -> Telemetry:
     attachments: dict[str, bytes] = {}
     damaged: list[str] = []
     marks: list[dict[str, Any]] = []
+    chunks: list[tuple[int, int]] = []
     channels = _Channels(file)
     with file.open("rb") as stream:
         channels.take_in(declared(stream))
@@ -152,9 +153,14 @@ def open_mcap(file: Path) -> Telemetry:
                 else:
                     damaged.append(_name(content))
             elif channels.codec is None or length < _SHORT_CHUNK:  # a remark has a chunk of its own
+                at = stream.tell()
                 inside = _inside(file, stream.read(length), sure=channels.codec is None)
                 channels.take_in(inside)
                 marks += map(json.loads, _messages(inside, channels.marks))
+                if not inside or _messages(inside, channels.rows):
+                    chunks.append((at, length))
+            else:  # long enough to have rows: looked into when it is read
+                chunks.append((stream.tell(), length))
     codec = channels.codec
     if codec is None or not about:
         raise CheckFailed(
@@ -163,6 +169,10 @@ def open_mcap(file: Path) -> Telemetry:
         )
     if about.get("format") != header.FORMAT:
         raise CheckFailed(f"{file}: its format is {about.get('format')!r}; this version reads format {header.FORMAT}")
+
+    def blocks(decode: Callable[[bytes], T]) -> Iterator[T]:
+        for at, length in chunks:
+            yield from _decoded(file, at, length, channels.rows, decode)
 
     def arrays(beginning: str) -> list[NDArray[Any]]:
         return [_array(file, *each) for each in attachments.items() if each[0].startswith(beginning)]
@@ -176,9 +186,9 @@ def open_mcap(file: Path) -> Telemetry:
             configuration=attachments.get(header.CONFIGURATION, b"").decode(),
             sha256=about["sha256"],
             end=end,
-            parts=lambda paths: _blocks(file, channels.rows, partial(codec.decode, paths=paths)),
-            rows=partial(_blocks, file, channels.rows, codec.rows),
-            pieces=partial(_pieces, file, codec, channels.rows),
+            parts=lambda paths: blocks(partial(codec.decode, paths=paths)),
+            rows=lambda: blocks(codec.rows),
+            pieces=lambda: [partial(_piece, file, codec, channels.rows, *chunk) for chunk in chunks],
             state=next(iter(arrays(header.STATE)), None),
             parameters=arrays(header.PARAMETERS),
             states=arrays(header.STATES),
@@ -244,43 +254,21 @@ def _array(file: Path, name: str, data: bytes) -> NDArray[Any]:
     return found
 
 
-def _blocks(file: Path, channel: int, decode: Callable[[bytes], T]) -> Iterator[T]:
-    """The messages with blocks, decoded, in order."""
+def _decoded(file: Path, at: int, length: int, channel: int, decode: Callable[[bytes], T]) -> list[T]:
+    """The messages with blocks in a chunk."""
     with file.open("rb") as stream:
-        for opcode, length in places(stream):
-            if opcode == CHUNK:
-                yield from _decoded(file, stream.read(length), channel, decode)
-
-
-def _decoded(file: Path, chunk: bytes, channel: int, decode: Callable[[bytes], T]) -> list[T]:
+        stream.seek(at)
+        chunk = stream.read(length)
     try:
         return [decode(data) for data in _messages(_inside(file, chunk), channel)]
     except ValueError as problem:
         raise CheckFailed(f"{file}: {_WHY} ({problem})") from problem
 
 
-def _pieces(file: Path, codec: BlockCodec, channel: int) -> list[Piece]:
-    """The chunks with rows, by their places: what is long enough to be one is looked into when it is read."""
-    found: list[Piece] = []
-    with file.open("rb") as stream:
-        for opcode, length in places(stream):
-            at = stream.tell()
-            if opcode != CHUNK:
-                continue
-            if length < _SHORT_CHUNK:
-                inside = _inside(file, stream.read(length), sure=False)
-                if inside and not _messages(inside, channel):
-                    continue
-            found.append(partial(_piece, file, codec, channel, at, length))
-    return found
-
-
 def _piece(
     file: Path, codec: BlockCodec, channel: int, at: int, length: int, paths: Sequence[str]
 ) -> dict[str, NDArray[Any]]:
-    with file.open("rb") as stream:
-        stream.seek(at)
-        blocks = _decoded(file, stream.read(length), channel, partial(codec.decode, paths=paths))
+    blocks = _decoded(file, at, length, channel, partial(codec.decode, paths=paths))
     none = [np.empty(0, np.int64)] if not blocks else []  # another program puts chunks without rows between ours
     return {path: np.concatenate(none or [block[path] for block in blocks]) for path in paths}
 

@@ -9,8 +9,7 @@ from pathlib import Path
 from micromanip.errors import CheckFailed
 from micromanip.files import open_regular
 
-from .arrays import read_npy, read_npz
-from .hdf5 import read_hdf5, read_matlab, read_parquet
+from .binary import read_hdf5, read_matlab, read_npy, read_npz, read_parquet
 from .mcap_reading import MAGIC, open_mcap, read_mcap
 from .table import Table
 from .telemetry import Telemetry

@@ -170,7 +170,7 @@ def test_objects_are_never_loaded(tmp_path):
 
 def test_an_archive_that_unpacks_to_more_than_fits_is_refused_before_it_is(tmp_path, monkeypatch):
     np.savez_compressed(tmp_path / "x.npz", t=np.zeros(300_000))
-    monkeypatch.setattr("micromanip.recordings.arrays.MOST_BYTES", 1_000_000)
+    monkeypatch.setattr("micromanip.recordings.binary.MOST_BYTES", 1_000_000)
     with pytest.raises(CheckFailed, match="unpacked it is larger than 1 MB"):
         read_table(tmp_path / "x.npz")
 

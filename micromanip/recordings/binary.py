@@ -1,17 +1,17 @@
-"""Columns of HDF5 files, netCDF's among them, and of Parquet, each read when it is used.
+"""Columns of binary files: NumPy's and MATLAB's, HDF5 (netCDF's among them) and Parquet.
 
-Columns of MATLAB files: up to version 7.2 by scipy, 7.3 (which is HDF5) by h5py.
-
-Vectors, matrices with one signal a column, and structures of them, whose fields are called ``name.field``: also the
-"structure with time" of Simulink. Objects (timeseries, table) can't be read without MATLAB.
+Vectors, matrices with one signal a column, rows with named fields, and structures of them, whose fields are called
+``name.field``: also the "structure with time" of Simulink. What HDF5 and Parquet hold is read when it is used. Python's
+objects are never loaded, those of MATLAB (timeseries, table) can't be read without it.
 """
 
 from __future__ import annotations
 
 import contextlib
 import warnings
+import zipfile
 import zlib
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +19,83 @@ import numpy as np
 
 from micromanip.errors import CheckFailed
 from micromanip.extras import required
+from micromanip.files import MOST_BYTES
 
-from .arrays import WIDE, columns_of, table_of
 from .table import Array, Table
+
+_WIDE = 10
+_OBJECTS = (
+    "it holds Python objects, which are never loaded (they may run code): "
+    "save plain arrays, numpy.savez(file, t=t, u=u)"
+)
+
+
+def _columns_of(name: str, values: Any) -> Iterator[tuple[str, Array]]:
+    """Columns of an array of numbers called `name` (or ""): none where it holds none, or a single number.
+
+    A matrix with far more columns than rows is taken to have one signal a row.
+    """
+    if values.dtype.names:
+        for field in values.dtype.names:
+            yield from _columns_of(f"{name}.{field}" if name else field, values[field])
+        return
+    if values.dtype.kind in "mM":
+        values = (values - values.ravel()[:1]) / np.timedelta64(1, "s") if values.size else values.astype(float)
+    if values.dtype.kind not in "fiub" or values.ndim == 0 or values.size < 2:
+        return
+    values = values.reshape([n for n in values.shape if n > 1])
+    if values.ndim == 1:
+        yield name or "1", np.ascontiguousarray(values, dtype=float)
+    elif values.ndim == 2:
+        rows = values if values.shape[1] >= _WIDE * values.shape[0] else values.T
+        for number, row in enumerate(rows, 1):
+            yield f"{name}.{number}" if name else str(number), np.ascontiguousarray(row, dtype=float)
+
+
+def _table_of(file: Path, arrays: Mapping[str, Any]) -> Table:
+    """The columns of several arrays; those of a single one go without its name."""
+    columns: dict[str, Array] = {}
+    for name, values in arrays.items():
+        columns |= dict(_columns_of(name, values))
+    if not columns:
+        shapes = ", ".join(f"{name or 'the array'}: {values.dtype} {values.shape}" for name, values in arrays.items())
+        raise CheckFailed(
+            f"{file}: there are no columns of numbers in it ({shapes or 'nothing'}); "
+            "what is read are vectors, matrices with one signal a column, and arrays with named fields"
+        )
+    return Table(file, columns)
+
+
+def read_npy(file: Path) -> Table:
+    """A .npy file. CheckFailed where it is cut off, or holds objects."""
+    try:
+        values = np.load(file, mmap_mode="r", allow_pickle=False)
+    except (ValueError, OSError, EOFError, SyntaxError) as problem:
+        raise CheckFailed(f"{file}: {_why(problem)}") from problem
+    return _table_of(file, {"": values})
+
+
+def read_npz(file: Path) -> Table:
+    """A .npz file. CheckFailed where it is cut off, holds objects, or is another archive."""
+    try:
+        with zipfile.ZipFile(file) as archive:
+            members = archive.infolist()
+            if not all(member.filename.endswith(".npy") for member in members):
+                raise CheckFailed(f"{file}: this is an archive or an Excel workbook: unpack it, or save it as CSV")
+            if sum(member.file_size for member in members) > MOST_BYTES:
+                raise CheckFailed(f"{file}: unpacked it is larger than {MOST_BYTES / 1e6:g} MB; save a part of it")
+        with np.load(file, allow_pickle=False) as arrays:
+            return _table_of(file, {name: arrays[name] for name in arrays.files})
+    except (ValueError, OSError, EOFError, SyntaxError, KeyError, zipfile.BadZipFile, zlib.error) as problem:
+        raise CheckFailed(f"{file}: {_why(problem)}") from problem
+
+
+def _why(problem: Exception) -> str:
+    if any(word in str(problem) for word in ("pickle", "Object arrays", "Python objects")):
+        return _OBJECTS
+    why = str(problem).splitlines()[0] if str(problem) else "it ends early"
+    return f"it is cut off or damaged ({why}); copy it again"
+
 
 _TEXTS = ("char", "cell", "function_handle", "struct")
 _DEEPEST = 6
@@ -39,7 +113,7 @@ def read_matlab(file: Path) -> Table:
     found = {name: values for name, values in every.items() if values is not None}
     if not found:
         raise _without_numbers(file, every)
-    return table_of(file, found)
+    return _table_of(file, found)
 
 
 def _without_numbers(file: Path, objects: Collection[str]) -> CheckFailed:
@@ -124,7 +198,7 @@ _UNIT_ATTRIBUTES = ("units", "unit", "Units", "Unit")
 
 
 @contextlib.contextmanager
-def opened(file: Path) -> Iterator[Any]:
+def _opened(file: Path) -> Iterator[Any]:
     """The file. CheckFailed for whatever goes wrong while it is read."""
     with required(f"{file}: HDF5", "formats"):
         import h5py
@@ -151,12 +225,12 @@ def read_hdf5(file: Path) -> Table:
         elif getattr(item, "ndim", 0) > 0 and item.size > 1 and kind not in _TEXTS and not path.startswith("#"):
             name, stated = path.replace("/", "."), _stated_unit(item.attrs)
             shape = _few(item.shape[::-1] if kind else item.shape)  # MATLAB's arrays lie the other way round
-            for found, _ in columns_of(name, np.zeros(shape, item.dtype)):
+            for found, _ in _columns_of(name, np.zeros(shape, item.dtype)):
                 columns[found] = _reading(file, path, name, found, turned=bool(kind))
                 if stated:
                     units[found] = stated
 
-    with opened(file) as contents:
+    with _opened(file) as contents:
         contents.visititems(visit)
     if not columns:
         raise _without_numbers(file, objects)
@@ -180,12 +254,12 @@ def _few(shape: tuple[int, ...]) -> tuple[int, ...]:
     if len(shape) != 2:
         return tuple(min(n, 2) for n in shape)
     rows, columns = shape
-    return (rows, WIDE * rows) if columns >= WIDE * rows else (max(2, min(shape)), columns)
+    return (rows, _WIDE * rows) if columns >= _WIDE * rows else (max(2, min(shape)), columns)
 
 
 def _reading(file: Path, path: str, name: str, column: str, *, turned: bool) -> Callable[[], Array]:
     def read() -> Array:
-        with opened(file) as contents:
+        with _opened(file) as contents:
             item = contents[path]
             if item.size > _MOST_VALUES:
                 raise CheckFailed(f"{file}: {path} has {item.size} values, more than can be read ({_MOST_VALUES})")
@@ -193,7 +267,7 @@ def _reading(file: Path, path: str, name: str, column: str, *, turned: bool) -> 
                 if source.file_name != "." and not (file.parent / source.file_name).exists():
                     raise CheckFailed(f"{file}: {path} is kept in {source.file_name}, which is not there; copy it, too")
             values = _unpacked(item[()], item.attrs)
-            return dict(columns_of(name, values.T if turned else values))[column]
+            return dict(_columns_of(name, values.T if turned else values))[column]
 
     return read
 

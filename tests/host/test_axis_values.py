@@ -9,9 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from micromanip.host import statistics
-from micromanip.host.axis_values import AxesValues
+from micromanip.host.axis_values import BLOCK_NS, AxesValues, Windows
 from micromanip.host.shared_memory import RING, STATUS
-from micromanip.host.windows import BLOCK_NS, Windows
 from micromanip.rt.mailbox import RING_HEAD
 from micromanip.rt.states import ARMING, CLOSED, LIFTING, PARKED, TRACKING
 from micromanip.rt.telemetry import ROW

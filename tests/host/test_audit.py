@@ -10,8 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from micromanip.host.control.audit import AuditTrail, Repeats
-from micromanip.host.control.audit_files import AuditFiles, Keeping
+from micromanip.host.control.audit import AuditFiles, AuditTrail, Keeping, Repeats
 from micromanip.host.control.authority import Peer
 from micromanip.replies import Change
 

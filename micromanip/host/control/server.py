@@ -8,15 +8,18 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import os
+import socket
 import traceback
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from micromanip.errors import DeviceUnavailable, MicromanipError, UsageError, system_error
 
 from .admission import Bounds, Client, Slots, Turns
 from .authority import Authority, Peer
-from .handover import Handed, send
 from .request import Request, Verb, failure, parsed, success
 from .socket_file import Access, bound, claim
 
@@ -33,6 +36,23 @@ _URGENT_BYTES = 1000
 
 async def _nobody(_peer: Peer, _verb: str, _why: str) -> None:
     pass
+
+
+@dataclass(frozen=True)
+class Handed:
+    """A result, and descriptors that go with it, with the answer's own line by SCM_RIGHTS: the server's to close."""
+
+    result: Any
+    descriptors: tuple[int, ...]
+
+    @contextlib.contextmanager
+    def held(self) -> Iterator[tuple[int, ...]]:
+        """The descriptors, closed afterwards."""
+        try:
+            yield self.descriptors
+        finally:
+            for descriptor in self.descriptors:
+                os.close(descriptor)
 
 
 class ControlSocket:
@@ -158,7 +178,7 @@ class ControlSocket:
             if client.writer.transport.get_write_buffer_size() > 0:
                 raise TimeoutError
             try:
-                send(client.writer.get_extra_info("socket"), success(handed.result), descriptors)
+                _send(client.writer.get_extra_info("socket"), success(handed.result), descriptors)
             except DeviceUnavailable as problem:
                 raise TimeoutError from problem
 
@@ -199,3 +219,17 @@ class ControlSocket:
         if verb is None:
             raise UsageError(f"unknown verb {request.verb!r:.60}; known are {', '.join(sorted(self._verbs))}")
         return verb
+
+
+def _send(connection: Any, line: bytes, descriptors: tuple[int, ...]) -> None:
+    """Send `line` with `descriptors` on the socket of a transport that has nothing else to send.
+
+    Raises DeviceUnavailable where the client has left too much unread to take it in one piece.
+    """
+    with socket.socket(fileno=os.dup(connection.fileno())) as own:  # a transport's socket has no sendmsg
+        try:
+            sent = socket.send_fds(own, [line], descriptors)
+        except BlockingIOError:
+            sent = 0
+    if sent != len(line):
+        raise DeviceUnavailable("the client takes no answers")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import inspect
+import os
 from collections import deque
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -16,18 +17,20 @@ from micromanip.faults import FaultReport
 from micromanip.host.recording.recordings import Recordings
 from micromanip.replies import Change
 from micromanip.rt import states
+from micromanip.rt.telemetry import ROW
 from micromanip.settings.move_plan import MoveRequest
 from micromanip.settings.schema.base import Settings
 from micromanip.settings.text.source import Source
 
 from ..controller import Controller
 from ..learning.service import LearningService
+from ..shared_memory import CONTROL, STATUS, columns
 from . import fields
 from .answers import Outcome
 from .audit import AuditTrail
 from .authority import Peer, Right
-from .handover import telemetry
 from .request import Request, Verb
+from .server import Handed
 from .transaction import Tuning
 
 _LOOP = Peer("loop")
@@ -92,7 +95,7 @@ class Verbs:
         nothing = fields.Nothing
         self._rows = {
             "status": _observing(nothing, self._answer_status),
-            "telemetry": _observing(nothing, lambda: telemetry(controller)),
+            "telemetry": _observing(nothing, lambda: _telemetry(controller)),
             "configuration": _observing(nothing, self._configuration),
             "get": _observing(fields.Get, lambda given: tuning.get(given.keys)),
             "diff": _observing(nothing, tuning.diff),
@@ -227,3 +230,35 @@ class Verbs:
             await self._before_reset()
         await self._controller.command(command)
         return None, [Change(key="state", old=before, new=self._controller.state)]
+
+
+def _telemetry(controller: Controller) -> Handed:
+    """Read-only descriptors of the loop's status, its ring and its parameters, in this order, and what they hold.
+
+    Whoever may observe maps them for reading and nothing else; the loop does not notice who has mapped what.
+    """
+    configuration = controller.prepared.configuration
+    segments = controller.segments
+    limiters = controller.prepared.parameters[0]["axis"]["limiter"]
+    told = replies.Telemetry(
+        axes=list(configuration.axes),
+        drivers=list(configuration.drivers),
+        range_V={
+            axis: [float(limiters[i]["low_V"]), float(limiters[i]["high_V"])]
+            for i, axis in enumerate(configuration.axes)
+        },
+        period_ns=configuration.loop.period_ns,
+        status_bytes=STATUS.itemsize,
+        row_bytes=ROW.itemsize,
+        control_bytes=CONTROL.itemsize,
+        columns=columns(),
+    )
+    found: list[int] = []
+    try:
+        for segment in (segments.status, segments.ring, segments.control):
+            found.append(segment.read_only())
+    except OSError:
+        for descriptor in found:
+            os.close(descriptor)
+        raise
+    return Handed(told, tuple(found))

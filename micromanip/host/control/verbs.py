@@ -256,7 +256,7 @@ def _telemetry(controller: Controller) -> Handed:
     found: list[int] = []
     try:
         for segment in (segments.status, segments.ring, segments.control):
-            found.append(segment.read_only())
+            found.append(segment.read_only())  # noqa: PERF401 (what was opened is closed where one fails)
     except OSError:
         for descriptor in found:
             os.close(descriptor)

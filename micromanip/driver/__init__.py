@@ -19,9 +19,9 @@
 driver in virtual time, ``micromanip.driver.wire`` and ``micromanip.driver.datagrams`` are for one that serves a wire in
 the loop itself (tables of frames, datagrams from compiled code), ``micromanip.driver.steady`` and
 ``micromanip.driver.byte_stream`` for a bus driver with compiled functions (what they say; terminals and TCP), and
-``micromanip.driver.conformance`` is the suite that a bus driver must pass, which needs the extra ``conformance``
-(pytest). What is compiled is loaded when it is asked for: a bus driver's worker imports numba only where the driver has
-compiled functions (``Steady``).
+``micromanip.driver.conformance`` is the suite that a bus driver must pass, which needs pytest (extra ``dev``). What is
+compiled is loaded when it is asked for: a bus driver's worker imports numba only where the driver has compiled
+functions (``Steady``).
 """
 
 from __future__ import annotations

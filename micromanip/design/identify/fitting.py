@@ -10,14 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from micromanip.design.identify.hysteresis import fit
+from micromanip.control.system import Array
 from micromanip.errors import CheckFailed
 from micromanip.recordings import TimeSeries
 from micromanip.settings.schema.hysteresis import Network, PrandtlIshlinskii
 
 from ..data import counting, same_rate
-from .hysteresis import Candidate, HysteresisFit, candidates, choose, structure_of
+from .hysteresis import Candidate, HysteresisFit, candidates, choose, fit, structure_of
 from .hysteresis.choice import parted
+from .hysteresis.fit import held_out_percent, percents
 from .network.fit import NetworkFit, fit_network, reversals, smoothed
 
 _TURN, _MINOR = 0.05, 0.8
@@ -64,7 +65,6 @@ def little_seen(
     return told
 
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 _LEAST_COUNTING = 100
@@ -145,129 +145,111 @@ def fit_record(
         counting(held_out, request.burn_in_s)
     if used.sum() < 2 * _LEAST_COUNTING:
         raise CheckFailed(f"{record.file}: {used.sum()} samples that count are too few to fit to")
-    found = _fitted(record, held_out, request, used, progress)
+    found = _Task(record, held_out, request, used, progress).fitted()
     return replace(found, notes=[*little_seen(record, used, request.setpoint_um), *found.notes])
 
 
-def _fitted(
-    record: TimeSeries,
-    held_out: TimeSeries | None,
-    request: Request,
-    used: Flags,
-    progress: Callable[[str], None],
-) -> Fitted:
-    range_um = (float(record.y[used].min()), float(record.y[used].max()))
-    if request.kind == "network":
-        return _fit_network(record, held_out, request, used, range_um, progress)
-    try:
-        if request.kind == "best":
-            structures = candidates(record.u, record.step_s, request.plays)
-            best, tried = choose(structures, record.u, record.y, range_um, used, progress)
-            network = _rival(record, request, used, progress)
-            tried = sorted([*tried, network], key=lambda candidate: candidate.merit)
-            if network.merit < _CLEARLY * min(candidate.merit for candidate in tried if candidate is not network):
-                return replace(_fit_network(record, held_out, request, used, range_um, progress), tried=tried)
-        else:
-            structure = structure_of(request.kind, record.u, record.step_s, request.plays, request.creep)
-            best, tried = fit(structure, record.u, record.y, range_um, used, _STARTS, request.seed), []
-    except ValidationError as problem:
-        what = problem.errors()[0]["msg"].removeprefix("Value error, ")
-        raise CheckFailed(f"{record.file}: the fitted {request.kind} model has no inverse: {what}") from problem
-    except ValueError as problem:
-        raise CheckFailed(f"{record.file}: {problem}") from problem
-    return _judged(record, best, tried, held_out, request, used)
+@dataclass(frozen=True)
+class _Task:
+    """What is fitted to, and how; `used` (n,) are the samples that count."""
 
+    record: TimeSeries
+    held_out: TimeSeries | None
+    request: Request
+    used: Flags
+    progress: Callable[[str], None]
 
-def _judged(
-    record: TimeSeries,
-    best: HysteresisFit,
-    tried: list[Candidate],
-    held_out: TimeSeries | None,
-    request: Request,
-    used: Flags,
-) -> Fitted:
-    validation = predicted = None
-    if held_out is not None:
-        counts = counting(held_out, request.burn_in_s)
-        begun = best.begun(held_out.u, held_out.y, counts)
-        predicted = begun.predict(held_out.u)
-        rms, maximum = begun.held_out(held_out.u, held_out.y, counts)
-        validation = {"rms_percent": rms, "max_percent": maximum}
-    notes = []
-    if best.spikes.any():
-        first = float(np.flatnonzero(best.spikes)[0]) * record.step_s
-        notes.append(
-            f"{record.names[1]}: {int(best.spikes.sum())} samples stand out of model and measurement, the first "
-            f"{first:.6g} s after the start: not fitted to"
+    @property
+    def range_um(self) -> tuple[float, float]:
+        return float(self.record.y[self.used].min()), float(self.record.y[self.used].max())
+
+    @property
+    def burn_in(self) -> int:
+        return int(np.argmax(self.used))
+
+    def fitted(self) -> Fitted:
+        record, request, used = self.record, self.request, self.used
+        if request.kind == "network":
+            return self.network()
+        try:
+            if request.kind == "best":
+                structures = candidates(record.u, record.step_s, request.plays)
+                best, tried = choose(structures, record.u, record.y, self.range_um, used, self.progress)
+                network = self.rival()
+                tried = sorted([*tried, network], key=lambda candidate: candidate.merit)
+                if network.merit < _CLEARLY * min(candidate.merit for candidate in tried if candidate is not network):
+                    return replace(self.network(), tried=tried)
+            else:
+                structure = structure_of(request.kind, record.u, record.step_s, request.plays, request.creep)
+                best, tried = fit(structure, record.u, record.y, self.range_um, used, _STARTS, request.seed), []
+        except ValidationError as problem:
+            what = problem.errors()[0]["msg"].removeprefix("Value error, ")
+            raise CheckFailed(f"{record.file}: the fitted {request.kind} model has no inverse: {what}") from problem
+        except ValueError as problem:
+            raise CheckFailed(f"{record.file}: {problem}") from problem
+        return self.judged(best, tried)
+
+    def judged(self, best: HysteresisFit, tried: list[Candidate]) -> Fitted:
+        record, begun = self.record, best
+        if self.held_out is not None:
+            begun = best.begun(self.held_out.u, self.held_out.y, counting(self.held_out, self.request.burn_in_s))
+        notes = []
+        if best.spikes.any():
+            first = float(np.flatnonzero(best.spikes)[0]) * record.step_s
+            notes.append(
+                f"{record.names[1]}: {int(best.spikes.sum())} samples stand out of model and measurement, the first "
+                f"{first:.6g} s after the start: not fitted to"
+            )
+        dead_time_s = best.delay_samples * record.step_s
+        if dead_time_s:
+            notes.append(
+                f"a dead time of {1e3 * dead_time_s:.4g} ms lies before the model: the feedforward can't undo it, "
+                "but its parameters are free of it"
+            )
+        return Fitted(
+            best.structure.name + ("+delay" if dead_time_s else ""),
+            best.model,
+            best.predict,
+            self.burn_in,
+            best.rms_percent,
+            best.max_percent,
+            *self.validated(begun.predict),
+            100.0 * best.rms_std_um / best.stroke_um,
+            tried,
+            dead_time_s,
+            notes,
         )
-    dead_time_s = best.delay_samples * record.step_s
-    if dead_time_s:
-        notes.append(
-            f"a dead time of {1e3 * dead_time_s:.4g} ms lies before the model: the feedforward can't undo it, "
-            "but its parameters are free of it"
-        )
-    return Fitted(
-        best.structure.name + ("+delay" if dead_time_s else ""),
-        best.model,
-        best.predict,
-        int(np.argmax(used)),
-        best.rms_percent,
-        best.max_percent,
-        validation,
-        predicted,
-        100.0 * best.rms_std_um / best.stroke_um,
-        tried,
-        dead_time_s,
-        notes,
-    )
 
+    def validated(self, predict: Callable[[Array], Array]) -> tuple[dict[str, float] | None, Array | None]:
+        """Errors on the validation record, whose offset is fitted, and what is predicted of it (n,), or None."""
+        if self.held_out is None:
+            return None, None
+        counts, predicted = counting(self.held_out, self.request.burn_in_s), predict(self.held_out.u)
+        rms, largest = held_out_percent(predicted, self.held_out.y, counts)
+        return {"rms_percent": rms, "max_percent": largest}, predicted
 
-def _rival(record: TimeSeries, request: Request, used: Flags, progress: Callable[[str], None]) -> Candidate:
-    """A network fitted to the first 70 % and judged on the rest, as the other kinds are."""
-    count, rest = parted(used)
-    first = int(np.argmax(used))
+    def rival(self) -> Candidate:
+        """A network fitted to the first 70 % and judged on the rest, as the other kinds are."""
+        record, used = self.record, self.used
+        count, rest = parted(used)
+        fitted = fit_network(
+            record.u[:count], record.y[:count], starts=_RIVALS, seed=self.request.seed, burn_in=self.burn_in,
+            evaluations=_RIVAL_EVALUATIONS, progress=lambda what: self.progress(f"network, {what}"),
+        )  # fmt: skip
+        predicted, fitted_to = fitted.predict(record.u), used & ~rest
+        own, _ = percents((predicted - record.y)[fitted_to], record.y[fitted_to])
+        return Candidate("network", own, held_out_percent(predicted, record.y, rest)[0])
 
-    fitted = fit_network(
-        record.u[:count], record.y[:count], starts=_RIVALS, seed=request.seed, burn_in=first,
-        evaluations=_RIVAL_EVALUATIONS, progress=lambda what: progress(f"network, {what}"),
-    )  # fmt: skip
-    error = fitted.predict(record.u) - record.y
-    own = _percent(error[used & ~rest], float(np.ptp(record.y[used & ~rest])))["rms_percent"]
-    behind = error[rest] - error[rest].mean()
-    return Candidate("network", own, _percent(behind, float(np.ptp(record.y[rest])))["rms_percent"])
+    def network(self) -> Fitted:
+        """Forward network, which is judged, and the inverse one (section 3.4), which the loop gets."""
+        record, used = self.record, self.used
 
+        def train(name: str, u: Array, y: Array) -> NetworkFit:
+            told = lambda what: self.progress(f"{name} network, {what}")  # noqa: E731
+            return fit_network(u, y, seed=self.request.seed, burn_in=self.burn_in, progress=told)
 
-def _fit_network(
-    record: TimeSeries,
-    held_out: TimeSeries | None,
-    request: Request,
-    used: Flags,
-    range_um: tuple[float, float],
-    progress: Callable[[str], None],
-) -> Fitted:
-    """Forward network, which is judged, and the inverse one (section 3.4), which the loop gets."""
-    burn_in = int(np.argmax(used))
-
-    def train(name: str, u: Array, y: Array) -> NetworkFit:
-        told = lambda what: progress(f"{name} network, {what}")  # noqa: E731
-        return fit_network(u, y, seed=request.seed, burn_in=burn_in, progress=told)
-
-    progress("smoothing the measured displacement")
-    forward, inverse = train("forward", record.u, record.y), train("inverse", smoothed(record.y), record.u)
-    error = (forward.predict(record.u) - record.y)[used]
-    validation = predicted = None
-    if held_out is not None:
-        counts = counting(held_out, request.burn_in_s)
-        predicted = forward.predict(held_out.u)
-        other = (predicted - held_out.y)[counts]
-        validation = _percent(other - other.mean(), float(np.ptp(held_out.y[counts])))
-    own = _percent(error, float(np.ptp(record.y[used])))
-    model = inverse.to_settings(range_um)
-    return Fitted(
-        "network", model, forward.predict, burn_in, own["rms_percent"], own["max_percent"], validation, predicted
-    )
-
-
-def _percent(error: Array, stroke: float) -> dict[str, float]:
-    rms, largest = float(np.sqrt(np.mean(error**2))), float(np.abs(error).max())
-    return {"rms_percent": 100.0 * rms / stroke, "max_percent": 100.0 * largest / stroke}
+        self.progress("smoothing the measured displacement")
+        forward, inverse = train("forward", record.u, record.y), train("inverse", smoothed(record.y), record.u)
+        own = percents((forward.predict(record.u) - record.y)[used], record.y[used])
+        model = inverse.to_settings(self.range_um)
+        return Fitted("network", model, forward.predict, self.burn_in, *own, *self.validated(forward.predict))

@@ -79,7 +79,6 @@ def test_the_inverse_predicts_what_it_was_not_trained_on(inverse):
     assert np.std(error) < 0.25 * np.std(hysteresis)
 
 
-@pytest.mark.parametrize(("samples", "neurons", "what"), [(99, 25, "equally long"), (100, 24, "odd number")])
-def test_what_cannot_be_trained(samples, neurons, what):
-    with pytest.raises(ValueError, match=what):
-        fit_network(np.zeros(100), np.zeros(samples), neurons=neurons)
+def test_what_cannot_be_trained():
+    with pytest.raises(ValueError, match="equally long"):
+        fit_network(np.zeros(100), np.zeros(99))

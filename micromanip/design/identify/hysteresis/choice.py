@@ -6,17 +6,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from micromanip.control.system import Array
 from micromanip.settings.schema.hysteresis import Range
 
 from .fit import Flags, HysteresisFit, counting, delayed, fit, structure_of
 from .structure import Structure
 
-Array = NDArray[np.float64]
-
 _FITTED_SHARE = 0.7
-_STARTS = {"pi-free": 2}
 _DELAYS = (0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 20.0)
 _LATEST_S, _LATEST_SAMPLES = 2e-3, 2.0
 """Dead times that are tried, in samples; what is later than both of these is dynamics, which other records show."""
@@ -50,9 +47,8 @@ def candidates(voltage_V: Array, step_s: float, plays: int = 10) -> list[Structu
     return [structure_of(kind, voltage_V, step_s, plays, creep) for kind in kinds for creep in (False, True)]
 
 
-def starts_for(structure: Structure) -> int:
-    """How many starts the fit of a structure is worth."""
-    return _STARTS.get(structure.name.removesuffix("+creep"), 6)
+def _starts(structure: Structure) -> int:
+    return 2 if structure.free else 6
 
 
 def parted(used: Flags) -> tuple[int, Flags]:
@@ -83,7 +79,7 @@ def choose(
     for number, structure in enumerate(structures, start=1):
         progress(f"{structure.name}, {number} of {len(structures)} kinds")
         try:
-            first = fit(structure, v, y, range_um, used[:count], starts_for(structure))
+            first = fit(structure, v, y, range_um, used[:count], _starts(structure))
         except ValueError:
             continue  # this kind has no invertible model of the record
         fits.append(first)
@@ -102,7 +98,7 @@ def choose(
     tried.sort(key=lambda candidate: candidate.merit)
     progress(f"{chosen.name}, on the whole record")
     structure = chosen.structure or structures[0]
-    whole = fit(structure, voltage_V, displacement_um, range_um, used, starts_for(structure))
+    whole = fit(structure, voltage_V, displacement_um, range_um, used, _starts(structure))
     if chosen.delay_samples:
         behind = delayed(whole, chosen.delay_samples, voltage_V, displacement_um, used, range_um)
         whole = behind if behind.rms_um < whole.rms_um else whole

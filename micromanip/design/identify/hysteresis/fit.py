@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from micromanip.control.system import Array
 from micromanip.recordings.spikes import find_spikes, off_median
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii, Range
 
 from .structure import Affine, Structure, Table, Tanh, about_zero, span
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 _BEGUN, _PLACES = 0.1, 41
@@ -78,11 +78,19 @@ class HysteresisFit:
         """Rms and maximum, percent of stroke, on what it was not fitted to, of the samples that count (n,), or those
         from number `counts` on; the offset is refitted.
         """
-        used = counting(len(voltage_V), counts)
-        error = (self.predict(voltage_V) - displacement_um)[used]
-        error = error - error.mean()
-        stroke = float(np.ptp(displacement_um[used]))
-        return 100.0 * float(np.sqrt(np.mean(error**2))) / stroke, 100.0 * float(np.abs(error).max()) / stroke
+        return held_out_percent(self.predict(voltage_V), displacement_um, counting(len(voltage_V), counts))
+
+
+def percents(error: Array, measured: Array) -> tuple[float, float]:
+    """Rms and maximum of an `error` (n,), percent of the stroke of what was `measured` (n,)."""
+    stroke = float(np.ptp(measured))
+    return 100.0 * float(np.sqrt(np.mean(error**2))) / stroke, 100.0 * float(np.abs(error).max()) / stroke
+
+
+def held_out_percent(predicted: Array, measured: Array, used: Flags) -> tuple[float, float]:
+    """The same of samples that are `used` (n,) and were not fitted to; the offset is refitted."""
+    error = (predicted - measured)[used]
+    return percents(error - error.mean(), measured[used])
 
 
 def structure_of(

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from micromanip.control.system import Array
 from micromanip.rt.jit import Compiler
 from micromanip.rt.laws.feedforward import (
     HYSTERESIS_PARAMETERS,
@@ -24,7 +24,6 @@ from micromanip.settings.compile.hysteresis import fill_hysteresis
 from micromanip.settings.schema.hysteresis import Network, PrandtlIshlinskii
 
 compiled = Compiler(__file__, allocates=True)
-Array = NDArray[np.float64]
 
 
 @compiled

@@ -20,9 +20,10 @@ from typing import Any, Self
 
 import numpy as np
 
+from micromanip.control.system import Array
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii, Range
 
-from .kernel import Array, lag_columns, respond
+from .kernel import lag_columns, respond
 
 # A search for the best model takes another way where rounding differs, and may end elsewhere. So that nothing it finds
 # depends on where a sensor has its zero, it sees numbers that are the same, to the last bit, wherever that is.

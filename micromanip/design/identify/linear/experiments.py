@@ -8,13 +8,12 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import decimate
 
+from micromanip.control.system import Array
 from micromanip.design.data import require_movement, stands_still
 from micromanip.errors import CheckFailed
 from micromanip.recordings import TimeSeries, Wanted, take
 from micromanip.recordings.loader import LISTS
 from micromanip.recordings.time_series import joined
-
-from .modal import Array
 
 # Unlike a hysteresis, a plant with dynamics may turn anywhere, whatever its input does. So it is looked at how an
 # output comes to its extreme: within bands of it that grow fourfold the samples of a smooth peak double, those of a

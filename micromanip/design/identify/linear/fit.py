@@ -13,7 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .modal import Array, Experiment, Modes, decompose, dynamics, observability
+from micromanip.control.system import Array
+
+from .modal import Experiment, Modes, decompose, dynamics, observability
 from .model import LinearFit, as_columns, delayed
 from .regression import NormalEquations, Start, block, first_answers, join, mixing, real_columns, regress, solve, start
 
@@ -239,7 +241,6 @@ def fit_linear(
     *,
     delays: Sequence[int] | None = None,
     direct: bool | None = None,
-    block_rows: int | None = None,
     refinements: int = _REFINEMENTS,
     progress: Callable[[str], None] = lambda _: None,
 ) -> LinearFit:
@@ -263,7 +264,7 @@ def fit_linear(
     scaled = [(_gridded((u - offsets_u) / scale_u), _gridded((y - offsets_y) / scale_y)) for u, y in pairs]
     shortest, channels = min(len(u) for u, _ in scaled), len(scale_u) + len(scale_y)
     least = -(-3 * (order or 1) // (2 * len(scale_y))) + 1
-    rows = block_rows or max(least, min(_CHANNEL_ROWS, shortest // _SAMPLES_A_ROW) // channels)
+    rows = max(least, min(_CHANNEL_ROWS, shortest // _SAMPLES_A_ROW) // channels)
     if shortest < 4 * rows * channels or rows < 3:
         needed = 4 * max(rows, 3) * channels
         raise ValueError(f"an experiment of {shortest} samples is too short; at least {needed} are needed")

@@ -16,11 +16,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag, lstsq, qr, svd
 from scipy.signal import lfilter
 
-Array = NDArray[np.float64]
+from micromanip.control.system import Array, Complex
+
 Experiment = tuple[Array, Array]
 
 _BLOCK_COLUMNS = 4096
@@ -62,8 +62,6 @@ def dynamics(left: Array, order: int, outputs: int) -> tuple[Array, Array]:
     gamma = left[:, :order]
     return np.asarray(lstsq(gamma[:-outputs], gamma[outputs:])[0]), gamma[:outputs].copy()
 
-
-Complex = NDArray[np.complex128]
 
 _REAL = 1e-12
 _STABLE = 1.0 - 1e-9

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .modal import Array, Complex, Experiment, Modes
+from micromanip.control.system import Array, Complex
+
+from .modal import Experiment, Modes
 from .regression import start
 
 if TYPE_CHECKING:

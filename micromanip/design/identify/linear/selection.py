@@ -8,8 +8,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from micromanip.control.system import Complex
+
 from .fit import fit_linear, last_quarter_says_much, says_much
-from .modal import Complex, Experiment, Modes
+from .modal import Experiment, Modes
 from .model import LinearFit, delayed, strict_errors
 
 _REFINED = 8

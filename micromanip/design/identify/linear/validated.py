@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 from scipy.signal import csd
 
+from micromanip.control.system import Array, Complex
 from micromanip.errors import CheckFailed
 from micromanip.recordings import TimeSeries
 
 from ...data import same_rate
 from .experiments import split_at
 from .fit import fit_linear
-from .modal import Array, Complex, Experiment
+from .modal import Experiment
 from .model import LinearFit, strict_errors
 from .selection import select
 

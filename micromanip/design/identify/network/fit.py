@@ -15,16 +15,17 @@ that the output neither jumps when the memory moves nor drifts at rest.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import make_smoothing_spline
 
+from micromanip.control.system import Array
 from micromanip.settings.schema.hysteresis import Network
 
 from ...excitation import random_turns
-from .training import Array, Course, levenberg_marquardt, mark_reversals, run_network
+from .training import Course, levenberg_marquardt, mark_reversals, run_network
 
 
 @dataclass(frozen=True)
@@ -43,25 +44,13 @@ class Scaling:
 
 
 @dataclass(frozen=True)
-class Weights:
-    """Weights in physical units: `w1` (M, 3) for [u_k, u_m, y_m], `b1` (M,), `w2` (M,), `b2`."""
-
-    w1: Array
-    b1: Array
-    w2: Array
-    b2: float
-
-
-@dataclass(frozen=True)
 class NetworkFit:
-    """A trained network. Free-run errors are those of the training record after its burn-in, in the output's unit."""
+    """A trained network."""
 
-    weights: Weights
     theta: Array
     course: Course
     scaling: Scaling
     reversal: float
-    rms: float
 
     def moves(self, u: Array) -> NDArray[np.bool_]:
         """Samples (n,) of `u` (n,) after which the memory moves."""
@@ -80,16 +69,27 @@ class NetworkFit:
         return y * s.y_deviation + s.y_mean
 
     def to_settings(self, range_um: tuple[float, float]) -> Network:
-        """The inverse, input um, output volts, as it stands in the configuration."""
-        w = self.weights
+        """The inverse, input um, output volts, as it stands in the configuration.
+
+        By (11)-(12) a pair becomes two neurons, the line one that stays next to sigma's turning point.
+        """
+        s, course = self.scaling, self.course
+        p, q, g, b, w = self.theta[:-1].reshape(-1, 5).T
+        q, g, line = q / course.width, g / course.step, float(self.theta[-1]) / course.step
+        begins = np.stack([np.zeros_like(p), p - q * course.slope, q], axis=1)
+        ends = begins + np.stack([g, -g, np.zeros_like(p)], axis=1)
+        w1 = np.concatenate([ends, begins, [[NEAR_ZERO * line, -NEAR_ZERO * line, NEAR_ZERO]]])
+        w1 /= np.array([s.u_deviation, s.u_deviation, s.y_deviation])
+        b1 = np.concatenate([b, b, [0.0]]) - w1 @ np.array([s.u_mean, s.u_mean, s.y_mean])
+        w2 = s.y_deviation * np.concatenate([w, -w, [4.0 / NEAR_ZERO]])
         return Network(
             model="network",
             range_um=range_um,
             reversal_um=self.reversal,
-            input_weights=tuple((float(a), float(b), float(c)) for a, b, c in w.w1),
-            input_biases=tuple(float(value) for value in w.b1),
-            output_weights=tuple(float(value) for value in w.w2),
-            output_bias=w.b2,
+            input_weights=tuple((float(a), float(b), float(c)) for a, b, c in w1),
+            input_biases=tuple(b1.tolist()),
+            output_weights=tuple(w2.tolist()),
+            output_bias=s.y_mean - 2.0 / NEAR_ZERO * s.y_deviation,
         )
 
 
@@ -123,8 +123,8 @@ STAGES = ((1, 60), (5, 40), (20, 40))
 """Branches a free run lasts and evaluations of the cost, before the free run over the whole record."""
 REVERSAL_SHARE, REVERSAL_NOISES = 0.001, 8.0
 """A turning point counts beyond this share of the input's span, and so many standard deviations of its noise."""
-RIDGE = 1e-3
-"""Holds weights small that the record says nothing about."""
+PAIRS = 12
+"""Of neurons."""
 SAMPLES = 4000
 """Samples of a record that are trained on; the turning points are found in all of them."""
 _GRID = 2.0**24
@@ -154,24 +154,11 @@ def _course(u: Array, y: Array, scaling: Scaling, moves: NDArray[np.bool_], burn
     )
 
 
-def _start(rng: np.random.Generator, pairs: int, course: Course) -> Array:
+def _start(rng: np.random.Generator, course: Course) -> Array:
     """Normally distributed weights; the line starts as the slope between the two signals."""
-    rows = rng.standard_normal((pairs, 5))
+    rows = rng.standard_normal((PAIRS, 5))
     rows[:, 4] *= START_OUTPUT * course.width
     return np.append(rows.ravel(), course.slope * course.step)
-
-
-def _physical(theta: Array, course: Course, scaling: Scaling) -> Weights:
-    """Weights of (11)-(12): a pair becomes two neurons, the line one that stays next to sigma's turning point."""
-    p, q, g, b, w = theta[:-1].reshape(-1, 5).T
-    q, g, line = q / course.width, g / course.step, float(theta[-1]) / course.step
-    begins = np.stack([np.zeros_like(p), p - q * course.slope, q], axis=1)
-    ends = begins + np.stack([g, -g, np.zeros_like(p)], axis=1)
-    w1 = np.concatenate([ends, begins, [[NEAR_ZERO * line, -NEAR_ZERO * line, NEAR_ZERO]]])
-    w1 /= np.array([scaling.u_deviation, scaling.u_deviation, scaling.y_deviation])
-    b1 = np.concatenate([b, b, [0.0]]) - w1 @ np.array([scaling.u_mean, scaling.u_mean, scaling.y_mean])
-    w2 = scaling.y_deviation * np.concatenate([w, -w, [4.0 / NEAR_ZERO]])
-    return Weights(w1, b1, w2, scaling.y_mean - 2.0 / NEAR_ZERO * scaling.y_deviation)
 
 
 def _strays(fit: NetworkFit, u: Array, y: Array) -> bool:
@@ -185,36 +172,32 @@ def fit_network(
     u: Array,
     y: Array,
     *,
-    neurons: int = 25,
     starts: int = 8,
     seed: int = 0,
     burn_in: int = 0,
     evaluations: int = 300,
     progress: Callable[[str], None] | None = None,
 ) -> NetworkFit:
-    """Train a network of `neurons` for output `y` (n,) from input `u` (n,).
+    """Train a network for output `y` (n,) from input `u` (n,).
 
     Best of `starts`, seeded, each trained on single branches first and in ever longer free runs after that; one that
     runs away on a course it has not seen is no choice while another does not. The first `burn_in` samples do not
-    count. Raises ValueError for arrays that differ in length, or an even number of neurons.
+    count. Raises ValueError for arrays that differ in length.
     """
     if len(u) != len(y):
         raise ValueError(f"input and output must be equally long, not {len(u)} and {len(y)} samples")
-    if neurons < 3 or neurons % 2 == 0:
-        raise ValueError(f"neurons come in pairs and one: an odd number from 3 on, not {neurons}")
     reversal = max(REVERSAL_SHARE * float(np.ptp(u)), REVERSAL_NOISES * white_noise(u))
     scaling = Scaling.of(u, y)
     course = _course(u, y, scaling, reversals(u, reversal), burn_in)
     rng = np.random.default_rng(seed)
     trained = []
     for number in range(starts):
-        theta = _start(rng, neurons // 2, course)
+        theta = _start(rng, course)
         for segment, most in (*STAGES, (0, evaluations)):
-            theta = levenberg_marquardt(theta, course, segment, most, RIDGE)
-        fit = NetworkFit(_physical(theta, course, scaling), theta, course, scaling, reversal, 0.0)
+            theta = levenberg_marquardt(theta, course, segment, most)
+        fit = NetworkFit(theta, course, scaling, reversal)
         rms = float(np.sqrt(np.mean((fit.predict(u) - y)[burn_in:] ** 2)))
         trained.append((_strays(fit, u, y), rms, number, fit))
         if progress is not None:
             progress(f"start {number + 1} of {starts}: free-run error {rms:.4g} rms")
-    _, rms, _, best = min(trained)
-    return replace(best, rms=rms)
+    return min(trained)[-1]

@@ -20,15 +20,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from micromanip.control.system import Array
 from micromanip.rt.jit import Compiler
 from micromanip.rt.laws.network import sigmoid
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 compiled = Compiler(__file__, allocates=True)
 
 _DAMPING, _DAMPING_LOW, _DAMPING_HIGH = 1e-2, 1e-10, 1e8
-_PATIENCE = 10
+_PATIENCE, _TOLERANCE = 10, 1e-4
+_RIDGE = 1e-3
+"""Weighs ``|theta|^2`` against the sum of squares: weights stay small that the record says nothing about."""
 
 
 @dataclass(frozen=True)
@@ -148,25 +150,17 @@ def gradient(theta: Array, course: Course, restarts: Flags) -> tuple[float, Arra
     return cost, A + np.tril(A, -1).T, g
 
 
-def levenberg_marquardt(
-    theta: Array,
-    course: Course,
-    segment: int,
-    evaluations: int,
-    ridge: float = 0.0,
-    tolerance: float = 1e-4,
-) -> Array:
+def levenberg_marquardt(theta: Array, course: Course, segment: int, evaluations: int) -> Array:
     """Parameters (p,) after at most so many `evaluations` of the cost, from `theta` (p,).
 
-    `segment` moves of the memory make one free run from a measured point (0: the whole record). `ridge` weighs
-    ``|theta|^2`` against the sum of squares, so that parameters the record says nothing about stay small. Ends early
-    when ten accepted steps together gain less than `tolerance` of the cost, or none is accepted however short.
+    `segment` moves of the memory make one free run from a measured point (0: the whole record). Ends early when ten
+    accepted steps together gain too little of the cost, or none is accepted however short.
     """
     restarts = course.restarts(segment)
 
     def evaluate(candidate: Array) -> tuple[float, Array, Array]:
         cost, A, g = gradient(candidate, course, restarts)
-        return cost + ridge * float(candidate @ candidate), A + ridge * np.eye(len(candidate)), g + ridge * candidate
+        return cost + _RIDGE * float(candidate @ candidate), A + _RIDGE * np.eye(len(candidate)), g + _RIDGE * candidate
 
     cost, A, g = evaluate(theta)
     damping, history = _DAMPING, [cost]
@@ -182,6 +176,6 @@ def levenberg_marquardt(
         theta, cost, A, g = candidate, new_cost, new_A, new_g
         damping = max(_DAMPING_LOW, damping / 4.0)
         history.append(cost)
-        if len(history) > _PATIENCE and history[-1 - _PATIENCE] - cost < tolerance * cost:
+        if len(history) > _PATIENCE and history[-1 - _PATIENCE] - cost < _TOLERANCE * cost:
             break
     return theta

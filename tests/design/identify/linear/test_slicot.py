@@ -34,7 +34,7 @@ def slicot(u, y, order=ORDER):
 def test_without_noise_both_are_exact():
     u, y = record(0.0)
     theirs = slicot(u, y)
-    ours = fit_linear([(u, y)], 1e-3, ORDER, block_rows=BLOCK_ROWS)
+    ours = fit_linear([(u, y)], 1e-3, ORDER)
     assert sorted_poles(ours.poles) == pytest.approx(sorted_poles(np.linalg.eigvals(theirs[0])), abs=1e-6)
     assert np.argmax(ours.singular_values[:-1] / ours.singular_values[1:]) + 1 == ORDER
     assert np.argmax(theirs[4][:-1] / theirs[4][1:]) + 1 == ORDER
@@ -44,7 +44,7 @@ def test_without_noise_both_are_exact():
 def test_with_noise_ours_is_as_near_to_the_truth(noise):
     u, y = record(noise)
     A, B, C, D, _, _ = slicot(u, y)
-    ours = fit_linear([(u, y)], 1e-3, ORDER, block_rows=BLOCK_ROWS)
+    ours = fit_linear([(u, y)], 1e-3, ORDER)
     truth = transfer(*system(4, 1, 1), circle())
     errors = [
         np.linalg.norm(transfer(*matrices, circle()) - truth) / np.linalg.norm(truth)
@@ -66,7 +66,7 @@ def free_run_percent(A, B, C, D, u, y):
 def test_free_run_on_held_out_data_is_as_good():
     u, y = record(0.1, 6000)
     A, B, C, D, _, _ = slicot(u[:3000], y[:3000])
-    ours = fit_linear([(u[:3000], y[:3000])], 1e-3, ORDER, block_rows=BLOCK_ROWS)
+    ours = fit_linear([(u[:3000], y[:3000])], 1e-3, ORDER)
     theirs = free_run_percent(A, B, C, D, u[3000:] - u[:3000].mean(), y[3000:])
     assert ours.errors(u[3000:], y[3000:])[0][0] >= theirs - 0.02
     assert theirs > 85.0

@@ -31,7 +31,7 @@ def command(
 
     All three have the one PID that reproduces the paper; a commissioned cell is also run with its own, as D.
     """
-    from micromanip.design.validate.evaluation import evaluate, evaluate_fast, fast_table, table, with_models
+    from micromanip.design.validate.evaluation import evaluate, table, with_models
     from micromanip.settings.check import prepare
     from micromanip.virtual.experiment import VirtualExperiment
 
@@ -48,14 +48,13 @@ def command(
         experiment = VirtualExperiment(prepared)
         configuration = with_models(prepared.configuration, experiment, bar.console.print)
         tuned = any(axis.commissioned or axis.actuator for axis in configuration.axes.values())
-        total = (18 if tuned else 12) + (3 * len(shown) if figures else 0)
+        total = (12 if tuned else 9) + (3 * len(shown) if figures else 0)
         numbers = itertools.count(1)
 
         def progress() -> None:
             bar.say(f"experiment or figure {next(numbers)} of {total}")
 
         runs = evaluate(configuration, experiment, tuned=tuned, progress=progress)
-        quick = evaluate_fast(configuration, experiment, tuned, progress=progress)
         if figures:
             from micromanip.design.plots.paper import draw_all
 
@@ -65,17 +64,13 @@ def command(
                 pictures.draw(drawn, progress)
         written = pictures.put()
     rows = [row for row in table(runs, configuration) if row["axis"] in shown]
-    fast = [row for row in fast_table(quick, configuration) if row["axis"] in shown]
     if as_json:
-        found = {"rows": rows, "fast": fast, "seed": seed}
-        emit_json(found | {"figures": [str(file) for file in written]})
+        emit_json({"rows": rows, "seed": seed, "figures": [str(file) for file in written]})
         pictures.require_written()
         return
     _print_rows(rows)
-    for told in _swinging([*rows, *fast]):
+    for told in _swinging(rows):
         echo(told)
-    for row in fast:
-        echo(_in_words(row))
     if written:
         echo(f"{len(written)} figures in {folder}/")
     pictures.require_written()
@@ -104,17 +99,6 @@ def _print_rows(rows: list[dict[str, Any]]) -> None:
     columns = ("axis", "Hz", "", "sigma", "maximum", "with start", "true sigma", "true max")
     title = "Control error on the actuator side, um (the paper's figure in brackets)"
     print_table(columns, found, title, configurations, numbers=True)
-
-
-def _in_words(row: dict[str, Any]) -> str:
-    """A fast sine: the paper's table has no place for it."""
-    what = f"{row['config']}, axis {row['axis']}, {row['frequency_hz']:g} Hz, {row['amplitude_um']:g} um"
-    if row["refused"] is not None:
-        return f"{what}: {row['refused']}"
-    if row["true_std_error_um"] is None:
-        return f"{what}: sigma {row['std_error_um']:.3f} um (measured position)"
-    share = f"{row['true_rms_percent']:.2f} % of the stroke"
-    return f"{what}: sigma {row['true_std_error_um']:.3f} um, {share} (true position)"
 
 
 def _swinging(rows: list[dict[str, Any]]) -> list[str]:

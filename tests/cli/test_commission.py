@@ -67,7 +67,6 @@ def test_only_the_named_axis_is_changed_and_comments_stay(commissioned):
 def test_evaluate_is_at_or_below_the_papers_sigma(commissioned, tmp_path, capsys, monkeypatch):
     """Only what is judged here is played; all of it: test_evaluate.py."""
     monkeypatch.setattr(paper, "SIGMA_UM", {"C": paper.SIGMA_UM["C"]})
-    monkeypatch.setattr(paper, "FAST_HZ", ())
     tuned = commissioned.folder / "out" / "tuned.yaml"
     assert code_of("evaluate", tuned, "--axis", "y", "--no-figures", "--out", tmp_path, "--json") == 0
     rows = json.loads(capsys.readouterr().out)["rows"]

@@ -29,7 +29,6 @@ KEYS = {
 def few_sines(monkeypatch):
     """Those of the figures: what is asserted here is the same of each."""
     monkeypatch.setattr(paper, "FREQUENCIES_HZ", (5.0, 10.0))
-    monkeypatch.setattr(paper, "FAST_HZ", ())
 
 
 def evaluated(*options):

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from micromanip.design.identify.hysteresis import fit
 from micromanip.recordings import TimeSeries
@@ -23,16 +21,12 @@ from ..experiment import (
     play,
     require_answer,
     resting,
-    with_axis,
     within_slew,
 )
 from .experiments import design, recording, samples_for
 from .hysteresis import HysteresisFit, structure_of
 from .network.fit import white_noise
 from .response import PERIOD_S, Identified, Measured, Recorded, Wanted, identify, identify_again, multisine
-
-Progress = Callable[[str], None]
-Array = NDArray[np.float64]
 
 HYSTERESIS_S = 13.0
 PLAYS, STARTS = 10, 4
@@ -63,22 +57,6 @@ def hysteresis_models(record: TimeSeries, limits: Range) -> tuple[HysteresisFit,
 def burn_in(record: TimeSeries) -> int:
     """Samples of a record that do not count: what happened before it is not known."""
     return len(record) // 10
-
-
-def fit_hysteresis(configuration: Configuration, experiment: Experiment, say: Progress) -> Configuration:
-    """`configuration` with the tanh model as feedforward, and the affine one for comparison, in every axis."""
-    for name, axis in configuration.axes.items():
-        record = record_hysteresis(configuration, experiment, name)
-        tanh, affine = hysteresis_models(record, axis.setpoint.range_um)
-        say(
-            f"axis {name}: hysteresis over {tanh.stroke_um:.0f} um of stroke, residual rms "
-            f"affine {affine.rms_percent:.2f} %, tanh {tanh.rms_percent:.2f} %"
-        )
-        inner = axis.inner.model_copy(update={"mode": "pid+feedforward"})
-        configuration = with_axis(
-            configuration, name, hysteresis=tanh.model, hysteresis_affine=affine.model, inner=inner
-        )
-    return configuration
 
 
 @dataclass(frozen=True)

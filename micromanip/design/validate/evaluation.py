@@ -1,38 +1,32 @@
-"""The paper's experiment: configurations A, B, C at 1, 5 and 10 Hz, on all axes at once.
-
-Beyond the paper C, and D where there is one, on small sines of 50 to 150 Hz, told as a share of the stroke, peak to
-peak, as the literature on scanning microscopes does.
-"""
+"""The paper's experiment: configurations A, B, C at 1, 5 and 10 Hz, on all axes at once."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.errors import CheckFailed
+from micromanip.control.system import Array
 from micromanip.settings.schema.axis import Axis
 from micromanip.settings.schema.hysteresis import NoModel
 from micromanip.settings.schema.model import Configuration
 
-from ..experiment import Experiment, with_reference
-from ..identify.models import fit_hysteresis
+from ..experiment import Experiment, with_axis, with_reference
+from ..identify.models import hysteresis_models, record_hysteresis
 from . import paper
 
 HOLD_S = 0.5
 """Rest at the offset before the sine begins."""
 SETTLE_S = 1.0
 """Sigma and maximum count after the first period, and at least so long, of the sine."""
-WINDOW_S, FAST_WINDOW_S = 2.0, 1.0
+WINDOW_S = 2.0
 SWINGS_ABOVE, _LINE_SHARE = 10.0, 0.02
 """Times the sine's frequency, above which it has no harmonics to speak of; how wide a line is, in terms of its own."""
 TUNED = "D"
 """Configuration C with the PID that `commission` found, and with the axis' section `actuator`."""
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -79,24 +73,6 @@ class Run:
         }
 
 
-@dataclass(frozen=True)
-class Faulted:
-    """A sine that ended in a fault."""
-
-    config: str
-    frequency_hz: float
-    why: str
-
-    def figures(self, name: str) -> dict[str, Any]:
-        """The row of the fast sines' table for one axis: none."""
-        unknown = (
-            "std_error_um", "max_error_um", "max_error_with_start_um", "true_std_error_um", "true_max_error_um",
-            "swings_hz", "true_rms_percent",
-        )  # fmt: skip
-        told = {"axis": name, "frequency_hz": self.frequency_hz, "config": self.config, "amplitude_um": paper.FAST_UM}
-        return told | dict.fromkeys(unknown) | {"refused": self.why}
-
-
 def _known(value: np.floating[Any]) -> float | None:
     """`value`; None where a real cell knows no true position."""
     return float(value) if np.isfinite(value) else None
@@ -120,26 +96,21 @@ def variant_of(axis: Axis, config: str, own_pid: bool) -> Axis:
 
 
 def with_models(configuration: Configuration, experiment: Experiment, say: Callable[[str], None]) -> Configuration:
-    """`configuration`, with models fitted on the spot for the axes that have none."""
-    missing = [
-        name
-        for name, axis in configuration.axes.items()
-        if axis.hysteresis_affine is None or isinstance(axis.hysteresis, NoModel)
-    ]
-    if not missing:
-        return configuration
-    say(f"no hysteresis models for {', '.join(missing)} in the configuration: fitting them")
-    fitted = fit_hysteresis(configuration, experiment, say)
-    axes = {name: _completed(axis, fitted.axes[name]) for name, axis in configuration.axes.items()}
-    return configuration.model_copy(update={"axes": axes})
-
-
-def _completed(axis: Axis, fitted: Axis) -> Axis:
-    """`axis` with the models of `fitted` where it has none of its own."""
-    model = fitted.hysteresis if isinstance(axis.hysteresis, NoModel) else axis.hysteresis
-    return axis.model_copy(
-        update={"hysteresis": model, "hysteresis_affine": axis.hysteresis_affine or fitted.hysteresis_affine}
-    )
+    """`configuration`, with tanh and affine models fitted on the spot for the axes that have none."""
+    for name, axis in configuration.axes.items():
+        unknown = isinstance(axis.hysteresis, NoModel)
+        if axis.hysteresis_affine is not None and not unknown:
+            continue
+        tanh, affine = hysteresis_models(record_hysteresis(configuration, experiment, name), axis.setpoint.range_um)
+        say(
+            f"axis {name} has no hysteresis models in the configuration, fitted: over {tanh.stroke_um:.0f} um of "
+            f"stroke, residual rms affine {affine.rms_percent:.2f} %, tanh {tanh.rms_percent:.2f} %"
+        )
+        found = {"hysteresis": tanh.model if unknown else axis.hysteresis}
+        configuration = with_axis(
+            configuration, name, hysteresis_affine=axis.hysteresis_affine or affine.model, **found
+        )
+    return configuration
 
 
 def evaluate(
@@ -153,74 +124,17 @@ def evaluate(
 
     `tuned` adds D: C with the configuration's own PID instead of the anchor's.
     """
-    configs = (*paper.SIGMA_UM, *([TUNED] if tuned else []))
-    sines = [(frequency_hz, paper.AMPLITUDE_UM, WINDOW_S) for frequency_hz in paper.FREQUENCIES_HZ]
-    return _played(configuration, experiment, configs, own_pid, sines, progress)
-
-
-def evaluate_fast(
-    configuration: Configuration,
-    experiment: Experiment,
-    tuned: bool = False,
-    progress: Callable[[], None] = lambda: None,
-) -> list[Run | Faulted]:
-    """C, and with `tuned` D, on a sine of ``paper.FAST_UM`` at each of ``paper.FAST_HZ``; `progress` after each.
-
-    A stage that resonates at one of them may not bear it: the others are played all the same.
-    """
-    found: list[Run | Faulted] = []
-    for config in ("C", *([TUNED] if tuned else [])):
-        for frequency_hz in paper.FAST_HZ:
-            sine = (frequency_hz, paper.FAST_UM, FAST_WINDOW_S)
-            try:
-                found += _played(configuration, experiment, (config,), False, [sine], progress)
-            except CheckFailed as problem:
-                found.append(Faulted(config, frequency_hz, str(problem)))
-                progress()
-    return found
-
-
-def _played(
-    configuration: Configuration,
-    experiment: Experiment,
-    configs: Sequence[str],
-    own_pid: bool,
-    sines: Sequence[tuple[float, float, float]],
-    progress: Callable[[], None],
-) -> list[Run]:
-    """Sines (Hz, um, and s to look at it once it has settled), in each of the configurations."""
     runs, rate_hz = [], configuration.loop.rate_hz
-    for config in configs:
+    for config in (*paper.SIGMA_UM, *([TUNED] if tuned else [])):
         axes = {name: variant_of(axis, config, own_pid) for name, axis in configuration.axes.items()}
         variant = configuration.model_copy(update={"axes": axes})
-        for frequency_hz, amplitude_um, window_s in sines:
+        for frequency_hz in paper.FREQUENCIES_HZ:
             settle_s = max(SETTLE_S, 1.0 / frequency_hz)
-            reference = paper.reference(frequency_hz, HOLD_S, amplitude_um)
-            rows = experiment(with_reference(variant, reference), HOLD_S + settle_s + window_s)
+            sine = with_reference(variant, paper.reference(frequency_hz, HOLD_S))
+            rows = experiment(sine, HOLD_S + settle_s + WINDOW_S)
             runs.append(Run(config, frequency_hz, rows[round(HOLD_S * rate_hz) :], round(settle_s * rate_hz), rate_hz))
             progress()
     return runs
-
-
-def fast_table(runs: Sequence[Run | Faulted], configuration: Configuration) -> list[dict[str, Any]]:
-    """Rows of `evaluate_fast` as those of `table`, with the true error's rms in percent of the stroke.
-
-    Of a sine that ended in a fault there is no figure, and ``refused`` is the reason.
-    """
-    rows = []
-    for i, name in enumerate(configuration.axes):
-        for run in sorted(runs, key=lambda each: (each.frequency_hz, each.config)):
-            if isinstance(run, Faulted):
-                rows.append(run.figures(name))
-                continue
-            rms_um = np.sqrt(np.mean(run.true_error_um(i)[run.settled :] ** 2))
-            share = {
-                "refused": None,
-                "amplitude_um": paper.FAST_UM,
-                "true_rms_percent": _known(100.0 * rms_um / (2.0 * paper.FAST_UM)),
-            }
-            rows.append(run.figures(name, i) | share)
-    return rows
 
 
 def table(runs: list[Run], configuration: Configuration) -> list[dict[str, Any]]:

@@ -62,9 +62,10 @@ def command(
     than asked; tuned.yaml runs. FAIL, exit code 1: a step or a margin says no; the report says what was found by then,
     and a tuning that was found is kept as rejected.yaml.
     """
+    from micromanip.design.analyse.budget.recorded import budget_of_rows
     from micromanip.design.commission.cell import commission_cell, planned
     from micromanip.design.commission.closing import Options
-    from micromanip.design.commission.written import as_written, budgeted, provenance
+    from micromanip.design.commission.written import as_written, provenance
     from micromanip.settings.check import prepare
 
     prepared = prepare(config)
@@ -91,7 +92,7 @@ def command(
                 seed,
                 played(process=True),
                 partial(as_written, prepared),
-                partial(budgeted, prepared.source.path),
+                partial(budget_of_rows, prepared.source.path),
             )
             bar.say("report")
             facts = provenance(prepared, config, chosen, seed)

@@ -1,4 +1,4 @@
-"""A commissioned cell as its file has it: the text, what that is read as, its error budget, and where it comes from."""
+"""A commissioned cell as its file has it: the text, what that is read as, and where it comes from."""
 
 from __future__ import annotations
 
@@ -8,23 +8,12 @@ import os
 from collections.abc import Mapping
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from micromanip.recordings import Telemetry
 from micromanip.settings.check import Prepared, wired
 from micromanip.settings.schema.axis import Axis
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.text.source import Source
 from micromanip.settings.write import with_production, with_tuning
-
-from ..analyse.budget.budget import AxisBudget
-from ..analyse.budget.recorded import budget_of
-
-_COHERENCE_S = 1.0
-"""For how long the bound of the error budget takes phases to be known."""
 
 
 def tuned_text(prepared: Prepared, configuration: Configuration, axes: Mapping[str, Axis]) -> str:
@@ -35,14 +24,6 @@ def tuned_text(prepared: Prepared, configuration: Configuration, axes: Mapping[s
 def as_written(prepared: Prepared, configuration: Configuration) -> Configuration:
     """What a file of `configuration` holds once it is read again; raises ConfigError where `check` would."""
     return wired(Source.parse(prepared.source.path, tuned_text(prepared, configuration, configuration.axes)))[0]
-
-
-def budgeted(file: Path, configuration: Configuration, rows: NDArray[Any]) -> list[AxisBudget]:
-    """What the rows of its trial show of the error of a `configuration`, which `file` holds."""
-    _, own = np.unique(rows["cycle"], return_index=True)  # a skipped cycle's row is a copy of the one before
-    axes = list(configuration.axes)
-    telemetry = Telemetry.of_rows(file, axes, configuration.loop.period_ns, rows[own], "")
-    return budget_of(telemetry, configuration, axes, _COHERENCE_S)
 
 
 def provenance(prepared: Prepared, config: Path, chosen: list[str], seed: int) -> dict[str, str]:

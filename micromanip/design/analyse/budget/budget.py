@@ -8,8 +8,9 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_toeplitz
+
+from micromanip.control.system import Array, Complex
 
 from ...report.model import Curve, Plot, Section, Table
 
@@ -95,9 +96,6 @@ def prediction_variance(
     known = np.sum(asked * solve_toeplitz(row, asked), axis=0)
     return float(max(np.mean(float(np.sum(power)) - known), 0.0))
 
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 TRACKER, PREDICTION, FORCE, STAGE = (
     "tracker noise",

@@ -16,17 +16,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from micromanip.control.outer_gains import OuterGains, outer_gains
 from micromanip.control.stage_loop import model_system
-from micromanip.control.system import System
+from micromanip.control.system import Array, Complex, System
 from micromanip.errors import CheckFailed
 from micromanip.settings.schema.axis import Axis
 from micromanip.settings.schema.reference import AxisTracker
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True)

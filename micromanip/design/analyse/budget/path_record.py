@@ -17,6 +17,7 @@ from scipy.fft import next_fast_len
 from scipy.interpolate import CubicSpline
 from scipy.signal import welch
 
+from micromanip.control.system import Array, Complex
 from micromanip.errors import CheckFailed
 from micromanip.recordings import Telemetry
 from micromanip.rt.states import TRACKING
@@ -30,9 +31,6 @@ from micromanip.virtual.experiment import at_limit
 from .budget import BIN_HZ, PREDICTION, TRACKER, Grid
 from .loop import AxisLaws, Loop
 from .tracking import Tracking
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 WINDOW_S = 1.0
 """Of the spectra of recorded signals."""
@@ -204,27 +202,25 @@ def mistaken(followed: Followed, laws: AxisLaws, grid: Grid) -> Mistaken:
     )
 
 
-def predicted_share(telemetry: Telemetry, axis: str, tracker: AxisTracker) -> float:
-    """Rms (um) of what noise, delay and prediction of the samples would have left of the path, with another `tracker`.
+def predicted_shares(telemetry: Telemetry, axis: str, found: AxisTracker) -> dict[str, Any]:
+    """Rms (um) of what noise, delay and prediction of the samples would have left of the path, or why that isn't told.
 
-    Raises CheckFailed as `tracking_stretch`, and for an axis without a model of its stage.
+    With the tracker as it ran and as it was `found`.
     """
     configuration = validate_document(Source.parse(telemetry.file, telemetry.sure_configuration()))
-    laws = AxisLaws(axis, configuration.axes[axis], tracker, telemetry.period_ns * 1e-9)
-    stretch = tracking_stretch(telemetry, configuration, axis)
-    followed = follow(stretch, laws)
-    left = (followed.parts[TRACKER] + followed.parts[PREDICTION])[stretch.inside]
-    unseen = mistaken(followed, laws, Grid(1.0 / laws.period_s)).whole
-    return float(np.sqrt(max(0.0, np.mean(left**2) + unseen.sum())))
-
-
-def predicted_shares(telemetry: Telemetry, axis: str, found: AxisTracker) -> dict[str, Any]:
-    """The same with the tracker as it ran and as it was `found`, or why that isn't told."""
-    reference = validate_document(Source.parse(telemetry.file, telemetry.sure_configuration())).reference
-    if not isinstance(reference, Tracker):
+    if not isinstance(configuration.reference, Tracker):
         return {"before_um": None, "after_um": None, "reason": "what ran followed no tracker"}
+
+    def left_um(tracker: AxisTracker) -> float:
+        laws = AxisLaws(axis, configuration.axes[axis], tracker, telemetry.period_ns * 1e-9)
+        stretch = tracking_stretch(telemetry, configuration, axis)
+        followed = follow(stretch, laws)
+        left = (followed.parts[TRACKER] + followed.parts[PREDICTION])[stretch.inside]
+        unseen = mistaken(followed, laws, Grid(1.0 / laws.period_s)).whole
+        return float(np.sqrt(max(0.0, np.mean(left**2) + unseen.sum())))
+
     try:
-        before, after = (predicted_share(telemetry, axis, each) for each in (reference.of(axis), found))
+        before, after = map(left_um, (configuration.reference.of(axis), found))
     except CheckFailed as problem:
         return {"before_um": None, "after_um": None, "reason": str(problem)}
     return {"before_um": before, "after_um": after, "reason": None}

@@ -18,11 +18,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import csd, welch
 
+from micromanip.control.system import Array
 from micromanip.errors import CheckFailed
 from micromanip.recordings import Telemetry
 from micromanip.settings.check import Prepared
@@ -36,8 +38,6 @@ from .budget import FORCE, PREDICTION, STAGE, TRACKER, AxisBudget, Bound, Grid, 
 from .loop import AxisLaws
 from .path_record import WINDOW_S, Stretch, follow, mirrored, mistaken, tracking_stretch
 from .tracking import Tracking
-
-Array = NDArray[np.float64]
 
 ACTUATOR, DISTURBANCE, MISSED, LIMITED, UNEXPLAINED = (
     "hysteresis left, creep, coupling, mismatch",
@@ -55,7 +55,7 @@ def recorded_budget(
 ) -> list[AxisBudget]:
     """The budget of each of `axes`. CheckFailed where the recording has no tracking, no tracker, or no model."""
     configuration = validate_document(Source.parse(telemetry.file, telemetry.sure_configuration()))
-    return budget_of(telemetry, configuration, axes, coherence_s, say)
+    return _budgets(telemetry, configuration, axes, coherence_s, say)
 
 
 def played_budget(
@@ -70,18 +70,31 @@ def played_budget(
     say("playing the cell")
     rows = VirtualExperiment(prepared, process=True)(configuration, _ENTERED_S + seconds, prepared.samples)
     rows = rows[round(_ENTERED_S * configuration.loop.rate_hz) :]
-    telemetry = Telemetry.of_rows(file, list(configuration.axes), configuration.loop.period_ns, rows, "")
-    return budget_of(telemetry, configuration, axes, coherence_s, say)
+    return budget_of_rows(file, configuration, rows, axes, coherence_s, say)
 
 
-def budget_of(
+def budget_of_rows(
+    file: Path,
+    configuration: Configuration,
+    rows: NDArray[Any],
+    axes: Sequence[str] = (),
+    coherence_s: float = 1.0,
+    say: Callable[[str], None] = lambda _: None,
+) -> list[AxisBudget]:
+    """The budget of `axes` (none: all) in the rows that `configuration`, which `file` holds, left."""
+    _, own = np.unique(rows["cycle"], return_index=True)  # a skipped cycle's row is a copy of the one before
+    names = list(configuration.axes)
+    telemetry = Telemetry.of_rows(file, names, configuration.loop.period_ns, rows[own], "")
+    return _budgets(telemetry, configuration, axes or names, coherence_s, say)
+
+
+def _budgets(
     telemetry: Telemetry,
     configuration: Configuration,
     axes: Sequence[str],
     coherence_s: float,
-    say: Callable[[str], None] = lambda _: None,
+    say: Callable[[str], None],
 ) -> list[AxisBudget]:
-    """The budget of each of `axes` in the rows that `configuration` left."""
     found = []
     for axis in axes:
         say(f"axis {axis}")

@@ -22,15 +22,13 @@ from numba import types
 from numpy.typing import NDArray
 
 from micromanip.control.predictor import output_row, reference_transition, sample_transition, tracker_gain
+from micromanip.control.system import Array, Complex
 from micromanip.rt.jit import Compiler
 from micromanip.rt.laws.predictor import ANEW_NATS, NEVER_DOUBTED_UM2, give_both, narrow_anew
 from micromanip.rt.laws.reference import REFERENCE_PARAMETERS, REFERENCE_STATE, signal_reference, signal_sample
 from micromanip.rt.signatures import array_of
 from micromanip.settings.compile.reference import fill_predictor
 from micromanip.settings.schema.reference import AxisTracker
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 compiled = Compiler(__file__)
 
@@ -72,20 +70,15 @@ class Tracking:
         state = vectors @ (entering[:, None] / (1.0 - poles[:, None] * turn[None, :] ** self.every))
         return np.asarray(np.einsum("ni,in->n", given, state))
 
-    def given(self, taken_s: Array, arrived_s: Array, samples: Array, now_s: Array, row: Array) -> Array:
-        """What the outer loop is given (n,) in the cycles at `now_s` (n,), by the same steps as the loop's.
-
-        `samples` (k,) were taken at `taken_s` (k,) and seen from `arrived_s` (k,) on; `row` (r,) is G. The predictor
-        starts at rest at the first.
-        """
-        return self.stepped(taken_s, arrived_s, samples, now_s, row)[0]
-
     def stepped(
         self, taken_s: Array, arrived_s: Array, samples: Array, now_s: Array, row: Array, trust: Array | None = None
     ) -> tuple[Array, Array]:
-        """The same, and after each sample the trust (k,) in the narrow predictor (``rt/laws/predictor.py``).
+        """What the outer loop is given (n,) in the cycles at `now_s` (n,), by the same steps as the loop's.
 
-        It can be given: noise tells it, so that samples without any take that of those with it.
+        `samples` (k,) were taken at `taken_s` (k,) and seen from `arrived_s` (k,) on; `row` (r,) is G. The predictor
+        starts at rest at the first. And after each sample the trust (k,) in the narrow predictor
+        (``rt/laws/predictor.py``), which can be given: noise tells it, so that samples without any take that of those
+        with it.
         """
         parameters, state = np.zeros(1, REFERENCE_PARAMETERS), np.zeros(1, REFERENCE_STATE)
         p = parameters[0]

@@ -16,15 +16,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from micromanip.control.system import Array
 from micromanip.design.analyse.budget.loop import AxisLaws
 from micromanip.design.analyse.budget.tracking import Tracking
 from micromanip.design.identify.hysteresis import inverse
 from micromanip.settings.schema.axis import Axis
 from micromanip.settings.schema.hysteresis import NoModel
-
-Array = NDArray[np.float64]
 
 MOST_HZ = 2000.0
 """Rate of the prediction: what a robot does is far below half of it, and of the loop's rate where that is lower."""
@@ -74,7 +72,7 @@ def _given(laws: AxisLaws, tracking: Tracking, deviation_um: Array, rate_hz: flo
     now_s = np.arange(path_s[0], path_s[-1], laws.period_s)
     taken_s = now_s[:: tracking.every]
     samples = np.interp(taken_s, path_s, path)
-    return now_s, tracking.given(taken_s, taken_s + tracking.latency_s, samples, now_s, laws.gains.reference)
+    return now_s, tracking.stepped(taken_s, taken_s + tracking.latency_s, samples, now_s, laws.gains.reference)[0]
 
 
 def _impulse_responses(laws: AxisLaws, tracking: Tracking) -> tuple[Array, Array]:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from micromanip.control.system import Array
 from micromanip.errors import CheckFailed
 from micromanip.recordings.path_deviation import PathDeviation
 from micromanip.settings.check import Prepared
@@ -21,8 +21,6 @@ from ..budget.loop import AxisLaws
 from ..budget.tracking import Tracking
 from .prediction import MOST_HZ, Predicted, predict
 from .seen import on_grid
-
-Array = NDArray[np.float64]
 
 TRACKER, RANGE, RESERVE = "tracker range", "set-point range", "set-point reserve"
 SLEW, VOLTAGE, VOLTAGE_RESERVE = "set-point slew", "voltage range", "voltage reserve"
@@ -46,10 +44,6 @@ class Stretch:
     limit: float
     over: float
     unit: str
-
-    def document(self) -> dict[str, Any]:
-        """As JSON has it."""
-        return asdict(self)
 
 
 @dataclass(frozen=True)
@@ -157,7 +151,7 @@ class AxisPreview:
                 "peak": float(np.abs(found.error_um).max()),
                 "tolerance": self.tolerance_um,
             },
-            "stretches": [stretch.document() for stretch in self.stretches],
+            "stretches": [asdict(stretch) for stretch in self.stretches],
         }
 
 
@@ -184,70 +178,53 @@ class Preview:
         }
 
 
-@dataclass(frozen=True)
-class Cell:
-    """Each axis' laws and its tracker, whose samples are believed within `seen_um`, as a preview needs them."""
-
-    prepared: Prepared
-    seen_um: tuple[float, float]
-    laws: dict[str, AxisLaws]
-    tracking: dict[str, Tracking]
-    notes: tuple[str, ...]
-
-    def preview(
-        self, axis: str, deviation_um: Array, rate_hz: float, reserve_um: float, tolerance_um: float | None
-    ) -> AxisPreview:
-        """One axis on `deviation_um` (n,); `tolerance_um` None is what the file asks for."""
-        configuration, laws = self.prepared.configuration, self.laws[axis]
-        asked, output = laws.axis.accept.tracking_error_um, configuration.outputs[f"voltage_{axis}"]
-        allowed_um = (TOLERANCE_UM if asked is None else _PEAK * asked) if tolerance_um is None else tolerance_um
-        low, high = laws.axis.setpoint.range_um
-        if 2.0 * reserve_um >= high - low:
-            raise CheckFailed(f"axis {axis}: a reserve of {reserve_um:g} um leaves nothing of {low:g}..{high:g} um")
-        found = predict(laws, self.tracking[axis], output.park_V, deviation_um, rate_hz)
-        asking = demands(laws.axis, output, self.seen_um, found, reserve_um, allowed_um)
-        over = [stretch for demand in asking for stretch in stretches(axis, demand, rate_hz)]
-        return AxisPreview(axis, found, allowed_um, tuple(sorted(beyond(over), key=lambda each: each.from_s)))
-
-
-def cell_of(prepared: Prepared, axes: Sequence[str]) -> Cell:
-    """The cell's `axes`. Raises CheckFailed where what they do on a path can't be computed."""
-    configuration, wiring = prepared.configuration, prepared.wiring
-    tracker = configuration.reference
+def laws_on_path(prepared: Prepared, axis: str) -> tuple[AxisLaws, Tracking]:
+    """The laws of `axis`, and what its tracker makes of a path. Raises CheckFailed where that can't be computed."""
+    configuration, tracker = prepared.configuration, prepared.configuration.reference
     if not isinstance(tracker, Tracker):
         raise CheckFailed(
             f"{prepared.source.path}: a preview is of what a tracker would see: reference.source is {tracker.source}, "
             "it must be signal"
         )
-    period_s = configuration.loop.period_ns * 1e-9
-    followed = {axis: tracker.frame.signals[0] if tracker.frame else f"deviation_{axis}" for axis in axes}
-    timing = {axis: signal_timing(configuration, wiring, followed[axis]) for axis in axes}
-    return Cell(
-        prepared,
-        tracker.range_um,
-        {axis: AxisLaws(axis, configuration.axes[axis], tracker.of(axis), period_s) for axis in axes},
-        {
-            axis: Tracking(tracker.of(axis), cycles_between(configuration, channel), channel.latency_s, period_s)
-            for axis, channel in timing.items()
-        },
-        tuple(
-            f"axis {axis} is behind a bus: predicted as if its sensors were read, and its voltage written, at once"
-            for axis in axes
-            if feedback_path(configuration, wiring, axis) != AT_ONCE
-        ),
-    )
+    period_s, own = configuration.loop.period_ns * 1e-9, tracker.of(axis)
+    followed = tracker.frame.signals[0] if tracker.frame else f"deviation_{axis}"
+    channel = signal_timing(configuration, prepared.wiring, followed)
+    tracking = Tracking(own, cycles_between(configuration, channel), channel.latency_s, period_s)
+    return AxisLaws(axis, configuration.axes[axis], own, period_s), tracking
+
+
+def _axis_preview(
+    prepared: Prepared, axis: str, deviation_um: Array, rate_hz: float, reserve_um: float, tolerance_um: float | None
+) -> AxisPreview:
+    """One axis on `deviation_um` (n,); `tolerance_um` None is what the file asks for."""
+    configuration, (laws, tracking) = prepared.configuration, laws_on_path(prepared, axis)
+    asked, output = laws.axis.accept.tracking_error_um, configuration.outputs[f"voltage_{axis}"]
+    allowed_um = (TOLERANCE_UM if asked is None else _PEAK * asked) if tolerance_um is None else tolerance_um
+    low, high = laws.axis.setpoint.range_um
+    if 2.0 * reserve_um >= high - low:
+        raise CheckFailed(f"axis {axis}: a reserve of {reserve_um:g} um leaves nothing of {low:g}..{high:g} um")
+    found = predict(laws, tracking, output.park_V, deviation_um, rate_hz)
+    assert isinstance(configuration.reference, Tracker)
+    asking = demands(laws.axis, output, configuration.reference.range_um, found, reserve_um, allowed_um)
+    over = [stretch for demand in asking for stretch in stretches(axis, demand, rate_hz)]
+    return AxisPreview(axis, found, allowed_um, tuple(sorted(beyond(over), key=lambda each: each.from_s)))
 
 
 def preview_of(prepared: Prepared, path: PathDeviation, reserve_um: float, tolerance_um: float | None) -> Preview:
     """The preview of `path` on its axes. CheckFailed where it can't be made."""
-    cell = cell_of(prepared, path.axes)
-    rate_hz = min(MOST_HZ, float(prepared.configuration.loop.rate_hz))
+    configuration = prepared.configuration
+    rate_hz = min(MOST_HZ, float(configuration.loop.rate_hz))
     deviation, notes = on_grid(path, rate_hz)
     axes = tuple(
-        cell.preview(axis, column, rate_hz, reserve_um, tolerance_um)
+        _axis_preview(prepared, axis, column, rate_hz, reserve_um, tolerance_um)
         for axis, column in zip(path.axes, deviation.T, strict=True)
     )
-    return Preview(float(path.time_s[-1]), axes, (*cell.notes, *notes))
+    late = (
+        f"axis {axis} is behind a bus: predicted as if its sensors were read, and its voltage written, at once"
+        for axis in path.axes
+        if feedback_path(configuration, prepared.wiring, axis) != AT_ONCE
+    )
+    return Preview(float(path.time_s[-1]), axes, (*late, *notes))
 
 
 def _ends(values: Array) -> list[float]:

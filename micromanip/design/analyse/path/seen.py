@@ -6,16 +6,15 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from micromanip.control.system import Array
 from micromanip.errors import CheckFailed
 from micromanip.recordings import Telemetry, open_telemetry
 from micromanip.recordings.path_deviation import PathDeviation, read_path_deviation
 from micromanip.recordings.reading import is_recording
 from micromanip.rt.states import TRACKING
-from micromanip.rt.telemetry import DEVIATION_FRESH
 
-Array = NDArray[np.float64]
+from ...identify.tracker.recorded import samples_taken
 
 _LONGEST_S = 3600.0
 _COARSE_HZ = 50.0
@@ -36,24 +35,15 @@ def recorded_path(telemetry: Telemetry, axes: Sequence[str]) -> PathDeviation:
         raise CheckFailed(
             f"{telemetry.file}: axis {missing[0]} is not in it; its axes are {', '.join(telemetry.axes) or 'none'}"
         )
-    places = {axis: f"axis.{telemetry.axes.index(axis)}" for axis in axes}
-    of_axis = ("deviation_age_ns", "deviation_um", "fresh")
-    columns = telemetry.columns("time_ns", *(f"{place}.{name}" for place in places.values() for name in of_axis))
-    now_s = columns["time_ns"].astype(float) * 1e-9
     found = []
     for axis in axes:
-        place = places[axis]
-        age_ns, values = (np.asarray(columns[f"{place}.{name}"], dtype=float) for name in of_axis[:2])
-        fresh = (columns[f"{place}.fresh"].astype(int) & DEVIATION_FRESH) != 0
-        fresh &= np.isfinite(values) & np.isfinite(age_ns)
-        if np.count_nonzero(fresh) < 2:
-            raise CheckFailed(f"{telemetry.file}: axis {axis}: no samples of deviation_{axis} in it")
-        taken, first = np.unique((now_s - 1e-9 * age_ns)[fresh], return_index=True)
-        found.append((taken, values[fresh][first]))
-    time_s = found[0][0]
-    seen = [np.interp(time_s, taken, values) for taken, values in found]
+        _, taken_ns, values = samples_taken(telemetry, axis)
+        taken_ns, first = np.unique(taken_ns, return_index=True)
+        found.append((taken_ns, values[first]))
+    time_ns = found[0][0]
+    seen = [np.interp(time_ns, taken, values) for taken, values in found]
     notes = _not_tracked(telemetry)
-    return PathDeviation(telemetry.file, tuple(axes), time_s - time_s[0], np.column_stack(seen), notes)
+    return PathDeviation(telemetry.file, tuple(axes), 1e-9 * (time_ns - time_ns[0]), np.column_stack(seen), notes)
 
 
 def _not_tracked(telemetry: Telemetry) -> tuple[str, ...]:

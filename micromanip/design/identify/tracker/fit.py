@@ -24,20 +24,18 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.signal import periodogram
 
 from micromanip.control.joints import joints_radius
 from micromanip.control.predictor import output_row, reference_transition, tracker_gain
+from micromanip.control.system import Array
 from micromanip.errors import CheckFailed
 from micromanip.rt.laws.reference import MAX_MODES
 from micromanip.settings.schema.reference import AxisTracker, Oscillation, Steady
 
 from .innovations import Whiteness, Whitening, judge_innovations, noise_of, steady_of, with_noise
 from .recorded import MOVES_PERCENT
-
-Array = NDArray[np.float64]
 
 _LEAST_S, _LEAST = 3.0, 600
 _BAND_HZ, _THINNED_HZ = 30.0, 240.0

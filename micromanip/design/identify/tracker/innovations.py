@@ -22,6 +22,7 @@ from scipy.stats import chi2, norm
 
 from micromanip.control.joints import joints_radius
 from micromanip.control.predictor import output_row, sample_transition, stationary
+from micromanip.control.system import Array
 from micromanip.settings.schema.reference import AxisTracker, Steady
 
 # NIS is the mean of ``e^2 / v``: n times it has a chi-square distribution of n degrees (Bar-Shalom, Li and Kirubarajan,
@@ -58,9 +59,6 @@ def judge_innovations(innovations: Array, variance_um2: float) -> Whiteness:
     low, high = (chi2.ppf(share, n) / n for share in (0.5 * _WRONGLY, 1.0 - 0.5 * _WRONGLY))
     bound = float(norm.ppf(1.0 - 0.5 * _WRONGLY / _LAGS) / np.sqrt(n))
     return Whiteness(power / n / variance_um2, (float(low), float(high)), float(lags[worst]), worst + 1, bound)
-
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -19,19 +19,25 @@ _EVEN = 0.25
 """How far the time between two samples may be from the usual one, in terms of it: more is a gap."""
 
 
+def samples_taken(telemetry: Telemetry, axis: str) -> tuple[NDArray[np.intp], NDArray[np.int64], NDArray[np.float64]]:
+    """Rows (k,) in which a sample of the tracker came, when it was taken (k,), ns, and what it said (k,), um.
+
+    Raises CheckFailed where not two are in the recording.
+    """
+    place = f"axis.{telemetry.axes.index(axis)}"
+    names = ("time_ns", f"{place}.fresh", f"{place}.deviation_age_ns", f"{place}.deviation_um")
+    time_ns, word, age_ns, deviation_um = telemetry.columns(*names).values()
+    came = np.flatnonzero((word.astype(int) & DEVIATION_FRESH != 0) & np.isfinite(deviation_um) & np.isfinite(age_ns))
+    if len(came) < 2:
+        raise CheckFailed(f"{telemetry.file}: axis {axis}: no samples of deviation_{axis} came in it")
+    taken_ns = time_ns[came].astype(np.int64) - age_ns[came].astype(np.int64)
+    return came, taken_ns, np.asarray(deviation_um[came], dtype=float)
+
+
 def recorded_samples(telemetry: Telemetry, axis: str) -> tuple[NDArray[np.float64], float]:
     """Samples (n,), um, of `axis` and their rate (Hz). Raises CheckFailed where no tracker's samples are in it."""
-    place = telemetry.axes.index(axis)
-    names = (f"axis.{place}.fresh", f"axis.{place}.deviation_age_ns", "time_ns", f"axis.{place}.deviation_um")
-    word, age_ns, time_ns, deviation_um = telemetry.columns(*names).values()
-    fresh = (word.astype(int) & DEVIATION_FRESH) != 0
-    if np.count_nonzero(fresh) < 2:
-        raise CheckFailed(f"{telemetry.file}: axis {axis}: no samples of deviation_{axis} came in it")
-    taken_ns = time_ns[fresh].astype(np.int64) - age_ns[fresh].astype(np.int64)
-    samples = np.asarray(deviation_um[fresh], dtype=float)
+    _, taken_ns, samples = samples_taken(telemetry, axis)
     between = np.diff(taken_ns)
     usual = float(np.median(between))
     gaps = np.flatnonzero(np.abs(between - usual) > _EVEN * usual) + 1
-    stretches = np.split(np.arange(len(samples)), gaps)
-    longest = max(stretches, key=len)
-    return samples[longest], 1e9 / usual
+    return max(np.split(samples, gaps), key=len), 1e9 / usual

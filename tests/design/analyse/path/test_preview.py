@@ -14,7 +14,7 @@ from micromanip.design.analyse.path.preview import (
     Demand,
     Stretch,
     beyond,
-    cell_of,
+    laws_on_path,
     stretches,
 )
 from micromanip.design.analyse.path.seen import recorded_path
@@ -33,20 +33,20 @@ PATH_HZ = 2000.0
 
 @pytest.fixture(scope="module")
 def cell():
-    return cell_of(prepare(CONFIG / "simulated.yaml"), ["x"])
+    """Laws and tracking of axis x."""
+    return laws_on_path(prepare(CONFIG / "simulated.yaml"), "x")
 
 
 def with_joint(cell, range_percent):
     """Tracking of x by a predictor that knows of one joint, and follows its frequency so far."""
     joints = (Oscillation(frequency_Hz=8.0, um_per_s=3.2, range_percent=range_percent),)
-    tracker = replace(cell.tracking["x"].tracker, oscillations=joints, steady=None)
-    return replace(cell.tracking["x"], tracker=tracker)
+    return replace(cell[1], tracker=replace(cell[1].tracker, oscillations=joints, steady=None))
 
 
 @pytest.mark.parametrize("hertz", [3.0, 25.0])
 def test_a_sine_comes_through_as_the_closed_loop_says(cell, hertz):
     time_s = np.arange(6000) / PATH_HZ
-    laws, tracking = cell.laws["x"], with_joint(cell, 0.0)
+    laws, tracking = cell[0], with_joint(cell, 0.0)
     found = predict(laws, tracking, 0.0, 20.0 * np.sin(2.0 * np.pi * hertz * time_s), PATH_HZ)
     omega = np.array([2.0 * np.pi * hertz])
     loop = laws.around(laws.model(omega), omega)
@@ -67,10 +67,10 @@ def test_a_joint_that_swings_at_another_frequency_is_followed_as_the_loop_follow
     for percent in (0.0, 50.0):
         tracking = with_joint(cell, percent)
         path = 20.0 * np.sin(2.0 * np.pi * hertz * np.arange(6000) / PATH_HZ)
-        found_of[percent] = np.std(predict(cell.laws["x"], tracking, 0.0, path, PATH_HZ).error_um[2000:4000])
+        found_of[percent] = np.std(predict(cell[0], tracking, 0.0, path, PATH_HZ).error_um[2000:4000])
     known = replace(tracking.tracker, oscillations=(Oscillation(frequency_Hz=hertz, um_per_s=3.2),))
     omega = np.array([2.0 * np.pi * hertz])
-    laws = replace(cell.laws["x"], tracker=known)
+    laws = replace(cell[0], tracker=known)
     loop = laws.around(laws.model(omega), omega)
     left = 1.0 - followed_share(loop, replace(tracking, tracker=known), laws.gains.reference)
     assert found_of[50.0] == pytest.approx(20.0 * abs(left[0]) / np.sqrt(2.0), rel=0.2, abs=0.01)
@@ -78,7 +78,7 @@ def test_a_joint_that_swings_at_another_frequency_is_followed_as_the_loop_follow
 
 
 def test_the_voltage_gives_the_set_point_back_through_the_model(cell):
-    axis = cell.laws["x"].axis
+    axis = cell[0].axis
     time_s = np.arange(2000) / PATH_HZ
     wanted = 66.0 + 55.0 * np.sin(2.0 * np.pi * 2.0 * time_s) * np.exp(-time_s)
     voltage = inverse_voltage(axis, 0.0, wanted, PATH_HZ)
@@ -91,7 +91,7 @@ def test_the_voltage_gives_the_set_point_back_through_the_model(cell):
 
 
 def test_without_an_inverse_no_voltage_is_claimed(cell):
-    axis = cell.laws["x"].axis
+    axis = cell[0].axis
     pid = axis.model_copy(update={"inner": axis.inner.model_copy(update={"mode": "pid"})})
     assert inverse_voltage(pid, 0.0, np.zeros(3), PATH_HZ) is None
 

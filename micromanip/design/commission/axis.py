@@ -26,7 +26,7 @@ from ..identify.experiments import design, recording, samples_for
 from ..identify.hysteresis import HysteresisFit
 from ..identify.models import burn_in, hysteresis_models, identify_stage, record_hysteresis
 from ..synthesise import InvertedActuator, PidDesign, invert_actuator
-from .closing import ClosedOuter, Options, close_strain, prove_outer
+from .closing import Bench, ClosedOuter, Options, close_strain, prove_outer
 from .guarded_experiment import GuardedExperiment, Say, Steps
 from .limit_cycle import Rest, strain_at_rest
 from .polarity import Polarity, check_polarity, check_rest, require_quiet
@@ -160,9 +160,8 @@ def _commission(
     )
     say("strain PID")
     left_um = 0.01 * percent[chosen.structure.name] * tanh.stroke_um
-    actuator, pid, strain_closed, strain_prices = close_strain(
-        tuned, experiment, axis, actuator, polarity, left_um, seed, say, learned
-    )
+    bench = Bench(tuned, experiment, axis, seed, say, learned)
+    actuator, pid, strain_closed, strain_prices = close_strain(bench, actuator, polarity.noise_um, left_um)
     tuned = with_axis(tuned, axis, inner=pid.inner)
     steps.learn(
         strain_PID=f"K {pid.inner.K_V_per_um:g} V/um, Ti {pid.inner.Ti_ms:g} ms, Td {pid.inner.Td_ms:g} ms, filter "
@@ -186,7 +185,7 @@ def _commission(
         say("stage dynamics")
         stage = identify_stage(tuned, experiment, axis, seed)
         try:
-            outer = prove_outer(tuned, experiment, axis, actuator, stage, options, inner, seed, say, learned)
+            outer = prove_outer(replace(bench, configuration=tuned), actuator, stage, options, inner)
         except CheckFailed as problem:  # the strain loop is proven: it is not thrown away
             without = str(problem)
             steps.learn(no_outer_loop=without)

@@ -109,14 +109,6 @@ def _of(axis: str, what: str) -> str:
     return f"axis {axis}: {what}"
 
 
-def _say(say: Callable[[str], None], axis: str, what: str) -> None:
-    say(_of(axis, what))
-
-
-def _as_it_is(configuration: Configuration) -> Configuration:
-    return configuration
-
-
 @dataclass(frozen=True)
 class CommissionedCell:
     """The new `configuration`, what was found, its analysis and the evidence, an entry per axis.
@@ -179,7 +171,7 @@ def commission_cell(
     options: Options | None = None,
     seed: int = 1,
     running: Experiment | None = None,
-    written: Callable[[Configuration], Configuration] = _as_it_is,
+    written: Callable[[Configuration], Configuration] = lambda it: it,
     budgeted: Budgeted | None = None,
 ) -> CommissionedCell:
     """Commission `axes` of `configuration`; the other axes keep what they have, and rest meanwhile.
@@ -197,7 +189,8 @@ def commission_cell(
     found: list[Commissioned] = []
     for name in axes:
         try:
-            found.append(commission_axis(configuration, watched, name, partial(_say, say, name), options, seed, acting))
+            told = lambda what, name=name: say(_of(name, what))  # noqa: E731
+            found.append(commission_axis(configuration, watched, name, told, options, seed, acting))
         except Stopped as problem:
             stopped = problem
             break

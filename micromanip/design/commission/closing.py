@@ -8,11 +8,11 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from micromanip.control.margins import sensitivity
 from micromanip.control.outer_gains import OuterGains, outer_gains
 from micromanip.control.stage_loop import stage_loop
+from micromanip.control.system import Array
 from micromanip.errors import CheckFailed
 from micromanip.settings.schema.accept import Accept
 from micromanip.settings.schema.axis import Axis, LinearModel, Outer
@@ -20,7 +20,7 @@ from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.wiring.timing import AT_ONCE
 
-from ..analyse.loop_analysis import analyse_inverse, analyse_strain, between, slopes_of, small_slope
+from ..analyse.loop_analysis import Inverse, analyse_inverse, analyse_strain, between, slopes_of, small_slope
 from ..analyse.loops import HELD_SENSITIVITY, StrainSide, draw, drawn_plant, held_plant, over_path, strain_loop
 from ..analyse.sensitivity import Sensitivity, judge_loop
 from ..experiment import Experiment, with_axis
@@ -31,11 +31,8 @@ from ..identify.response import Wanted, identify
 from ..synthesise import OuterDesign, PidDesign, Reach, tune_outer, tune_pid
 from .guarded_experiment import Say
 from .limit_cycle import Held
-from .polarity import Polarity
 from .prices import Price, outer_prices, strain_prices
 from .validation import Validation, validate
-
-Array = NDArray[np.float64]
 
 BUS_SLOPE = 1.45
 """The PID holds its margins up to this multiple of the actuator's slope where the samples of a bus show less of it."""
@@ -59,33 +56,52 @@ class Options:
         return settings.outer.oscillation_Hz if settings.outer else self.tooth_seen_Hz
 
 
+@dataclass(frozen=True)
+class Bench:
+    """An `axis` of `configuration`, as far as it is tuned, and what it is measured by.
+
+    `learned` takes what was found wanting and done again, in sentences.
+    """
+
+    configuration: Configuration
+    experiment: Experiment
+    axis: str
+    seed: int
+    say: Say
+    learned: list[str]
+
+    @property
+    def settings(self) -> Axis:
+        """Of the axis."""
+        return self.configuration.axes[self.axis]
+
+    @property
+    def period_s(self) -> float:
+        """Of a cycle."""
+        return self.configuration.loop.period_ns * 1e-9
+
+    @property
+    def inverse(self) -> Inverse:
+        """Describing function of the model that runs."""
+        hysteresis = self.settings.hysteresis
+        assert isinstance(hysteresis, PrandtlIshlinskii)
+        return analyse_inverse(hysteresis, self.settings)
+
+
 def close_strain(
-    configuration: Configuration,
-    experiment: Experiment,
-    axis: str,
-    actuator: Actuator,
-    polarity: Polarity,
-    left_um: float,
-    seed: int,
-    say: Say,
-    learned: list[str],
+    bench: Bench, actuator: Actuator, noise_um: float, left_um: float
 ) -> tuple[Actuator, PidDesign, Sensitivity, tuple[Price, ...]]:
     """PID for `actuator`, closed, and measured; once more from what was measured where it is not what was predicted.
 
-    And what more bandwidth would cost.
+    And what more bandwidth would cost. The gauge has `noise_um` rms, the inverse leaves `left_um` over.
     """
-    by_bus = actuator.path != AT_ONCE
+    settings, by_bus = bench.settings, actuator.path != AT_ONCE
     for again in (False, True):
-        settings = configuration.axes[axis]
         seen = over_path(actuator.system, actuator.path)
-        hysteresis = settings.hysteresis
-        assert isinstance(hysteresis, PrandtlIshlinskii)
-        inverse = analyse_inverse(hysteresis, settings)
         seen_um_per_V, branch_um_per_V = small_slope(actuator.dynamics), actuator.branch_um_per_V
-        _, slopes = slopes_of(settings, actuator.swing_um, inverse, seen_um_per_V, branch_um_per_V)
+        _, slopes = slopes_of(settings, actuator.swing_um, bench.inverse, seen_um_per_V, branch_um_per_V)
         if by_bus:
             slopes = between(slopes[0], max(slopes[-1], BUS_SLOPE))
-        noise_um = polarity.noise_um
         tune = partial(
             tune_pid,
             settings.inner,
@@ -100,19 +116,18 @@ def close_strain(
             "residual": float(np.clip(noise_um / max(left_um, 1e-6), 0.03, 0.5)),
         }
         pid = tune(**given)
-        say("sensitivity of the strain loop")
-        closed = with_axis(configuration, axis, inner=pid.inner)
-        measured = measure_strain_loop(closed, experiment, axis, seed + 10 + again)
+        bench.say("sensitivity of the strain loop")
+        closed = with_axis(bench.configuration, bench.axis, inner=pid.inner)
+        measured = measure_strain_loop(closed, bench.experiment, bench.axis, bench.seed + 10 + again)
         nominal = pid.margins[slopes.index(1.0)]
-        period_s = configuration.loop.period_ns * 1e-9
         loop = judge_loop("strain loop", measured, actuator.system, strain_loop(pid.inner, seen), nominal)
         if loop.agrees or by_bus:
             return actuator, pid, loop, strain_prices(tune, given, actuator, pid)
-        learned.append(loop.sentence)
-        actuator = replace(actuator, found=identify(measured, period_s, Wanted(ORDERS, DELAYS)))
+        bench.learned.append(loop.sentence)
+        actuator = replace(actuator, found=identify(measured, bench.period_s, Wanted(ORDERS, DELAYS)))
     raise CheckFailed(
-        f"axis {axis}: the tuning is withdrawn, the strain loop is not what was predicted: {'; '.join(learned)}. "
-        f"{pid.limited_by[0].upper()}{pid.limited_by[1:]}"
+        f"axis {bench.axis}: the tuning is withdrawn, the strain loop is not what was predicted: "
+        f"{'; '.join(bench.learned)}. {pid.limited_by[0].upper()}{pid.limited_by[1:]}"
     )
 
 
@@ -134,7 +149,7 @@ class Borne:
         self,
         model: LinearModel,
         strain: StrainSide,
-        actuator: Actuator,
+        late_cycles: int,
         period_s: float,
         accept: Accept,
         slopes: tuple[float, ...],
@@ -144,7 +159,7 @@ class Borne:
         self._without_inverse = sum(plant is None for plant in drawn)
         self._plants = [plant for plant in drawn if plant is not None]
         self._order = list(range(len(self._plants)))
-        self._late = actuator.path.stage_late
+        self._late = late_cycles
         self._too_many = int((1.0 - 0.01 * accept.robust_percent) * len(DRAWN) + 1e-9) + 1
         self._most = _QUANTILE_KNOWN * accept.robust_sensitivity
 
@@ -165,15 +180,7 @@ class Borne:
 
 
 def close_outer(
-    configuration: Configuration,
-    experiment: Experiment,
-    axis: str,
-    actuator: Actuator,
-    stage: StageModel,
-    options: Options,
-    seed: int,
-    say: Say,
-    learned: list[str],
+    bench: Bench, actuator: Actuator, stage: StageModel, options: Options
 ) -> tuple[StageModel, OuterDesign, Sensitivity, Callable[[], tuple[Price, ...]]]:
     """The same for the outer loop, at last as it is: whether that will do is for who asks to say.
 
@@ -181,15 +188,12 @@ def close_outer(
 
     Raises CheckFailed where no design is to be had.
     """
-    settings, period_s = configuration.axes[axis], configuration.loop.period_ns * 1e-9
+    settings, period_s, path = bench.settings, bench.period_s, actuator.path
+    strain = analyse_strain(settings, actuator, bench.inverse)
     for again in (False, True):
-        say("outer loop")
-        hysteresis = settings.hysteresis
-        assert isinstance(hysteresis, PrandtlIshlinskii)
-        strain = analyse_strain(settings, actuator, analyse_inverse(hysteresis, settings))
+        bench.say("outer loop")
         hertz = stage.found.measured.frequency_Hz
         relative = stage.found.radius / np.maximum(np.abs(stage.found.at(hertz)), 1e-12)
-        by_bus = actuator.path.stage_cycles > 1 or actuator.path.stage_late > 0
         tune = partial(
             tune_outer,
             stage.linear,
@@ -200,25 +204,25 @@ def close_outer(
             settling_s=1e-3 * settings.accept.settling_ms,
             bandwidth_Hz=options.bandwidth_Hz,
             oscillation_Hz=options.tooth(settings),
-            sample_cycles=actuator.path.stage_cycles,
-            late_cycles=actuator.path.stage_late,
+            sample_cycles=path.stage_cycles,
+            late_cycles=path.stage_late,
         )
         given: dict[str, Any] = {
             "noise_um": stage.noise_um if options.noise_um is None else options.noise_um,
             "unsure": partial(_interpolated, hertz=hertz, values=relative),
-            "bears": Borne(stage.linear, strain.side, actuator, period_s, settings.accept, strain.slopes),
+            "bears": Borne(stage.linear, strain.side, path.stage_late, period_s, settings.accept, strain.slopes),
             "reach": Reach.of(settings, period_s),
         }
         outer = tune(**given)
-        say("sensitivity of the outer loop")
-        closed = with_axis(configuration, axis, outer=outer.outer)
-        measured = measure_outer_loop(closed, experiment, axis, seed + 20 + again)
+        bench.say("sensitivity of the outer loop")
+        closed = with_axis(bench.configuration, bench.axis, outer=outer.outer)
+        measured = measure_outer_loop(closed, bench.experiment, bench.axis, bench.seed + 20 + again)
         gains, plant = outer_gains(outer.outer, None, period_s), stage.found.system()
-        closed_loop = stage_loop(gains, plant, actuator.path.stage_cycles, actuator.path.stage_late)
+        closed_loop = stage_loop(gains, plant, path.stage_cycles, path.stage_late)
         loop = judge_loop("outer loop", measured, plant, closed_loop, outer.margins)
-        if loop.as_predicted or by_bus or again:
+        if loop.as_predicted or path.stage_cycles > 1 or path.stage_late > 0 or again:
             break
-        learned.append(loop.sentence)
+        bench.learned.append(loop.sentence)
         stage = with_response(stage, measured, period_s)
     return stage, outer, loop, partial(outer_prices, tune, given, outer)
 
@@ -245,18 +249,7 @@ class ClosedOuter:
     prices: tuple[Price, ...]
 
 
-def prove_outer(
-    configuration: Configuration,
-    experiment: Experiment,
-    axis: str,
-    actuator: Actuator,
-    stage: StageModel,
-    options: Options,
-    inner: Held,
-    seed: int,
-    say: Say,
-    learned: list[str],
-) -> ClosedOuter:
+def prove_outer(bench: Bench, actuator: Actuator, stage: StageModel, options: Options, inner: Held) -> ClosedOuter:
     """The boldest outer loop that is proven around the strain loop; `inner` is the axis in that alone, at rest.
 
     Raises CheckFailed where none is, with why each was not.
@@ -264,21 +257,20 @@ def prove_outer(
     reasons: list[str] = []
     for _ in range(_RUNGS):
         try:
-            model, designed, loop, prices = close_outer(
-                configuration, experiment, axis, actuator, stage, options, seed, say, learned
-            )
+            model, designed, loop, prices = close_outer(bench, actuator, stage, options)
         except CheckFailed as problem:
-            reasons.append(str(problem).removeprefix(f"axis {axis}: "))
+            reasons.append(str(problem).removeprefix(f"axis {bench.axis}: "))
             break
         if loop.as_predicted:
-            say("validation")
-            check = validate(with_axis(configuration, axis, outer=designed.outer), experiment, axis, inner)
+            bench.say("validation")
+            closed = with_axis(bench.configuration, bench.axis, outer=designed.outer)
+            check = validate(closed, bench.experiment, bench.axis, inner)
             if not check.rest.swings:
                 return ClosedOuter(model, designed, loop, check, prices())
             reason = f"it swings at rest: {check.rest.told}"
         else:
             reason = f"it is not what was predicted: {loop.sentence}"
         reasons.append(f"at {designed.bandwidth_Hz:.3g} Hz {reason}")
-        learned.append(f"outer loop {reasons[-1]}")
+        bench.learned.append(f"outer loop {reasons[-1]}")
         options = replace(options, bandwidth_Hz=_CALMER * designed.bandwidth_Hz)
     raise CheckFailed("; ".join(reasons))

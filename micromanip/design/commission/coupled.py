@@ -11,7 +11,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from micromanip.design.analyse.coupling import (
     Cost,
@@ -29,8 +28,6 @@ from micromanip.settings.schema.model import Configuration
 from ..experiment import Experiment, with_axis
 from ..report.model import Criterion, Curve, Evidence, Plot, Section, Table
 from .production import MOVED_HZ, Production
-
-Array = NDArray[np.float64]
 
 WORTH = 0.01
 """Share of the path error that decoupling must be expected to take away."""

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from micromanip.control.system import Array
 from micromanip.errors import CheckFailed, sentence
 from micromanip.faults import KINDS
 from micromanip.settings.schema.model import Configuration
@@ -20,7 +21,6 @@ from micromanip.settings.wiring.timing import FeedbackPath
 from ..experiment import Ended, Experiment
 from ..report.model import Criterion, Evidence, Section
 
-Array = NDArray[np.float64]
 Say = Callable[[str], None]
 _STALL, _STALL_S = 5.0, 0.005
 """So many of the usual times between samples, and at least so long, without one from any sensor is a stall."""

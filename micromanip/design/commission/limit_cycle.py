@@ -9,15 +9,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import detrend, welch
 
+from micromanip.control.system import Array
 from micromanip.settings.schema.model import Configuration
 
 from ..experiment import Experiment, alone, play, resting
 from .quiescent_spectrum import STANDS_OUT, strongest_line
-
-Array = NDArray[np.float64]
 
 _REST_S, _SWING_HZ, _WINDOW_S, _LOUDER = 2.0, (3.0, 1000.0), 0.5, 3.0
 """Time at rest, of which the second half counts; where a swing is looked for, in spectra of that length; how much more

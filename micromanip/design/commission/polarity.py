@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from micromanip.control.system import Array
 from micromanip.errors import CheckFailed
 from micromanip.rt.telemetry import DEVIATION_FRESH, STRAIN_FRESH
 from micromanip.settings.schema.model import Configuration
@@ -21,7 +22,6 @@ from ..experiment import Experiment, open_loop, parked, play
 # A gauge that is dead, flagged or on its rail would let a strain loop run away. The capacitive sensor may be at the end
 # of its range where the stage rests: ``stage_sensor_check.py`` judges it, still in open loop.
 
-Array = NDArray[np.float64]
 
 REST_S = 0.3
 _PRESENT, NOISY = 0.5, 0.005

@@ -8,17 +8,15 @@ shows its noise and what its joints swing by, but no path: the jerk stays the on
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from micromanip.control.joints import joints_radius
+from micromanip.control.system import Array
 from micromanip.errors import CheckFailed
 from micromanip.settings.schema.reference import AxisDeviation, AxisTracker, Tracker
 
 from ..identify.tracker.fit import Deviation, fit_deviation, followed
 from ..identify.tracker.innovations import log_likelihood
 from .quiescent_spectrum import AtRest
-
-Array = NDArray[np.float64]
 
 _FITTED, _MARGIN = 0.7, 5.0
 """Share of the samples that is fitted to; log-likelihood that the rest must gain."""

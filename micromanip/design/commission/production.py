@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from micromanip.control.system import Array
 from micromanip.errors import MicromanipError
 from micromanip.settings.checks.ranges import range_warnings
 from micromanip.settings.schema.model import Configuration
@@ -26,7 +27,6 @@ from ..validate.criteria import told
 from .predictor import known_deviations
 from .quiescent_spectrum import AtRest
 
-Array = NDArray[np.float64]
 Budgeted = Callable[[Configuration, NDArray[Any]], list[AxisBudget]]
 """Error budgets of a configuration whose rows of a trial are given; MicromanipError where none can be made."""
 

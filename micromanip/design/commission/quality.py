@@ -6,12 +6,10 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from micromanip.control.system import Array
 from micromanip.errors import CheckFailed
 from micromanip.settings.schema.hysteresis import Range
-
-Array = NDArray[np.float64]
 
 COVERAGE, HELD_OUT_PERCENT, STAGE_FIT_PERCENT, COHERENCE = 0.6, 2.0, 80.0, 0.8
 _BINS, _FLAT = 12, 0.35

@@ -15,14 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import welch
 
+from micromanip.control.system import Array
 from micromanip.rt.telemetry import DEVIATION_FRESH, STAGE_FRESH
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.schema.reference import Tracker
 
 from ..experiment import Experiment, alone, open_loop, parked, play, resting
 from ..identify.network.fit import white_noise
-
-Array = NDArray[np.float64]
 
 REST_S, AT_WORK_S = 10.0, 8.0
 _LEAST = 300

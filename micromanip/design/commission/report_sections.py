@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..analyse.axis import AxisAnalysis
+from ..analyse.loops import damped
 from ..identify.models import StageModel
 from ..plots.loops import loop_plots
 from ..plots.paper import figure_2, figure_5, figure_7, figure_8, figure_9
@@ -73,8 +74,6 @@ def _strain(found: Commissioned, analysis: AxisAnalysis) -> Section:
         "Ms at the worst slope": f"{pid.sensitivity:.2f}",
         "noise gain": f"{pid.noise_gain:.3f}",
         "left of a disturbance at 10 Hz": f"{100 * pid.residual_10Hz:.1f} %",
-        "what limits it": pid.limited_by,
-        "measured in the loop": found.strain_loop.sentence,
         "actuator's model": f"order {found.actuator.found.order}, measured {found.actuator.attempts} times, "
         f"{found.actuator.found.fit_percent:.0f} % fit about {found.actuator.centre_V:.0f} V",
     }
@@ -117,12 +116,8 @@ def _stage(found: ClosedOuter) -> Section:
 
 def resonance(stage: StageModel) -> tuple[float, float]:
     """Frequency (Hz) and damping ratio of the least damped mode of the stage's model."""
-    s = np.log(stage.found.modes.poles.astype(complex)) / stage.found.dt
-    swinging = s[s.imag > 0]
-    if not len(swinging):
-        return float("nan"), 1.0
-    least = swinging[np.argmin(-swinging.real / np.abs(swinging))]
-    return float(abs(least) / (2 * np.pi)), float(-least.real / abs(least))
+    swinging = [damped(pole, stage.found.dt) for pole in stage.found.modes.poles if pole.imag > 0.0]
+    return min(swinging, key=lambda mode: mode[1], default=(float("nan"), 1.0))
 
 
 def _outer(found: Commissioned, closed: ClosedOuter, analysis: AxisAnalysis) -> Section:
@@ -135,9 +130,7 @@ def _outer(found: Commissioned, closed: ClosedOuter, analysis: AxisAnalysis) -> 
         "bandwidth": f"{design.bandwidth_Hz:.0f} Hz",
         "step, by the model": f"{100 * design.step.overshoot:.0f} % over, settled after "
         f"{1e3 * design.step.settling_s:.0f} ms",
-        "what limits it": design.limited_by,
         "error at rest after the step": f"{1e3 * closed.validation.settled_um:.0f} nm rms",
-        "measured in the loop": closed.loop.sentence,
     }
     for name, share in found.coupling.items():
         figures[f"seen by {name}"] = f"{100 * share:+.2f} %"

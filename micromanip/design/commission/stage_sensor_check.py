@@ -14,13 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import detrend
 
+from micromanip.control.system import Array
 from micromanip.errors import CheckFailed
 from micromanip.recordings import TimeSeries
 from micromanip.settings.schema.model import Configuration
 
 from ..experiment import Experiment, open_loop, parked, play
-
-Array = NDArray[np.float64]
 
 _LEAST_SLOPE, _MOST_SLOPE = 0.05, 50.0
 """Stage over gauge: no lever is outside."""

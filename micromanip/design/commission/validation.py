@@ -8,16 +8,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from micromanip.control.system import Array
 from micromanip.settings.schema.model import Configuration
 
 from ..experiment import EXCITED, Experiment, alone, parked, play, resting, with_reference
 from ..validate.evaluation import HOLD_S, SETTLE_S, WINDOW_S, Run, variant_of
 from ..validate.step import StepAnswer, course, judge_step
 from .limit_cycle import Held, Rest, stage_at_rest
-
-Array = NDArray[np.float64]
 
 _BEFORE_S, _AFTER_S = 0.5, 0.5
 _MOVE_UM, _MOVE_S = 20.0, 1.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import asdict
 from typing import Any
 
@@ -15,42 +16,37 @@ from ..analyse.axis import AxisAnalysis
 from ..analyse.describing import LimitCycle
 from ..report.model import Criterion
 
+Part = tuple[str, bool, str, str]
+"""Of a criterion: what it is called, whether it is met, its figure, its limit."""
+
 
 def criteria(analysis: AxisAnalysis) -> list[Criterion]:
     """All criteria that the analysis of one axis allows to judge."""
-    found: list[Criterion] = []
+    return [Criterion(analysis.axis, *part) for part in _parts(analysis)]
 
-    def add(name: str, passed: bool, value: str, limit: str) -> None:
-        found.append(Criterion(analysis.axis, name, passed, value, limit))
 
+def _parts(analysis: AxisAnalysis) -> Iterator[Part]:
+    accept = analysis.settings.accept
     if analysis.inverse is not None:
         verdict = analysis.inverse.verdict
         least, most = verdict.gain_range_V_per_um
         value = "; ".join(verdict.problems) or f"|N| {least:.2f}..{most:.2f} V/um, no jump, no pole"
-        add("invertible over the set-points", not verdict.problems, value, "regular everywhere")
+        yield "invertible over the set-points", not verdict.problems, value, "regular everywhere"
     if analysis.strain is not None:
-        slopes = analysis.strain.slopes
-        where = [f"at {s:.2f} times the slope" for s in slopes]
-        for part in _loop("strain loop", analysis.strain.margins, where, analysis.settings.accept):
-            add(*part)
+        where = [f"at {s:.2f} times the slope" for s in analysis.strain.slopes]
+        yield from _loop("strain loop", analysis.strain.margins, where, accept)
         if analysis.inverse is not None:
-            add("strain loop: limit cycle", not analysis.strain.cycles, _cycles(analysis.strain.cycles, "V"), "none")
+            yield _none_of("strain loop", analysis.strain.cycles, "V")
     if analysis.stage is not None:
-        for part in _loop("outer loop", (analysis.stage.margins,), [""], analysis.settings.accept):
-            add(*part)
+        yield from _loop("outer loop", (analysis.stage.margins,), [""], accept)
         if analysis.stage.at_slopes:
-            add(*_at_slopes(analysis.stage.at_slopes))
+            yield _at_slopes(analysis.stage.at_slopes)
         kept = "dies out" if analysis.stage.rests else "is kept alive by the set-point's slew limit"
-        add("outer loop: a swing of any size", analysis.stage.rests, kept, "dies out")
+        yield "outer loop: a swing of any size", analysis.stage.rests, kept, "dies out"
         if analysis.inverse is not None and analysis.settings.inner.mode != "pid":
-            add("outer loop: limit cycle", not analysis.stage.cycles, _cycles(analysis.stage.cycles, "um"), "none")
+            yield _none_of("outer loop", analysis.stage.cycles, "um")
     if analysis.samples:
-        for part in _drawn(analysis):
-            add(*part)
-    return found
-
-
-Part = tuple[str, bool, str, str]
+        yield _drawn(analysis)
 
 
 def _loop(name: str, found: tuple[Margins, ...], where: list[str], accept: Accept) -> list[Part]:
@@ -99,14 +95,15 @@ def _at_slopes(found: tuple[tuple[float, Margins], ...]) -> Part:
     )
 
 
-def _cycles(cycles: tuple[LimitCycle, ...], unit: str) -> str:
-    if not cycles:
-        return "-1/N does not meet the Nyquist curve"
-    smallest = min(cycles, key=lambda c: c.amplitude)
-    return f"amplitude {smallest.amplitude:.3g} {unit} at {smallest.frequency_Hz:.4g} Hz"
+def _none_of(name: str, cycles: tuple[LimitCycle, ...], unit: str) -> Part:
+    found = "-1/N does not meet the Nyquist curve"
+    if cycles:
+        smallest = min(cycles, key=lambda c: c.amplitude)
+        found = f"amplitude {smallest.amplitude:.3g} {unit} at {smallest.frequency_Hz:.4g} Hz"
+    return f"{name}: limit cycle", not cycles, found, "none"
 
 
-def _drawn(analysis: AxisAnalysis) -> list[Part]:
+def _drawn(analysis: AxisAnalysis) -> Part:
     """Ms that the accepted share of the drawn plants keeps. With an outer loop it is the whole loop that counts."""
     name, whole = ("outer loop", True) if analysis.stage is not None else ("strain loop", False)
     accept, share = analysis.settings.accept, analysis.settings.accept.robust_percent
@@ -117,7 +114,7 @@ def _drawn(analysis: AxisAnalysis) -> list[Part]:
     least = "no bound" if not np.isfinite(kept) else f"Ms {told(kept, accept.robust_sensitivity, 2)}"
     value = f"{least} for {share:g} % of {len(found)}, worst {size} with seed {case.seed}"
     limit = f"Ms <= {accept.robust_sensitivity:g} for {share:g} %"
-    return [(f"{name}: drawn plants", kept <= accept.robust_sensitivity, value, limit)]
+    return f"{name}: drawn plants", kept <= accept.robust_sensitivity, value, limit
 
 
 def _sensitivity(case: Sample, *, whole: bool) -> float:

@@ -7,8 +7,6 @@ from micromanip.settings.schema.reference import Sine, Sines
 
 FREQUENCIES_HZ = (1.0, 5.0, 10.0)
 OFFSET_UM, AMPLITUDE_UM = 70.0, 30.0
-FAST_HZ, FAST_UM = (50.0, 100.0, 150.0), 10.0
-"""Not in the paper."""
 
 SIGMA_UM = {
     "A": {1.0: 0.174, 5.0: 0.835, 10.0: 1.63},
@@ -26,7 +24,7 @@ ANCHOR_PID = Inner(mode="pid", K_V_per_um=0.6, Ti_ms=0.571, Td_ms=0.167, filter_
 """The one tuning of all three configurations, found for the simulated plant so that A is the paper's A."""
 
 
-def reference(frequency_hz: float, start_s: float, amplitude_um: float = AMPLITUDE_UM) -> Sines:
+def reference(frequency_hz: float, start_s: float) -> Sines:
     """Equation (25) on the actuator side; rests at the offset until `start_s`."""
-    sine = Sine(amplitude_um=amplitude_um, frequency_Hz=frequency_hz)
+    sine = Sine(amplitude_um=AMPLITUDE_UM, frequency_Hz=frequency_hz)
     return Sines(source="sine", offset_um=OFFSET_UM, start_s=start_s, sines=(sine,))

@@ -9,12 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import fftconvolve
 
 from micromanip.control.outer_gains import OuterGains
-
-Array = NDArray[np.float64]
+from micromanip.control.system import Array
 
 STEP_UM, RISE_S = 5.0, 0.01
 """Small enough that neither set-point nor voltage meets a limit: it is the linear loop that is looked at."""

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from micromanip.design.commission import closing
-from micromanip.design.commission.closing import Options
+from micromanip.design.commission.closing import Bench, Options
 from micromanip.errors import CheckFailed
 
 
@@ -16,10 +16,10 @@ def proven(monkeypatch):
     def play(predicted_to_Hz, rests_to_Hz, none_below_Hz=0.0):
         tried, learned = [], []
 
-        def close_outer(configuration, experiment, axis, actuator, stage, options, *_):
+        def close_outer(bench, actuator, stage, options):
             hertz = options.bandwidth_Hz or 320.0
             if hertz < none_below_Hz:
-                raise CheckFailed(f"axis {axis}: nothing is stable at {hertz:g} Hz")
+                raise CheckFailed(f"axis {bench.axis}: nothing is stable at {hertz:g} Hz")
             tried.append(hertz)
             design = SimpleNamespace(bandwidth_Hz=hertz, outer=None)
             return stage, design, SimpleNamespace(as_predicted=hertz <= predicted_to_Hz, sentence="Ms 3"), lambda: ()
@@ -30,8 +30,8 @@ def proven(monkeypatch):
         monkeypatch.setattr(closing, "close_outer", close_outer)
         monkeypatch.setattr(closing, "validate", validate)
         monkeypatch.setattr(closing, "with_axis", lambda configuration, *_, **__: configuration)
-        given = (None, None, "x", None, None, Options(), None, 1, lambda _: None, learned)
-        return (lambda: closing.prove_outer(*given)), tried, learned
+        bench = Bench(None, None, "x", 1, lambda _: None, learned)
+        return (lambda: closing.prove_outer(bench, None, None, Options(), None)), tried, learned
 
     return play
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from micromanip.control.system import Array
 
 IDENTIFICATION_HZ = (0.3, 1.0, 2.3, 5.1, 9.7)
 IDENTIFICATION_SHARE = (20.0, 13.0, 10.0, 8.0, 5.0)

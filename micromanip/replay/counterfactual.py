@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from micromanip.control.system import Array
 from micromanip.errors import CheckFailed
 from micromanip.faults import KINDS, FaultKind
 from micromanip.rt.laws.reference import SIGNAL
@@ -171,8 +172,6 @@ DRAWS = 30
 _WIDELY = 2.0
 """The spread of a third as many further models, by which decisions are looked for that the others do not meet."""
 FIGURES = ("rms", "p99", "peak")
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

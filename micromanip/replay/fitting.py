@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_solve, cholesky, solve_triangular
 
 from micromanip.control.pid import pid_system
+from micromanip.control.system import Array
 from micromanip.errors import CheckFailed
 from micromanip.rt.jit import Compiler
 from micromanip.rt.laws.feedforward import PRANDTL_ISHLINSKII
@@ -31,8 +32,6 @@ from micromanip.settings.schema.model import Configuration
 
 from .difference import DIFFERENCE_MODEL, DIFFERENCE_STATE, ORDER, PLAYS_MODEL
 from .window import Window
-
-Array = NDArray[np.float64]
 
 _MOST_ROWS = 30_000
 _FRESH_SHARE = 0.98

@@ -14,47 +14,14 @@ from typing import Any
 import numpy as np
 from numba import types
 
+from micromanip.rt import telemetry as bits
 from micromanip.rt.cycle import ALL_FOLLOW, FIRST_TAKEN, run_cycle
 from micromanip.rt.jit import Compiler
 from micromanip.rt.record import MAX_AXES, Record
 from micromanip.rt.shadow import swap_cell
 from micromanip.rt.signatures import OUTPUTS, PARAMETERS, ROWS, SAMPLES, SIGNALS, STATES, WORDS, array_of
 from micromanip.rt.states import HOST_DEAD, TRACKING
-from micromanip.rt.telemetry import (
-    ABOVE,
-    AMPLIFIER_OK,
-    BELOW,
-    DEVIATION_CAME,
-    DEVIATION_FRESH,
-    DEVICE_ABOVE,
-    DEVICE_BELOW,
-    DRIVER_FAILED,
-    ENABLED,
-    HIGH_END,
-    INFINITE,
-    INTERLOCKED,
-    LINK_DOWN,
-    LOW_END,
-    MINUS_INFINITE,
-    OUTPUTS_ARE_AWAY,
-    OUTPUTS_ARE_TAKEN,
-    PART_RUNS,
-    PART_TURN,
-    RETRACTED,
-    ROW,
-    SAME,
-    STAGE_CAME,
-    STAGE_FRESH,
-    STAGE_READING,
-    STAGE_REPEATED,
-    STRAIN_CAME,
-    STRAIN_FRESH,
-    STRAIN_READING,
-    STRAIN_REPEATED,
-    TEMPERATURE_OK,
-    TOOL,
-    write_row,
-)
+from micromanip.rt.telemetry import ROW, write_row
 
 from .difference import (
     DIFFERENCE_MODEL,
@@ -95,32 +62,32 @@ def _unusable(reading: int, repeated: bool, s: Record, range_um: Any) -> float:
     good: float = s["value"]
     low: float = range_um[0]
     high: float = range_um[1]
-    if reading == INFINITE:
+    if reading == bits.INFINITE:
         return math.inf
-    if reading == MINUS_INFINITE:
+    if reading == bits.MINUS_INFINITE:
         return -math.inf
     if repeated:
         return last
-    if reading == HIGH_END:
+    if reading == bits.HIGH_END:
         return high if high != last else high + 1.0
-    if reading == LOW_END:
+    if reading == bits.LOW_END:
         return low if low != last else low - 1.0
-    if reading == SAME:
+    if reading == bits.SAME:
         return good
-    if reading == ABOVE:
+    if reading == bits.ABOVE:
         return _between(good, high, last)
-    return _between(good, low, last) if reading == BELOW else math.nan
+    return _between(good, low, last) if reading == bits.BELOW else math.nan
 
 
 @_compiled
 def _leave_sample(
-    place: int, s: Record, signals: Any, range_um: Any, bits: Any, value: float, age_ns: int, now_ns: int
+    place: int, s: Record, signals: Any, range_um: Any, told: Any, value: float, age_ns: int, now_ns: int
 ) -> None:
-    """Leave a sensor's sample in the image as a driver does; `bits`: came, fresh, repeated, and what it read."""
+    """Leave a sensor's sample in the image as a driver does; `told`: came, fresh, repeated, and what it read."""
     if place < 0:
         return
     signal = signals[place]
-    came, fresh, repeated, reading = bits
+    came, fresh, repeated, reading = told
     signal["sequence"] = s["sequence"] + came
     signal["status"] = 1 - fresh
     signal["time_ns"] = now_ns - (age_ns if fresh else 0)
@@ -139,9 +106,9 @@ def _leave_line(line: Record, s: Record, signals: Any, on: bool, now_ns: int) ->
 def _leave_part(p: Record, s: Record, signals: Any, lines: int, now_ns: int) -> None:
     """The machine's word for the part: the same number until the row says that another one has begun."""
     place = p["part"]["signal"]
-    _leave_line(p["part"], s["part_line"], signals, lines & PART_RUNS != 0, now_ns)
-    if place >= 0 and lines & PART_RUNS != 0:
-        turned = _bit(lines, PART_TURN) != s["parts"] % 2
+    _leave_line(p["part"], s["part_line"], signals, lines & bits.PART_RUNS != 0, now_ns)
+    if place >= 0 and lines & bits.PART_RUNS != 0:
+        turned = _bit(lines, bits.PART_TURN) != s["parts"] % 2
         signals[place]["value"] = float(s["part"] + (1 if turned else 0))
 
 
@@ -151,7 +118,7 @@ def _leave_tool(p: Record, s: Record, signals: Any, lines: int, now_ns: int) -> 
     place = p["tool"]["signal"]
     _leave_line(p["tool"], s["tool_line"], signals, False, now_ns)
     if place >= 0:
-        signals[place]["value"] = float(lines >> TOOL)
+        signals[place]["value"] = float(lines >> bits.TOOL)
 
 
 @_compiled
@@ -166,16 +133,17 @@ def _bit(word: int, mask: int) -> int:
 
 
 @_compiled
+def _told(word: int, came: int, fresh: int, repeated: int, reading: int) -> Any:
+    """What a row says of a sample, as `_leave_sample` takes it."""
+    return _bit(word, came), _bit(word, fresh), _bit(word, repeated), word >> reading & 7
+
+
+@_compiled
 def _leave_axis(p: Record, a: Record, row: Record, signals: Any, outputs: Any, now_ns: int) -> None:
     word = row["fresh"]
-    strain = (
-        _bit(word, STRAIN_CAME),
-        _bit(word, STRAIN_FRESH),
-        _bit(word, STRAIN_REPEATED),
-        word >> STRAIN_READING & 7,
-    )
-    stage = (_bit(word, STAGE_CAME), _bit(word, STAGE_FRESH), _bit(word, STAGE_REPEATED), word >> STAGE_READING & 7)
-    deviation = (_bit(word, DEVIATION_CAME), _bit(word, DEVIATION_FRESH), 0, 0)
+    strain = _told(word, bits.STRAIN_CAME, bits.STRAIN_FRESH, bits.STRAIN_REPEATED, bits.STRAIN_READING)
+    stage = _told(word, bits.STAGE_CAME, bits.STAGE_FRESH, bits.STAGE_REPEATED, bits.STAGE_READING)
+    deviation = _bit(word, bits.DEVIATION_CAME), _bit(word, bits.DEVIATION_FRESH), 0, 0
     _leave_sample(
         p["strain"], a["strain"], signals, p["strain_range_um"], strain, row["strain_um"], row["strain_age_ns"], now_ns
     )
@@ -185,9 +153,9 @@ def _leave_axis(p: Record, a: Record, row: Record, signals: Any, outputs: Any, n
     _leave_sample(
         p["deviation"], a["deviation"], signals, _ANY, deviation, row["deviation_um"], row["deviation_age_ns"], now_ns
     )
-    outputs[p["voltage"]] = a["voltage_V"] - (_bit(word, DEVICE_BELOW) - _bit(word, DEVICE_ABOVE))
-    _leave_line(p["amplifier_ok"], a["amplifier_ok"], signals, word & AMPLIFIER_OK != 0, now_ns)
-    _leave_line(p["temperature_ok"], a["temperature_ok"], signals, word & TEMPERATURE_OK != 0, now_ns)
+    outputs[p["voltage"]] = a["voltage_V"] - (_bit(word, bits.DEVICE_BELOW) - _bit(word, bits.DEVICE_ABOVE))
+    _leave_line(p["amplifier_ok"], a["amplifier_ok"], signals, word & bits.AMPLIFIER_OK != 0, now_ns)
+    _leave_line(p["temperature_ok"], a["temperature_ok"], signals, word & bits.TEMPERATURE_OK != 0, now_ns)
     _leave_value(p["true_strain"], signals, row["true_strain_um"])
     _leave_value(p["true_stage"], signals, row["true_stage_um"])
     _leave_value(p["path_error"], signals, row["path_error_um"])
@@ -197,21 +165,21 @@ def _leave_axis(p: Record, a: Record, row: Record, signals: Any, outputs: Any, n
 @_compiled
 def _exchange_code(lines: int) -> int:
     """What the exchange with the drivers returned, but for which of them it was."""
-    if lines & DRIVER_FAILED != 0:
+    if lines & bits.DRIVER_FAILED != 0:
         return 1
-    if lines & LINK_DOWN != 0:
+    if lines & bits.LINK_DOWN != 0:
         return -1
-    if lines & OUTPUTS_ARE_TAKEN != 0:
+    if lines & bits.OUTPUTS_ARE_TAKEN != 0:
         return FIRST_TAKEN
-    return ALL_FOLLOW if lines & OUTPUTS_ARE_AWAY != 0 else 0
+    return ALL_FOLLOW if lines & bits.OUTPUTS_ARE_AWAY != 0 else 0
 
 
 @_compiled
 def _leave_cell(p: Record, s: Record, row: Record, signals: Any, outputs: Any, now_ns: int) -> None:
     lines = row["lines"]
-    _leave_line(p["enable"], s["enable"], signals, lines & ENABLED != 0, now_ns)
-    _leave_line(p["interlock"], s["interlock"], signals, lines & INTERLOCKED != 0, now_ns)
-    _leave_line(p["retracted"], s["retracted"], signals, lines & RETRACTED != 0, now_ns)
+    _leave_line(p["enable"], s["enable"], signals, lines & bits.ENABLED != 0, now_ns)
+    _leave_line(p["interlock"], s["interlock"], signals, lines & bits.INTERLOCKED != 0, now_ns)
+    _leave_line(p["retracted"], s["retracted"], signals, lines & bits.RETRACTED != 0, now_ns)
     _leave_part(p, s, signals, lines, now_ns)
     _leave_tool(p, s, signals, lines, now_ns)
     for i in range(p["axes"]):

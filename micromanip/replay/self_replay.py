@@ -12,26 +12,8 @@ from numpy.typing import NDArray
 from micromanip.errors import CheckFailed
 from micromanip.recordings import Telemetry
 from micromanip.recordings.file_header import sources_of_cycle
+from micromanip.rt import states
 from micromanip.rt.records import CELL_PARAMETERS, MAX_OUTPUTS, MAX_SIGNALS, SIGNAL
-from micromanip.rt.states import (
-    ARM,
-    ARMING,
-    BEGIN_PART,
-    COMMAND_NAMES,
-    DISARM,
-    END_PART,
-    FAULT,
-    HOLD,
-    HOLDING,
-    NO_COMMAND,
-    NO_FAULT,
-    OFF,
-    RAMPING,
-    READY,
-    RESET,
-    STOP,
-    TRACKING,
-)
 from micromanip.rt.telemetry import PART_RUNS, PART_TURN, ROW
 
 from .kernel import NO_SWAP, NOTHING_DIFFERS, SWAP_AFTER, SWAP_BEFORE, replay_rows
@@ -236,7 +218,7 @@ class Run:
         good = len(rows) if mismatch is None else mismatch.at
         self.outcome.cycles += good
         self.outcome.skipped += int((rows["periods"][:good] - 1).sum())
-        self.outcome.commands.update(COMMAND_NAMES[k] for k in commands[:good] if k != NO_COMMAND)
+        self.outcome.commands.update(states.COMMAND_NAMES[k] for k in commands[:good] if k != states.NO_COMMAND)
         if mismatch is not None:
             cycle = int(rows["cycle"][mismatch.at])
             t_s = (cycle - (self._first_cycle or 0)) * self.recorded.telemetry.period_ns * 1e-9
@@ -255,19 +237,19 @@ class Run:
 
 
 _ALWAYS = {
-    (READY, ARMING): ARM,
-    (HOLDING, ARMING): ARM,
-    (FAULT, READY): RESET,
-    (READY, OFF): STOP,
-    (FAULT, OFF): STOP,
-    (RAMPING, OFF): STOP,
+    (states.READY, states.ARMING): states.ARM,
+    (states.HOLDING, states.ARMING): states.ARM,
+    (states.FAULT, states.READY): states.RESET,
+    (states.READY, states.OFF): states.STOP,
+    (states.FAULT, states.OFF): states.STOP,
+    (states.RAMPING, states.OFF): states.STOP,
 }
 _WITHOUT_A_NEW_FAULT = {
-    (TRACKING, HOLDING): HOLD,
-    (ARMING, HOLDING): HOLD,
-    (TRACKING, RAMPING): DISARM,
-    (ARMING, RAMPING): DISARM,
-    (HOLDING, RAMPING): DISARM,
+    (states.TRACKING, states.HOLDING): states.HOLD,
+    (states.ARMING, states.HOLDING): states.HOLD,
+    (states.TRACKING, states.RAMPING): states.DISARM,
+    (states.ARMING, states.RAMPING): states.DISARM,
+    (states.HOLDING, states.RAMPING): states.DISARM,
 }
 
 
@@ -276,16 +258,16 @@ def infer_commands(rows: NDArray[Any], before: Any, wired: bool) -> NDArray[np.i
 
     `wired`: a signal says which part is made, not a command.
     """
-    commands = np.full(len(rows), NO_COMMAND, np.int64)
-    states, faults = np.append(before["state"], rows["state"]), np.append(before["fault"], rows["fault"])
-    for k in np.flatnonzero(np.diff(states)):
-        change = (int(states[k]), int(states[k + 1]))
-        commands[k] = _ALWAYS.get(change, NO_COMMAND)
-        if faults[k + 1] in (NO_FAULT, faults[k]):
+    commands = np.full(len(rows), states.NO_COMMAND, np.int64)
+    entered, faults = np.append(before["state"], rows["state"]), np.append(before["fault"], rows["fault"])
+    for k in np.flatnonzero(np.diff(entered)):
+        change = (int(entered[k]), int(entered[k + 1]))
+        commands[k] = _ALWAYS.get(change, states.NO_COMMAND)
+        if faults[k + 1] in (states.NO_FAULT, faults[k]):
             commands[k] = _WITHOUT_A_NEW_FAULT.get(change, commands[k])
     if not wired:
         runs = np.append(before["part"] != 0, rows["lines"] & PART_RUNS != 0)
         turn = np.append(before["parts"] % 2 != 0, rows["lines"] & PART_TURN != 0)
-        commands[runs[:-1] & ~runs[1:] & (states[1:] == TRACKING)] = END_PART
-        commands[turn[:-1] != turn[1:]] = BEGIN_PART
+        commands[runs[:-1] & ~runs[1:] & (entered[1:] == states.TRACKING)] = states.END_PART
+        commands[turn[:-1] != turn[1:]] = states.BEGIN_PART
     return commands

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from micromanip.control.outer_gains import dc_gain, outer_gains, steady_lag
 from micromanip.control.stage_loop import model_system, stage_loop
+from micromanip.control.system import Array, Complex
 from micromanip.errors import CheckFailed
 from micromanip.settings.schema.axis import Outer
 from micromanip.settings.schema.model import Configuration
@@ -227,9 +228,6 @@ def over(coupling: Coupling, i: int, j: int, hertz: Array) -> Complex:
     between = np.interp(hertz, lines, share)
     return np.asarray(np.where(hertz <= AT_REST_HZ, coupling.rest[i, j], between))
 
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 _UNSURE = 2.0
 """Standard deviations of the coupling by which the bound is widened."""

@@ -19,9 +19,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import root
 
+from micromanip.control.system import Array, Complex
 from micromanip.rt.jit import Compiler
 from micromanip.rt.laws.feedforward import HYSTERESIS_PARAMETERS
 from micromanip.rt.laws.hysteresis import shape, unshape
@@ -87,8 +87,6 @@ def _crossings(p: Complex, q: Complex) -> list[tuple[int, int]]:
         hit = (apart < 0) & (across <= 0)
     return [(int(i), int(j)) for i, j in np.argwhere(hit)]
 
-
-Array = NDArray[np.float64]
 
 compiled = Compiler(__file__, allocates=True)
 
@@ -180,9 +178,6 @@ def _filled(model: PrandtlIshlinskii) -> Any:
     return record[0]
 
 
-__all__ = ["Operator", "actuator_operator", "inverse_operator"]
-
-
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(24)
 
 
@@ -254,9 +249,6 @@ def _headroom(ends: Array, limits: tuple[float, float]) -> float:
         return 1.0
     half, middle = 0.5 * (high - low), 0.5 * (high + low)
     return float(1.0 - np.abs(ends - middle).max() / half)
-
-
-Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True)

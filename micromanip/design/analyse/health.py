@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from micromanip.control.injection import highest_Hz, injection
-from micromanip.control.system import System
+from micromanip.control.system import Array, System
 from micromanip.errors import CheckFailed
 from micromanip.settings.schema.accept import Accept
 from micromanip.settings.schema.axis import Axis
@@ -30,9 +30,7 @@ from micromanip.settings.wiring.timing import FeedbackPath
 
 from ..identify.response import Measured
 from .live_margins import judge_running
-from .loops import SPREAD, flexure_mode, residues
-
-Array = NDArray[np.float64]
+from .loops import SPREAD, damped, flexure_mode, model_dynamics, residues
 
 _ABOVE, _SCATTER, _LATEST_S = 1.5, 0.05, 2e-3
 _SLOW, _LEAST_LINES = 10, 8
@@ -85,8 +83,7 @@ def commissioned(model: System) -> PlantFigures:
     k = flexure_mode(poles, strengths)
     if k is None:
         return PlantFigures(stage_gain=gain)
-    rate = np.log(complex(poles[k])) / model.period_s
-    of_the_pole = PlantFigures(gain, float(abs(rate) / (2 * np.pi)), float(-rate.real / abs(rate)))
+    of_the_pole = PlantFigures(gain, *damped(poles[k], model.period_s))
     rate_hz = 1.0 / model.period_s
     hertz = injection(1.0, highest_Hz(rate_hz), rate_hz, seed=1).frequency_Hz
     try:
@@ -192,18 +189,11 @@ def closed_loops(axis: Axis, name: str) -> tuple[str, ...]:
     return stage + strain
 
 
-def of_the_model(axis: Axis, period_s: float) -> PlantFigures:
-    """The figures of the model in the configuration; NaN where it has none."""
-    if axis.outer is None:
-        return PlantFigures()
-    A, B, C = (np.array(part) for part in (axis.outer.model.A, axis.outer.model.B, axis.outer.model.C))
-    return commissioned(System(A, B, C, 0.0, period_s))
-
-
 def checked(configuration: Configuration, path: FeedbackPath, axis: str, responses: Mapping[str, Measured]) -> Check:
     """What `responses`, by the names of their loops, say of an axis."""
     settings = configuration.axes[axis]
-    tuned = of_the_model(settings, configuration.loop.period_ns * 1e-9)
+    outer, period_s = settings.outer, configuration.loop.period_ns * 1e-9
+    tuned = PlantFigures() if outer is None else commissioned(model_dynamics(outer.model, period_s))
     figures = plant_figures(responses.get("stage"), responses.get("strain"), tuned)
     margins, deviations = {}, {}
     if "stage" in responses:

@@ -34,7 +34,6 @@ from .sensitivity import AGREEMENT, Sensitivity, judge_loop
 
 DRAWS = 2
 """Injections with other phases: what differs between them is not linear."""
-_NAMES = {"strain": "strain loop", "stage": "outer loop"}
 _WINDOW, _ORDERS = 3, tuple(range(4, 10))
 """Lines over which plant and model are compared; orders of a model through so few: a higher one swings between."""
 _ERROR, _SURE, _MATTERS, _JUDGED_HZ = 0.12, 0.15, 0.05, 1500.0
@@ -115,23 +114,12 @@ class Running:
         return None
 
 
-def judge_running(
-    configuration: Configuration,
-    path: FeedbackPath,
-    axis: str,
-    loop: str,
-    plant: Measured,
-) -> Running:
+def judge_running(configuration: Configuration, path: FeedbackPath, axis: str, loop: str, plant: Measured) -> Running:
     """What the response of a loop's `plant` means."""
     settings, period_s = configuration.axes[axis], configuration.loop.period_ns * 1e-9
-    if loop == "stage":
-        return _stage(configuration, path, axis, plant, period_s)
-    found, slopes = _without_model(settings, path, plant, period_s), _slopes(settings, plant)
-    return Running(axis, found, slopes, tuple(map(found.measured_margins, slopes)), None, settings.accept)
-
-
-def _stage(configuration: Configuration, path: FeedbackPath, axis: str, plant: Measured, period_s: float) -> Running:
-    settings = configuration.axes[axis]
+    if loop != "stage":
+        found, slopes = _without_model(settings, path, plant, period_s), _slopes(settings, plant)
+        return Running(axis, found, slopes, tuple(map(found.measured_margins, slopes)), None, settings.accept)
     outer = settings.outer
     if outer is None:
         raise CheckFailed(f"axis {axis} has no section outer")
@@ -139,7 +127,7 @@ def _stage(configuration: Configuration, path: FeedbackPath, axis: str, plant: M
     gains, model = outer_gains(outer, tracker, period_s), model_system(outer.model, period_s)
     around = stage_loop(gains, model, outer.sample_cycles, path.stage_late)
     predicted = margins(around)
-    found = judge_loop(_NAMES["stage"], plant, model, around, predicted, window=_WINDOW)
+    found = judge_loop("outer loop", plant, model, around, predicted, window=_WINDOW)
     return Running(axis, found, (1.0,), (found.measured_margins(),), (predicted,), settings.accept)
 
 
@@ -159,7 +147,7 @@ def _without_model(settings: Axis, path: FeedbackPath, plant: Measured, period_s
     if not (plant.relative < _SURE).any():
         raise CheckFailed(f"no margins: {NOTHING}; measure it held (`micromanip hold`), or with more --amplitude-um")
     around = strain_loop(settings.running_inner, over_path(found.system(), path))
-    return judge_loop(_NAMES["strain"], plant, found.system(), around, margins(around), window=_WINDOW)
+    return judge_loop("strain loop", plant, found.system(), around, margins(around), window=_WINDOW)
 
 
 def plant_of(responses: Sequence[Response]) -> Measured:

@@ -7,12 +7,11 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from micromanip.control.margins import Margins, grid, margins, refined
 from micromanip.control.outer_gains import outer_gains
 from micromanip.control.stage_loop import model_system, stage_loop
-from micromanip.control.system import System
+from micromanip.control.system import Array, System
 from micromanip.design.analyse.describing import limit_cycles, sweep
 from micromanip.design.analyse.loops import SPREAD, StageSide, StrainSide, held_plant, over_path, strain_loop
 from micromanip.settings.schema.axis import Axis
@@ -33,8 +32,6 @@ from .describing import (
     judge,
 )
 from .saturation import Reach, Samples, comes_to_rest
-
-Array = NDArray[np.float64]
 
 SLOPES, _APART = (0.75, 1.0, 1.3), 1.35
 """Multiples of the identified slope for which margins must hold in any case: amplitude, place, ageing; and how far

@@ -77,6 +77,12 @@ def residues(system: System) -> tuple[Complex, Complex]:
     return poles.astype(complex), np.asarray((system.C @ vectors) * driven)
 
 
+def damped(root: complex, period_s: float) -> tuple[float, float]:
+    """Frequency (Hz) and damping ratio of a discrete pole or zero."""
+    rate = np.log(complex(root)) / period_s
+    return float(abs(rate) / (2 * np.pi)), float(-rate.real / abs(rate))
+
+
 def flexure_mode(poles: Complex, strengths: Complex) -> int | None:
     """Index of the slowest pole above the real axis that is lightly damped; None where nothing oscillates."""
     rates = np.log(poles)

@@ -15,16 +15,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from micromanip.control.margins import Margins, curve_margins, refined
-from micromanip.control.system import System
+from micromanip.control.system import Array, Complex, System
 
 from ..identify.response import Measured, smoothed
 
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 Response = Callable[[Array], Complex]
 
 AGREEMENT = 0.2

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from micromanip.control.system import System
 from micromanip.errors import CheckFailed
@@ -22,8 +21,6 @@ from micromanip.settings.wiring.timing import AT_ONCE, FeedbackPath
 
 from ..experiment import Experiment, alone, open_loop, parked, path_bandwidth, play, require_answer, resting
 from .response import Identified, Recorded, Wanted, identify_again, multisine
-
-Array = NDArray[np.float64]
 
 LOW_HZ, WIDE_HZ = 12.0, 4000.0
 """Below it creep and hysteresis, not the linear dynamics, make the movement."""

@@ -6,14 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.control.outer_gains import OuterGains, outer_gains
-from micromanip.control.system import System
+from micromanip.control.system import Array, System
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.wiring.timing import AT_ONCE
 
 from ..experiment import Experiment, alone, path_bandwidth, play, resting, within_slew
 from .response import Measured, Multisine, measure, multisine
-
-Array = NDArray[np.float64]
 
 _LOW_HZ, _SHARE, _WIDEST_HZ = 12.0, 0.4, 4000.0
 _STRAIN_UM = ((150.0, 0.5), (600.0, 0.35), (_WIDEST_HZ, 0.25))

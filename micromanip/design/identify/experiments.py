@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from micromanip.control.system import Array
 from micromanip.recordings import TimeSeries
 from micromanip.settings.schema.model import Configuration
 
@@ -16,7 +17,6 @@ from ..excitation import multisine, random_turns, shrinking_triangle, soft
 from ..experiment import parked
 
 Kind = Literal["multisine", "turns", "triangle", "step"]
-Array = NDArray[np.float64]
 
 DEFAULT_SECONDS = {"multisine": 13.0, "turns": 60.0, "triangle": 24.0, "step": 60.0}
 RECORD_RATE_HZ = 1000.0

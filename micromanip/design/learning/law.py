@@ -32,13 +32,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import t as student
 
-from micromanip.control.system import System
+from micromanip.control.system import Array, Complex, System
 from micromanip.design.analyse.loops import drawn_plant
 from micromanip.errors import CheckFailed
 from micromanip.settings.schema.model import Configuration
@@ -111,9 +109,6 @@ def way_of(configuration: Configuration, name: str) -> Transfer:
     return Transfer(AxisLaws(name, axis, tracker.of(name), configuration.loop.period_ns * 1e-9))
 
 
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-
 BLOCKS = 16
 """Of a part, whose mean squares are compared one by one with those of the part before."""
 _SURE = 0.995
@@ -125,15 +120,6 @@ WORSE, BETTER, ALIKE, FIRST, UNPLAYED = "worse", "better", "no difference", "fir
 _NOTHING_UM, _AS_PLAYED = 0.01, 0.25
 """Rms of a recorded correction that is none; by how much of itself it may be another than the memory's."""
 _STEP_HZ = 0.25
-
-
-class Way(Protocol):
-    """From a correction to the stage: the model, and how far it may be off, at frequencies (n,) in Hz."""
-
-    @property
-    def highest_Hz(self) -> float: ...
-    def response(self, hertz: Array) -> Complex: ...
-    def off(self, hertz: Array) -> Array: ...
 
 
 @dataclass(frozen=True)
@@ -149,7 +135,7 @@ class Update:
     without_um: float
 
 
-def updated(memory: Memory, part: Part, way: Way, limit_um: float) -> Update:
+def updated(memory: Memory, part: Part, way: Transfer, limit_um: float) -> Update:
     """The memory after `part`. Raises CheckFailed where no update may be applied."""
     bands = Bands(len(part.error_um), part.rate_hz, way.highest_Hz)
     if not bands.count:
@@ -180,7 +166,7 @@ def compared(before_um2: Array, blocks_um2: Array) -> str:
     return WORSE if mean > beyond else BETTER if mean < -beyond else ALIKE
 
 
-def contraction(way: Way, bands: Bands, share: Array) -> float:
+def contraction(way: Transfer, bands: Bands, share: Array) -> float:
     """What one update leaves at most of whatever is wrong in the correction, with `share` (bands,) for W."""
     steps = np.arange(1, round(bands.count * bands.width_hz / _STEP_HZ))
     hertz = np.asarray(steps * _STEP_HZ, dtype=np.float64)
@@ -195,11 +181,11 @@ def _was_played(memory: Memory, part: Part) -> bool:
     return apart <= max(_NOTHING_UM, _AS_PLAYED * size)
 
 
-def _low(way: Way, hertz: Array) -> Array:
+def _low(way: Transfer, hertz: Array) -> Array:
     return low_pass(hertz, _CORNER * way.highest_Hz)
 
 
-def _learned(memory: Memory, alone: Array, way: Way, bands: Bands, limit_um: float) -> Memory:
+def _learned(memory: Memory, alone: Array, way: Transfer, bands: Bands, limit_um: float) -> Memory:
     parts = min(memory.parts + 1, _MOST_PARTS)
     mean = memory.mean_um + (alone - memory.mean_um) / parts
     spread = np.zeros(bands.count)

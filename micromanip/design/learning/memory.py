@@ -21,13 +21,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from micromanip.control.system import Array
 from micromanip.errors import CheckFailed, MicromanipError, system_error
 from micromanip.files import HeldFolder, open_regular
 from micromanip.settings.schema.axis import HASH_DIGITS
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.tuning_hash import tuning_hash
-
-Array = NDArray[np.float64]
 
 _FORMAT = 1
 _JSON = "memory.json"

@@ -33,11 +33,10 @@ from scipy.interpolate import CubicSpline
 from scipy.ndimage import median_filter
 from scipy.stats import f as fisher
 
+from micromanip.control.system import Array, Complex
 from micromanip.errors import CheckFailed
 from micromanip.rt.telemetry import DEVIATION_FRESH
 
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 Response = Callable[[Array], NDArray[Any]]
 """Gains (n,), complex or not, at frequencies (n,) in Hz."""
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from micromanip.control.system import Array
 from micromanip.recordings import TimeSeries
 from micromanip.settings.schema.axis import Axis
 
@@ -14,7 +15,7 @@ from ..analyse.budget.budget import AxisBudget, summed_up
 from ..analyse.live_margins import Running
 from ..analyse.path.preview import ERROR, AxisPreview, Preview
 from ..identify.fitting import Fitted
-from ..report.model import Array, Curve, Plot
+from ..report.model import Curve, Plot
 from .canvas import save
 
 _SHOWN_S = 5.0

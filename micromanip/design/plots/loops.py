@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from micromanip.control.margins import Margins, grid, refined
-from micromanip.control.system import System
+from micromanip.control.system import Array, System
 from micromanip.design.analyse.loops import Sample
 from micromanip.settings.schema.accept import Accept
 
 from ..analyse.axis import AxisAnalysis
-from ..report.model import Array, Curve, Plot
+from ..report.model import Curve, Plot
 from .paper import figure_7
 
 _FAR, _HIGHEST = 3.0, 1e4

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from micromanip.control.system import Array
 from micromanip.recordings import TimeSeries
 from micromanip.rt.records import MAX_AXES
 from micromanip.settings.schema.model import Configuration
@@ -15,7 +16,7 @@ from ..analyse.loop_analysis import Inverse
 from ..excitation import shrinking_triangle
 from ..experiment import Experiment, open_loop
 from ..identify.hysteresis import HysteresisFit
-from ..report.model import Array, Curve, Plot
+from ..report.model import Curve, Plot
 from ..validate.evaluation import Run
 
 _BINS, _SHOWN_BINS = 60, 585

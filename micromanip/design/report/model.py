@@ -9,8 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 
-import numpy as np
-from numpy.typing import NDArray
+from micromanip.control.system import Array
 
 
 @dataclass(frozen=True)
@@ -89,9 +88,6 @@ def sentence(axes: Sequence[Evidence]) -> str:
     if unjudged:
         said += f"; without any criterion: axis {', '.join(unjudged)}"
     return said + "."
-
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .model import Array, Curve, Plot, Section
+from micromanip.control.system import Array
+
+from .model import Curve, Plot, Section
 
 COLOURS = 7
 """Of the style sheet, c0 to c6, told apart also by people who see no red or no green (Okabe and Ito, 2008)."""

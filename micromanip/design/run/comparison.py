@@ -18,17 +18,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 from scipy.stats import t as student
 
+from micromanip.control.system import Array
 from micromanip.errors import CheckFailed
 from micromanip.faults import KINDS
 from micromanip.settings.change import ABSENT, differing, leaves
 
 from .statistics import TIMING_PERCENT, AxisSums, BANDS_Hz, RecordedRun
 from .sums import Counts
-
-Array = NDArray[np.float64]
 
 FEWEST = 8
 """Batches below which nothing is said of a spread."""

@@ -7,12 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from micromanip.control.system import Array
 from micromanip.rt.states import STATE_NAMES
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.text import units
 from micromanip.settings.text.shape import Shape
 
-from ..report.model import Array, Curve, Plot, Section, Table
+from ..report.model import Curve, Plot, Section, Table
 from ..report.page import page_of
 from .comparison import ERROR, NOT_JUDGED, SAME, TOO_SHORT, Compared, RunFigures
 from .statistics import RecordedRun

@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from micromanip.control.system import Array
 from micromanip.errors import CheckFailed
 from micromanip.recordings import Telemetry
 from micromanip.rt.states import TRACKING
 
-from .sums import Array, Counts, Sections, Spectra
+from .sums import Counts, Sections, Spectra
 
 BANDS_Hz = ((0.0, 10.0), (10.0, 100.0), (100.0, 1000.0), (1000.0, 5000.0))
 _AVERAGED, _SHOWN = 16, 100

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import spectrogram
 
-Array = NDArray[np.float64]
+from micromanip.control.system import Array
 
 _SPECTRUM_S = 1.0
 _COUNTED_NS = 1 << 20

@@ -21,17 +21,13 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from micromanip.control.pid import pid_response
-from micromanip.control.system import System, delay
-from micromanip.design.analyse.loops import Perturbation, antiresonance, perturbed
+from micromanip.control.system import Array, Complex, System, delay
+from micromanip.design.analyse.loops import Perturbation, antiresonance, damped, perturbed
 from micromanip.rt.laws.resonance import MAX_RESONANCES
 from micromanip.settings.schema.actuator import Actuator, Resonance
 from micromanip.settings.schema.axis import Inner
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 FREQUENCIES_HZ = (1.0, 5.0, 10.0, 20.0, 50.0, 100.0, 150.0)
 """Of the sines by which it is judged."""
@@ -109,11 +105,11 @@ def resonances(system: System) -> tuple[Resonance, ...]:
     """The lightly damped modes below 1 kHz with an antiresonance beside them, the slowest first."""
     pairs: list[Resonance] = []
     for pole in sorted(system.poles[system.poles.imag > 1e-9], key=abs, reverse=True):
-        frequency, damping = _of(complex(pole), system.period_s)
+        frequency, damping = damped(pole, system.period_s)
         zero = antiresonance(system, complex(pole))
         if zero is None or damping > _LIGHTLY or frequency > _HIGHEST_HZ:
             continue
-        beside, its_damping = _of(zero, system.period_s)
+        beside, its_damping = damped(zero, system.period_s)
         pairs.append(
             Resonance(
                 resonance_Hz=float(f"{frequency:.5g}"),
@@ -186,12 +182,3 @@ def _cost(
         return float(noise + left_um**2 * np.mean(1.0 / np.abs(1.0 + low) ** 2))
 
     return cost
-
-
-def _of(root: complex, period_s: float) -> tuple[float, float]:
-    """Frequency (Hz) and damping ratio of a discrete pole or zero."""
-    rate = np.log(root) / period_s
-    return float(abs(rate) / (2 * np.pi)), float(-rate.real / abs(rate))
-
-
-__all__ = ["InvertedActuator", "invert_actuator"]

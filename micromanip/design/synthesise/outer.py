@@ -14,19 +14,16 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from micromanip.control.margins import Margins, grid
+from micromanip.control.margins import Margins
 from micromanip.control.outer_gains import OuterGains
-from micromanip.control.stage_loop import model_system
+from micromanip.control.system import Array
 from micromanip.errors import CheckFailed
 from micromanip.settings.schema.axis import LinearModel, Outer
 
 from ..analyse.saturation import Reach
 from ..validate.step import StepAnswer
 from .search import FRAGILE, HOPELESS, ROBUST, SLEWED, UNKNOWN, Search, Task, highest_Hz
-
-Array = NDArray[np.float64]
 
 GAIN_DB, PHASE_DEG = 6.0, 35.0
 OVERSHOOT, SETTLING_S = 0.4, 0.05
@@ -38,7 +35,7 @@ _CONTROL_WEIGHTS, _BETWEEN = np.geomspace(0.1, 1000.0, 9), (10.0**-0.25, 10.0**0
 
 @dataclass(frozen=True)
 class OuterDesign:
-    """The tuning with its margins; `tried` has (weight, bandwidth_Hz, gain margin dB, phase margin deg) per design.
+    """The tuning with its margins.
 
     `step` is what the model makes of the stage's step; `limited_by` says in words what stands in the way of more;
     `obstacle` is what bolder designs failed by most often, empty where none did.
@@ -47,14 +44,9 @@ class OuterDesign:
     outer: Outer
     margins: Margins
     bandwidth_Hz: float
-    tried: tuple[tuple[float, float, float, float], ...]
     step: StepAnswer
     limited_by: str
     obstacle: str = ""
-
-
-def _any(_: Outer, __: OuterGains) -> bool:
-    return True
 
 
 def tune_outer(
@@ -63,7 +55,7 @@ def tune_outer(
     noise_um: float,
     *,
     unsure: Callable[[Array], Array] | None = None,
-    bears: Callable[[Outer, OuterGains], bool] = _any,
+    bears: Callable[[Outer, OuterGains], bool] | None = None,
     reach: Reach | None = None,
     gain_dB: float = GAIN_DB,
     phase_deg: float = PHASE_DEG,
@@ -86,14 +78,9 @@ def tune_outer(
     a design that has its margins also bears what else it must. Raises CheckFailed where
     the margins are not to be had, with what is.
     """
-    plant = model_system(model, period_s)
-    sampled = sample_cycles * period_s
-    omega = grid(sampled, np.power(plant.poles, sample_cycles))
-    response = np.abs(plant.response(omega)) ** 2
     task = Task(
-        model, period_s, noise_um, oscillation_Hz, sample_cycles, late_cycles, unsure, bears, reach, gain_dB, phase_deg,
-        omega, plant, response,
-    )  # fmt: skip
+        model, period_s, noise_um, oscillation_Hz, sample_cycles, late_cycles, unsure, bears, reach, gain_dB, phase_deg
+    )
 
     def excess(step: StepAnswer) -> float:
         return max(step.overshoot / max(overshoot, 0.01), step.settling_s / settling_s) / _STEP_SHARE
@@ -120,7 +107,7 @@ def tune_outer(
     crossover = highest_Hz(found.crossovers_Hz, oscillation_Hz)
     most = max(set(search.obstacles), key=search.obstacles.count, default="")
     limited = _limited(step, excess(step) <= 1.0, most)
-    return OuterDesign(candidate.outer, found, crossover, tuple(search.tried), step, limited, most)
+    return OuterDesign(candidate.outer, found, crossover, step, limited, most)
 
 
 def _limited(step: StepAnswer, good: bool, most: str) -> str:

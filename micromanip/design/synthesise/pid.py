@@ -12,20 +12,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from micromanip.control.margins import Margins, grid, margins, refined
 from micromanip.control.pid import FASTEST_NOTCH, pid_response
-from micromanip.control.system import System
-from micromanip.design.analyse.loops import strain_loop
+from micromanip.control.system import Array, Complex, System
+from micromanip.design.analyse.loops import damped, strain_loop
 from micromanip.errors import CheckFailed
 from micromanip.settings.schema.axis import Inner, Notch
 
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 Radius = Callable[[Array], Array]
 
 GAIN_DB, PHASE_DEG = 6.0, 35.0
@@ -53,8 +51,8 @@ _SHAPE = tuple[float, float, float, Notch | None]
 class PidDesign:
     """The tuning, its margins at each of the slopes, and what it makes of the gauge's noise.
 
-    `residual_10Hz` is |S| there, what is left of a disturbance. `robust_sensitivity` is Ms at the worst slope wherever
-    within its uncertainty the response may be; `limited_by` says in words what stands in the way of more.
+    `residual_10Hz` is |S| there, what is left of a disturbance; `limited_by` says in words what stands in the way of
+    more.
     """
 
     inner: Inner
@@ -62,7 +60,6 @@ class PidDesign:
     margins: tuple[Margins, ...]
     noise_gain: float
     residual_10Hz: float
-    robust_sensitivity: float
     limited_by: str
 
     @property
@@ -87,11 +84,36 @@ class _Task:
     residual: float
     gain_dB: float
     phase_deg: float
-    omega: Array
-    G: Complex
-    radius: Array
-    even: Array
-    even_G: Complex
+    unsure: Radius | None
+
+    @cached_property
+    def _dense(self) -> tuple[Array, Complex]:
+        return refined(self.actuator.response, grid(self.actuator.period_s, self.actuator.poles))
+
+    @property
+    def omega(self) -> Array:
+        """Frequencies for margins."""
+        return self._dense[0]
+
+    @property
+    def G(self) -> Complex:
+        """The actuator's response there."""
+        return self._dense[1]
+
+    @cached_property
+    def radius(self) -> Array:
+        """And how far it may be off."""
+        return np.zeros(len(self.omega)) if self.unsure is None else self.unsure(self.omega)
+
+    @cached_property
+    def even(self) -> Array:
+        """10 Hz, and frequencies for noise."""
+        return np.concatenate([[20.0 * np.pi], np.linspace(0.0, np.pi / self.actuator.period_s, 501)[1:]])
+
+    @cached_property
+    def even_G(self) -> Complex:
+        """The response there."""
+        return self.actuator.response(self.even)
 
     def figures(self, inner: Inner) -> tuple[float, float, float]:
         """Noise gain, |S| at 10 Hz, and Ms over all slopes and the uncertainty."""
@@ -147,23 +169,7 @@ def tune_pid(
     disturbance at 10 Hz that counts as much as the gauge's noise. `careful` takes weak feedback rather than less
     margin. Raises CheckFailed where none holds a limit of Ms with these margins, with what stands in the way.
     """
-    T = actuator.period_s
-    omega, G = refined(actuator.response, grid(T, actuator.poles))
-    even = np.concatenate([[20.0 * np.pi], np.linspace(0.0, np.pi / T, 501)[1:]])
-    spread = np.zeros(len(omega)) if radius is None else radius(omega)
-    task = _Task(
-        start,
-        actuator,
-        slopes,
-        residual,
-        _RESERVE * gain_dB,
-        _RESERVE * phase_deg,
-        omega,
-        G,
-        spread,
-        even,
-        actuator.response(even),
-    )
+    task = _Task(start, actuator, slopes, residual, _RESERVE * gain_dB, _RESERVE * phase_deg, radius)
     candidates = _candidates(task)
     best: tuple[float, Inner] | None = None
     for limit in _CAREFUL if careful else _LIMITS:
@@ -180,8 +186,8 @@ def tune_pid(
             f"deg for slopes of {min(slopes):.2f} to {max(slopes):.2f} times the identified one{stands}"
         )
     inner = best[1]
-    noise_gain, left, robust = task.figures(inner)
-    return PidDesign(inner, slopes, task.margins(inner), noise_gain, left, robust, _limit(task, inner))
+    noise_gain, left, _ = task.figures(inner)
+    return PidDesign(inner, slopes, task.margins(inner), noise_gain, left, _limit(task, inner))
 
 
 Candidate = tuple[float, float, float, _SHAPE]
@@ -240,9 +246,8 @@ def _shapes(task: _Task) -> list[_SHAPE]:
 def _modes(actuator: System) -> list[float]:
     """Frequencies (Hz) of lightly damped poles that a notch can stand on, the slowest first."""
     poles = actuator.poles[(actuator.poles.imag > 1e-9) & (np.abs(actuator.poles) > 0.1)]
-    rates = np.log(poles) / actuator.period_s
-    light = rates[-rates.real < _LIGHTLY * np.abs(rates)]
-    return sorted(float(abs(s)) / (2 * np.pi) for s in light if abs(s) * actuator.period_s < 0.8 * np.pi)
+    modes = [damped(pole, actuator.period_s) for pole in poles]
+    return sorted(hz for hz, damping in modes if damping < _LIGHTLY and hz * actuator.period_s < 0.4)
 
 
 def _notch(frequency: float, width: float) -> Notch:

@@ -4,21 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from micromanip.control.margins import Margins, grid, margins, refined
 from micromanip.control.outer_gains import OuterGains, StationaryFilter, augment, outer_gains, stationary_filter
-from micromanip.control.stage_loop import stage_loop
-from micromanip.control.system import System
+from micromanip.control.stage_loop import model_system, stage_loop
+from micromanip.control.system import Array, Complex, System
 from micromanip.settings.schema.axis import LinearModel, Outer
 
 from ..analyse.saturation import Reach, Samples, comes_to_rest
 from ..validate.step import StepAnswer, predicted_step
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 _RESERVE_DB, _RESERVE_DEG = 0.3, 2.0
 """What is asked for beyond the least margins: the next identification gives a slightly other model."""
@@ -76,7 +73,7 @@ def highest_Hz(hertz: list[float] | tuple[float, ...], oscillation_Hz: float | N
 
 @dataclass(frozen=True)
 class Task:
-    """What a pair is judged by: the model at frequencies (n,), and what is asked for."""
+    """What a pair is judged by, and what is asked for."""
 
     model: LinearModel
     period_s: float
@@ -85,16 +82,27 @@ class Task:
     sample_cycles: int
     late_cycles: int
     unsure: Callable[[Array], Array] | None
-    bears: Callable[[Outer, OuterGains], bool]
+    bears: Callable[[Outer, OuterGains], bool] | None
     reach: Reach | None
     gain_dB: float
     phase_deg: float
-    omega: Array
-    plant: System
-    squared: Array
-    """Of the model's response, at the frequencies."""
     filters: dict[Filter, StationaryFilter] = field(default_factory=dict)
     """The same with every regulator."""
+
+    @cached_property
+    def plant(self) -> System:
+        """The model with its delay."""
+        return model_system(self.model, self.period_s)
+
+    @cached_property
+    def omega(self) -> Array:
+        """Frequencies (n,), rad/s, up to half the rate of the samples."""
+        return grid(self.sample_cycles * self.period_s, np.power(self.plant.poles, self.sample_cycles))
+
+    @cached_property
+    def squared(self) -> Array:
+        """Of the model's response (n,) at them."""
+        return np.asarray(np.abs(self.plant.response(self.omega)) ** 2)
 
     @property
     def at_once(self) -> bool:
@@ -157,7 +165,7 @@ class Task:
             return UNKNOWN
         if not self._comes_to_rest(candidate.gains):
             return SLEWED
-        return None if self.bears(candidate.outer, candidate.gains) else FRAGILE
+        return None if self.bears is None or self.bears(candidate.outer, candidate.gains) else FRAGILE
 
     def _comes_to_rest(self, gains: OuterGains) -> bool:
         if self.reach is None:

@@ -71,7 +71,7 @@ def test_less_feedback_is_taken_only_where_the_loop_bears_it():
     dynamics = true_dynamics(plant, 0.519)
     inner = INNER.model_copy(update={"K_V_per_um": 0.2443, "Ti_ms": 0.06069, "Td_ms": 0.0, "filter_ms": 0.2905})
     slopes, late = (0.75, 1.0, 1.373), delay(1, PERIOD_S).then(dynamics)
-    design = PidDesign(inner, slopes, (), noise_gain=1.0, residual_10Hz=0.1, robust_sensitivity=2.0, limited_by="")
+    design = PidDesign(inner, slopes, (), noise_gain=1.0, residual_10Hz=0.1, limited_by="")
     assert design.bears(1.0, late, 6.0, 30.0)
     assert not design.bears(0.6, late, 6.0, 30.0)
 

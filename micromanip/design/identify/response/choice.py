@@ -14,15 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
-from micromanip.control.system import System
+from micromanip.control.system import Array, Complex, System
 from micromanip.design.identify.linear import Modes
 from micromanip.errors import CheckFailed
 
 from .measured import Measured, Multisine, measure, smoothed
 from .rational import fit_rational
 
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 Recorded = tuple[Multisine, Array, Array]
 """What was played, and its records (n,) of input and output."""
 
@@ -199,9 +197,6 @@ def _static(found: Identified) -> float:
     """The model's gain at rest over the response at the lowest lines: no line asks for it."""
     lowest = found.measured.response[:_WINDOW].real.mean()
     return float(found.at(np.zeros(1))[0].real / lowest) if lowest != 0.0 else np.inf
-
-
-__all__ = ["Identified", "Wanted", "identify"]
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
+from micromanip.control.system import Array, Complex
+
 # A period holds whole cycles of 50 and 60 Hz, so that hum falls on lines of its own, which are left out. Several
 # periods of one draw of the phases show the noise; several draws show what is not linear: Pintelon and Schoukens,
 # System Identification, 2nd ed., chapters 3 and 4.
@@ -99,9 +101,6 @@ def _best(lines: NDArray[np.int64], amplitude: Array, period: int, rng: np.rando
             best, least = wave, peak
     return best
 
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 _SMOOTHED = 11
 """Lines over which variances are averaged."""

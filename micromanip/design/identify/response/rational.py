@@ -10,10 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from micromanip.control.system import Array, Complex
 from micromanip.design.identify.linear import Modes
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 _RELOCATIONS, _STEPS = 12, 15
 _FARTHEST = 1.0 - 1e-6

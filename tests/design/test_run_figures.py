@@ -1,7 +1,6 @@
 """Figures of recorded runs against closed forms; confidence that is what it says, with correlated samples too."""
 
 import json
-from html.parser import HTMLParser
 
 import numpy as np
 import pytest
@@ -21,6 +20,7 @@ from micromanip.errors import CheckFailed
 from micromanip.faults import KINDS
 from micromanip.recordings import open_telemetry
 from micromanip.rt.states import TRACKING
+from tests.design.commission.test_report import Page
 
 
 def correlated(count, memory, seed):
@@ -120,30 +120,6 @@ def test_the_command(tmp_path, capsys):
     assert "the configurations are the same" in shown
 
 
-class Page(HTMLParser):
-    """Tags and texts of a page; each tag is closed."""
-
-    def __init__(self, text):
-        super().__init__()
-        self.tags, self.texts, self.open = [], [], []
-        self.feed(text)
-        assert self.open == []
-
-    def handle_starttag(self, tag, attributes):
-        self.tags.append((tag, dict(attributes)))
-        if tag not in ("meta", "!doctype"):
-            self.open.append(tag)
-
-    def handle_startendtag(self, tag, attributes):
-        self.tags.append((tag, dict(attributes)))
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
-
-    def handle_data(self, data):
-        self.texts.append(data)
-
-
 @pytest.mark.long
 def test_a_report(tmp_path, capsys):
     """One file: small, without anything from elsewhere, with what the figures say and what people wrote."""
@@ -154,16 +130,16 @@ def test_a_report(tmp_path, capsys):
     text = (tmp_path / "run.html").read_text()
     assert told["report"] == str(tmp_path / "run.html")
     assert len(text) < 1_000_000
-    page = Page(text)
-    assert not [tag for tag, _ in page.tags if tag in ("img", "link", "iframe")]
-    scripts = [given.get("data-plot", "the page's own") for tag, given in page.tags if tag == "script"]
+    page = Page(tmp_path / "run.html")
+    assert not [tag for tag, _ in page.elements if tag in ("img", "link", "iframe")]
+    scripts = [given.get("data-plot", "the page's own") for tag, given in page.elements if tag == "script"]
     assert scripts == [*(f"plot-{number}" for number in range(1, len(scripts))), "the page's own"]
     assert len(scripts) > 5
-    links = [value for _, given in page.tags for name, value in given.items() if name.endswith(("href", "src"))]
+    links = [value for _, given in page.elements for name, value in given.items() if name.endswith(("href", "src"))]
     assert all(link.startswith("#") for link in links)
-    assert "<script>alert(1)</script>" in page.texts
-    assert "1.0000" in page.texts
-    assert CONFIGURATION_IN_FILE in page.texts
+    assert "<script>alert(1)</script>" in page.text
+    assert "1.0000" in page.words
+    assert CONFIGURATION_IN_FILE in page.text
     assert code_of("recording", "report", file) == 64
     assert "nothing is replaced" in capsys.readouterr().err
 

@@ -6,36 +6,15 @@ import numpy as np
 import pytest
 
 from micromanip.host.refusals import refusals
+from micromanip.rt import states as rt
 from micromanip.rt.arming import OF_GAUGE, OF_STAGE, forget_checks
 from micromanip.rt.shadow import swap_cell
-from micromanip.rt.states import (
-    ARM,
-    ARMING,
-    CHECKING_GAUGE,
-    CHECKING_STAGE,
-    CLOSED,
-    DISARM,
-    FAULT,
-    HOLD,
-    HOLDING,
-    LIFTING,
-    PARKED,
-    RAMPING,
-    READY,
-    RESET,
-    STAGE_CHECK,
-    STAGE_INVALID,
-    STAGE_MISSING,
-    STAGE_STUCK,
-    STRAIN_CHECK,
-    SWEEPING,
-    TRACKING,
-)
 from micromanip.settings.check import prepare
 from micromanip.settings.load import load
 from micromanip.virtual.cell import VirtualCell
 from tests.virtual.protected import course, states, text
 
+WAY = rt.PARKED, rt.CHECKING_GAUGE, rt.LIFTING, rt.CHECKING_STAGE, rt.SWEEPING, rt.LIFTING, rt.CLOSED
 AT_REST_S = 6.0
 """When the first session is over, and the outputs have come to rest."""
 
@@ -46,14 +25,14 @@ def second_session(tmp_path, *faults):
     armed = cell(tmp_path, ("    lines: {", f"    faults: [{listed}]\n    lines: {{"))
     armed.arm()
     armed.run(0.5)
-    assert armed.run(1.2, command=DISARM)["state"][-1] == READY
+    assert armed.run(1.2, command=rt.DISARM)["state"][-1] == rt.READY
     armed.run(AT_REST_S + 0.1 - armed.state[0]["cycle"] * 1e-4)
     return armed
 
 
 def armed_again(armed):
     before = armed.run(0.1)["axis"]["true_stage_um"][-1]
-    rows = armed.run(3.0, command=ARM)
+    rows = armed.run(3.0, command=rt.ARM)
     return rows, np.abs(rows["axis"]["true_stage_um"] - before).max(axis=0)
 
 
@@ -63,9 +42,9 @@ def test_a_gauge_that_shows_too_little_too_much_or_the_wrong_sense(tmp_path, sca
     wrong = second_session(tmp_path, f"channel: strain_{'xyz'[axis]}, kind: scale, value: {scale}")
     rows, moved_um = armed_again(wrong)
     s = wrong.state[0]
-    assert (s["state"], s["fault"], s["fault_axis"]) == (FAULT, STRAIN_CHECK, axis)
-    assert CLOSED not in rows["phase"]
-    assert SWEEPING not in rows["phase"]
+    assert (s["state"], s["fault"], s["fault_axis"]) == (rt.FAULT, rt.STRAIN_CHECK, axis)
+    assert rt.CLOSED not in rows["phase"]
+    assert rt.SWEEPING not in rows["phase"]
     assert rows["axis"]["voltage_V"][:, axis].max() < 30.0
     assert moved_um[axis] < 150.0
 
@@ -77,9 +56,9 @@ def test_two_gauges_plugged_the_other_way_round(tmp_path, pair):
     one["strain"], other["strain"] = int(other["strain"]), int(one["strain"])
     rows, _ = armed_again(swapped)
     s = swapped.state[0]
-    assert (s["state"], s["fault"]) == (FAULT, STRAIN_CHECK)
+    assert (s["state"], s["fault"]) == (rt.FAULT, rt.STRAIN_CHECK)
     assert s["fault_axis"] in pair
-    assert SWEEPING not in rows["phase"]
+    assert rt.SWEEPING not in rows["phase"]
     assert rows["axis"]["voltage_V"].max() < 60.0
 
 
@@ -107,22 +86,22 @@ def phases(rows):
 def test_the_whole_way_and_again_without_the_checks(tmp_path):
     armed = cell(tmp_path)
     rows = armed.arm()
-    assert phases(rows) == [PARKED, CHECKING_GAUGE, LIFTING, CHECKING_STAGE, SWEEPING, LIFTING, CLOSED]
-    assert states(rows) == [READY, ARMING, TRACKING]
+    assert phases(rows) == list(WAY)
+    assert states(rows) == [rt.READY, rt.ARMING, rt.TRACKING]
     voltage = rows["axis"]["voltage_V"]
-    probing = rows["phase"] == CHECKING_GAUGE
+    probing = rows["phase"] == rt.CHECKING_GAUGE
     # one axis after the other, 5 V each, and the others rest
     moved = np.ptp(voltage[probing], axis=0)
     assert moved == pytest.approx([5.0] * 3, abs=1e-6)
     third = probing.sum() // 3
     first = voltage[probing][:third]
     assert np.ptp(first[:, 1:]) == 0.0
-    bump = rows["axis"]["stage_um"][rows["phase"] == CHECKING_STAGE]
+    bump = rows["axis"]["stage_um"][rows["phase"] == rt.CHECKING_STAGE]
     assert np.ptp(bump[:, 0]) == pytest.approx(10.0, rel=0.6)  # 2 um of the actuator; it swings, being undamped
-    armed.run(1.2, command=DISARM)
-    assert armed.state[0]["state"] == READY
+    armed.run(1.2, command=rt.DISARM)
+    assert armed.state[0]["state"] == rt.READY
     again = armed.arm()
-    assert phases(again) == [PARKED, LIFTING, SWEEPING, LIFTING, CLOSED]
+    assert phases(again) == [rt.PARKED, rt.LIFTING, rt.SWEEPING, rt.LIFTING, rt.CLOSED]
 
 
 @pytest.mark.parametrize(
@@ -132,9 +111,9 @@ def test_the_whole_way_and_again_without_the_checks(tmp_path):
         (
             [(r"strain_x: \{driver: cell,", "strain_x: {driver: cell, channel: strain_y,"),
              (r"strain_y: \{driver: cell,", "strain_y: {driver: cell, channel: strain_x,")],
-            STRAIN_CHECK, 0,
+            rt.STRAIN_CHECK, 0,
         ),
-        ([(r"stage_y: \{driver: cell,", "stage_y: {driver: cell, channel: stage_z,")], STAGE_CHECK, 1),
+        ([(r"stage_y: \{driver: cell,", "stage_y: {driver: cell, channel: stage_z,")], rt.STAGE_CHECK, 1),
         ([(r"voltage_z: \{driver: cell, ", "voltage_z: {driver: cell, slew_V_per_ms: 0.001, ")], None, None),
     ],
 )  # fmt: skip
@@ -142,19 +121,19 @@ def test_wrong_wiring_is_found_before_a_loop_is_closed(tmp_path, change, code, a
     if code is None:
         wrong = cell(tmp_path)
         wrong.parameters[0]["axis"][2]["limiter"]["slew_V"] = 1e-6  # the output does not move
-        code, axis = STRAIN_CHECK, 2
+        code, axis = rt.STRAIN_CHECK, 2
     else:
         wrong = cell(tmp_path, *change)
     wrong.run(0.01)
-    rows = wrong.run(3.0, command=ARM)
+    rows = wrong.run(3.0, command=rt.ARM)
     s = wrong.state[0]
-    assert (s["state"], s["fault"], s["fault_axis"]) == (FAULT, code, axis)
-    assert states(rows) == [ARMING, RAMPING, FAULT]
-    closed = {STRAIN_CHECK: LIFTING, STAGE_CHECK: SWEEPING}[code]
+    assert (s["state"], s["fault"], s["fault_axis"]) == (rt.FAULT, code, axis)
+    assert states(rows) == [rt.ARMING, rt.RAMPING, rt.FAULT]
+    closed = {rt.STRAIN_CHECK: rt.LIFTING, rt.STAGE_CHECK: rt.SWEEPING}[code]
     assert closed not in rows["phase"]
     assert abs(s["fault_value"]) < s["fault_limit"] or s["fault_value"] > s["fault_limit"]
-    wrong.run(0.0001, command=RESET)
-    assert wrong.run(3.0, command=ARM)["state"][-1] == FAULT  # checked again: it was not passed
+    wrong.run(0.0001, command=rt.RESET)
+    assert wrong.run(3.0, command=rt.ARM)["state"][-1] == rt.FAULT  # checked again: it was not passed
 
 
 def test_a_gauge_with_its_sign_reversed(tmp_path):
@@ -163,8 +142,8 @@ def test_a_gauge_with_its_sign_reversed(tmp_path):
     for side, other in (("low", "high"), ("high", "low")):
         wrong.parameters[0]["axis"][1]["check"][OF_GAUGE][side] = -0.74 * (3.0 if other == "high" else 1 / 3.0)
     wrong.run(0.01)
-    wrong.run(2.0, command=ARM)
-    assert (wrong.state[0]["fault"], wrong.state[0]["fault_axis"]) == (STRAIN_CHECK, 1)
+    wrong.run(2.0, command=rt.ARM)
+    assert (wrong.state[0]["fault"], wrong.state[0]["fault_axis"]) == (rt.STRAIN_CHECK, 1)
 
 
 def failing(tmp_path, kind, at_s, channel="stage_x"):
@@ -179,27 +158,27 @@ def failing(tmp_path, kind, at_s, channel="stage_x"):
         ("drop", True, None),
         ("nan", True, None),
         # at rest it is at the end of its range, and says no more than that: it has until the loop is to be closed
-        ("freeze", False, STAGE_STUCK),
-        ("status", False, STAGE_INVALID),
+        ("freeze", False, rt.STAGE_STUCK),
+        ("status", False, rt.STAGE_INVALID),
     ],
 )
 def test_a_session_does_not_arm_on_the_estimate_of_the_one_before(tmp_path, kind, refused, code):
     """The capacitive sensor of x is dead or stuck since the outputs came to rest."""
     second = failing(tmp_path, kind, at_s=3.6)
     second.arm()
-    assert second.run(0.9, command=DISARM)["state"][-1] == READY
+    assert second.run(0.9, command=rt.DISARM)["state"][-1] == rt.READY
     second.run(3.7 - second.state[0]["cycle"] * 1e-4)
-    rows = second.run(2.5, command=ARM)
+    rows = second.run(2.5, command=rt.ARM)
     s = second.state[0]
-    assert CLOSED not in rows["phase"]
+    assert rt.CLOSED not in rows["phase"]
     if refused:
-        assert set(rows["state"]) == {READY}
-        assert s["arming"]["refused"].tolist() == [STAGE_MISSING, 0, 0]
-        (reason,) = refusals(ARM, s, "READY", load(tmp_path / "cell.yaml"), [])
+        assert set(rows["state"]) == {rt.READY}
+        assert s["arming"]["refused"].tolist() == [rt.STAGE_MISSING, 0, 0]
+        (reason,) = refusals(rt.ARM, s, "READY", load(tmp_path / "cell.yaml"), [])
         assert "stage_x is silent" in reason
         assert np.ptp(rows["axis"]["voltage_V"], axis=0).max() == 0.0
     else:
-        assert states(rows) == [ARMING, RAMPING, FAULT]
+        assert states(rows) == [rt.ARMING, rt.RAMPING, rt.FAULT]
         assert (s["fault"], s["fault_axis"]) == (code, 0)
 
 
@@ -211,14 +190,14 @@ def test_a_capacitive_sensor_that_dies_while_arming(tmp_path, kind, into_s):
     dying = failing(tmp_path, kind, at_s=0.01 + into_s)
     dying.parameters[0]["axis"]["limiter"]["slew_V"] = 4.0
     dying.run(0.01)
-    rows = dying.run(3.3, command=ARM)
+    rows = dying.run(3.3, command=rt.ARM)
     s = dying.state[0]
-    assert states(rows) == [ARMING, RAMPING, FAULT]
+    assert states(rows) == [rt.ARMING, rt.RAMPING, rt.FAULT]
     assert s["fault_axis"] == 0
-    assert s["fault"] in (STAGE_INVALID, STAGE_STUCK, STAGE_CHECK)
-    assert CLOSED not in rows["phase"]
+    assert s["fault"] in (rt.STAGE_INVALID, rt.STAGE_STUCK, rt.STAGE_CHECK)
+    assert rt.CLOSED not in rows["phase"]
     if kind in ("drop", "nan"):  # what can be no stage out of range is noticed as soon as a gauge would be
-        noticed_s = int(np.argmax(rows["state"] == RAMPING)) * 1e-4
+        noticed_s = int(np.argmax(rows["state"] == rt.RAMPING)) * 1e-4
         assert noticed_s - into_s < 0.008
 
 
@@ -228,14 +207,14 @@ def test_an_arming_that_has_no_sample_of_its_own_ends(tmp_path):
     silent.parameters[0]["axis"]["stage_age_ns"] = 2**61
     silent.parameters[0]["check_cycles"] = 0
     silent.arm()
-    silent.run(0.9, command=DISARM)
+    silent.run(0.9, command=rt.DISARM)
     silent.run(2.5 - silent.state[0]["cycle"] * 1e-4)
     # what it said last was good
     silent.state[0]["axis"][0]["stage"]["bad"] = 0
-    rows = silent.run(3.0, command=ARM)
-    assert states(rows) == [ARMING, RAMPING, FAULT]
-    assert silent.state[0]["fault"] in (STAGE_INVALID, STAGE_STUCK)
-    assert CLOSED not in rows["phase"]
+    rows = silent.run(3.0, command=rt.ARM)
+    assert states(rows) == [rt.ARMING, rt.RAMPING, rt.FAULT]
+    assert silent.state[0]["fault"] in (rt.STAGE_INVALID, rt.STAGE_STUCK)
+    assert rt.CLOSED not in rows["phase"]
 
 
 def jogged(name):
@@ -254,15 +233,15 @@ def test_a_loop_that_was_never_closed_is_checked_whatever_was_closed_before(tmp_
         limits["low"], limits["high"] = -limits["high"].copy(), -limits["low"].copy()
     wired.arm()
     assert wired.state[0]["arming"]["check"]["passed"][:, OF_GAUGE].tolist() == [1, 1, 0]
-    wired.run(0.9, command=DISARM)
+    wired.run(0.9, command=rt.DISARM)
     swap_cell(wired.parameters[0], later.parameters[0], wired.state[0])
     wired.parameters[:] = later.parameters
     wired.run(0.1)
-    rows = wired.run(3.0, command=ARM)
-    assert (wired.state[0]["fault"], wired.state[0]["fault_axis"]) == (STRAIN_CHECK, 2)
-    assert phases(rows)[:2] == [PARKED, CHECKING_GAUGE]
-    assert LIFTING not in rows["phase"]
-    assert np.count_nonzero(rows["phase"] == CHECKING_GAUGE) == 2000  # x and y were checked, and have not changed
+    rows = wired.run(3.0, command=rt.ARM)
+    assert (wired.state[0]["fault"], wired.state[0]["fault_axis"]) == (rt.STRAIN_CHECK, 2)
+    assert phases(rows)[:2] == [rt.PARKED, rt.CHECKING_GAUGE]
+    assert rt.LIFTING not in rows["phase"]
+    assert np.count_nonzero(rows["phase"] == rt.CHECKING_GAUGE) == 2000  # x and y were checked, and have not changed
     assert rows["axis"]["voltage_V"].max() <= 5.0 + 1e-9
     assert rows["axis"]["voltage_V"][:, :2].max() == 0.0
 
@@ -270,16 +249,16 @@ def test_a_loop_that_was_never_closed_is_checked_whatever_was_closed_before(tmp_
 def test_only_what_may_have_changed_is_checked_again(tmp_path):
     armed = cell(tmp_path, force="{static_N: 0.0, tooth_N: 0.0, noise_N: 0.0}")
     armed.arm()
-    armed.run(1.2, command=DISARM)
+    armed.run(1.2, command=rt.DISARM)
     forget_checks(armed.state[0]["arming"][1], OF_GAUGE)
     forget_checks(armed.state[0]["arming"][2], OF_STAGE)
     rows = armed.arm()
-    assert phases(rows) == [PARKED, CHECKING_GAUGE, LIFTING, CHECKING_STAGE, SWEEPING, LIFTING, CLOSED]
-    assert np.count_nonzero(rows["phase"] == CHECKING_GAUGE) == 2000
-    assert np.count_nonzero(rows["phase"] == CHECKING_STAGE) == 4000
-    moved = np.ptp(rows["axis"]["voltage_V"][rows["phase"] == CHECKING_GAUGE], axis=0)
+    assert phases(rows) == list(WAY)
+    assert np.count_nonzero(rows["phase"] == rt.CHECKING_GAUGE) == 2000
+    assert np.count_nonzero(rows["phase"] == rt.CHECKING_STAGE) == 4000
+    moved = np.ptp(rows["axis"]["voltage_V"][rows["phase"] == rt.CHECKING_GAUGE], axis=0)
     assert moved == pytest.approx([0.0, 5.0, 0.0], abs=1e-6)
-    assert rows["state"][-1] == TRACKING
+    assert rows["state"][-1] == rt.TRACKING
 
 
 @pytest.mark.parametrize(
@@ -303,12 +282,12 @@ def test_arming_is_refused_with_its_reason(tmp_path, channel, bits, axis_bits, s
     prepared = prepare(file)
     refused = VirtualCell(prepared.parameters, prepared.wiring)
     refused.run(0.1)
-    rows = refused.run(0.05, command=ARM)
+    rows = refused.run(0.05, command=rt.ARM)
     s = refused.state[0]
-    assert set(rows["state"]) == {READY}
+    assert set(rows["state"]) == {rt.READY}
     assert (rows["axis"]["voltage_V"] == 0.0).all()
     assert (s["refused"], s["arming"][1]["refused"], s["arming"][0]["refused"]) == (bits, axis_bits, 0)
-    (reason,) = refusals(ARM, s, "READY", prepared.configuration, [])
+    (reason,) = refusals(rt.ARM, s, "READY", prepared.configuration, [])
     assert said in reason
 
 
@@ -317,17 +296,17 @@ def test_hold_and_resume(tmp_path):
     held = cell(tmp_path)
     held.arm()
     before = held.run(1.0)
-    rows = held.run(0.5, command=HOLD)
-    assert set(rows["state"]) == {HOLDING}
+    rows = held.run(0.5, command=rt.HOLD)
+    assert set(rows["state"]) == {rt.HOLDING}
     assert (rows["lines"] & 16 != 0).all()  # feed-hold
     stage = rows["axis"]["true_stage_um"]
     assert np.abs(stage[500:] - before["axis"]["true_stage_um"][-1]).max() < 30.0
     assert np.ptp(stage[2000:], axis=0).max() < 6.0
     usual = np.abs(np.diff(before["axis"]["voltage_V"], axis=0)).max()
     assert np.abs(np.diff(rows["axis"]["voltage_V"], axis=0)).max() <= 1.5 * usual
-    more = held.run(1.5, command=ARM)
-    assert states(more) == [ARMING, TRACKING]
-    assert dict(course(more))[TRACKING] == held.parameters[0]["authority_cycles"]
+    more = held.run(1.5, command=rt.ARM)
+    assert states(more) == [rt.ARMING, rt.TRACKING]
+    assert dict(course(more))[rt.TRACKING] == held.parameters[0]["authority_cycles"]
     assert np.abs(np.diff(more["axis"]["voltage_V"], axis=0)).max() <= 1.5 * usual
     assert np.abs(more["axis"]["path_error_um"][-3000:]).std() < 2.0
     assert (more["lines"][-3000:] & 16 == 0).all()
@@ -336,20 +315,20 @@ def test_hold_and_resume(tmp_path):
 def test_a_hold_that_was_asked_for_has_all_the_time(tmp_path):
     held = cell(tmp_path)
     held.arm()
-    assert (held.run(3.0, command=HOLD)["state"] == HOLDING).all()
-    rows = held.run(1.0, command=DISARM)
-    assert states(rows) == [RAMPING, READY]
+    assert (held.run(3.0, command=rt.HOLD)["state"] == rt.HOLDING).all()
+    rows = held.run(1.0, command=rt.DISARM)
+    assert states(rows) == [rt.RAMPING, rt.READY]
 
 
 def test_soft_stop_fades_the_correction_out_before_the_ramp(tmp_path):
     stopped = cell(tmp_path)
     stopped.arm()
     stopped.run(0.5)
-    rows = stopped.run(1.2, command=DISARM)
-    fading = rows[rows["phase"] == CLOSED]
+    rows = stopped.run(1.2, command=rt.DISARM)
+    fading = rows[rows["phase"] == rt.CLOSED]
     assert len(fading) == stopped.parameters[0]["authority_cycles"]
     assert np.abs(fading["axis"]["stage_um"][-1]).max() < 5.0
-    assert states(rows) == [RAMPING, READY]
+    assert states(rows) == [rt.RAMPING, rt.READY]
     usual = np.abs(np.diff(fading["axis"]["voltage_V"][:500], axis=0)).max()
     assert np.abs(np.diff(rows["axis"]["voltage_V"], axis=0)).max() <= 1.2 * usual
 
@@ -371,7 +350,7 @@ def test_jog(tmp_path):
     assert path[-1, 0] == pytest.approx(60.0, abs=0.1)
     assert np.abs(path[:, 1:]).max() == 0.0
     assert rows["axis"]["true_stage_um"][-1, 0] == pytest.approx(60.0, abs=0.5)
-    jogged.run(0.5, command=HOLD)
-    again = jogged.run(1.0, command=ARM)
-    assert again["state"][-1] == TRACKING
+    jogged.run(0.5, command=rt.HOLD)
+    again = jogged.run(1.0, command=rt.ARM)
+    assert again["state"][-1] == rt.TRACKING
     assert np.ptp(again["axis"]["reference_um"][:, 0]) < 1.0  # nothing goes anywhere by itself

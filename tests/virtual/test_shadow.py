@@ -3,22 +3,10 @@
 import numpy as np
 import pytest
 
+from micromanip.rt import states as rt
 from micromanip.rt.faults import EVENTS
 from micromanip.rt.records import CELL_STATE
 from micromanip.rt.shadow import shadow_cycle, start_shadow, swap_cell, takes_back
-from micromanip.rt.states import (
-    CONFIRMED,
-    DISARM,
-    NO_COMMAND,
-    NO_SHADOW,
-    ON_TRIAL,
-    PROMOTE,
-    ROLLED_BACK,
-    SHADOWING,
-    TAKEN_BACK,
-    TRACKING,
-    WITHDRAW,
-)
 from micromanip.settings.check import prepare
 from micromanip.virtual.cell import VirtualCell
 
@@ -50,13 +38,13 @@ class Shadowed:
         start_shadow(self.active[0], self.candidate[0], self.s, self.shadow)
         return self
 
-    def run(self, cycles, command=NO_COMMAND):
+    def run(self, cycles, command=rt.NO_COMMAND):
         rows = []
         for k in range(cycles):
-            given = command if k == 0 else NO_COMMAND
+            given = command if k == 0 else rt.NO_COMMAND
             state = int(self.s["shadow"])
             rows.append(self.cell.run(1e-4, command=given))
-            if given == PROMOTE and state == SHADOWING and self.s["shadow"] == ON_TRIAL:
+            if given == rt.PROMOTE and state == rt.SHADOWING and self.s["shadow"] == rt.ON_TRIAL:
                 swap_cell(self.active[0], self.candidate[0], self.s)
                 self.before[:] = self.active
                 self.active[:] = self.candidate
@@ -107,68 +95,68 @@ def test_a_candidate_changes_nothing(shadowed, tmp_path):
 def test_promoted_without_a_bump_and_confirmed(shadowed):
     shadowed.begin(better_pid)
     usual = np.abs(np.diff(shadowed.run(500)["axis"]["voltage_V"], axis=0)).max()
-    rows = shadowed.run(1600, PROMOTE)
+    rows = shadowed.run(1600, rt.PROMOTE)
     assert np.abs(np.diff(rows["axis"]["voltage_V"], axis=0)).max() <= 1.3 * usual
-    assert shadowed.s["shadow"] == CONFIRMED
+    assert shadowed.s["shadow"] == rt.CONFIRMED
     assert shadowed.s["version"] == 2
-    assert shadowed.s["state"] == TRACKING
+    assert shadowed.s["state"] == rt.TRACKING
 
 
 def test_taken_back_by_itself_when_it_is_worse(shadowed):
     shadowed.begin(too_hot).run(300)
-    rows = shadowed.run(1500, PROMOTE)
-    assert shadowed.s["shadow"] == TAKEN_BACK
+    rows = shadowed.run(1500, rt.PROMOTE)
+    assert shadowed.s["shadow"] == rt.TAKEN_BACK
     assert shadowed.s["version"] == 1
     assert (shadowed.active[0]["axis"]["pid"]["K_V_per_um"] == shadowed.before[0]["axis"]["pid"]["K_V_per_um"]).all()
-    event = shadowed.s["event"][list(shadowed.s["event"]["code"]).index(ROLLED_BACK)]
+    event = shadowed.s["event"][list(shadowed.s["event"]["code"]).index(rt.ROLLED_BACK)]
     assert event["axis"] >= 0
-    assert shadowed.s["state"] == TRACKING
+    assert shadowed.s["state"] == rt.TRACKING
     assert np.abs(rows["axis"]["path_error_um"][-300:]).max() < 8.0
 
 
 def test_withdrawn_before_and_on_trial(shadowed):
     shadowed.begin(better_pid).run(10)
-    shadowed.run(1, WITHDRAW)
-    assert shadowed.s["shadow"] == NO_SHADOW
+    shadowed.run(1, rt.WITHDRAW)
+    assert shadowed.s["shadow"] == rt.NO_SHADOW
     shadowed.begin(better_pid).run(10)
-    shadowed.run(50, PROMOTE)
-    assert (shadowed.s["shadow"], shadowed.s["version"]) == (ON_TRIAL, 2)
-    shadowed.run(2, WITHDRAW)
-    assert (shadowed.s["shadow"], shadowed.s["version"]) == (TAKEN_BACK, 1)
+    shadowed.run(50, rt.PROMOTE)
+    assert (shadowed.s["shadow"], shadowed.s["version"]) == (rt.ON_TRIAL, 2)
+    shadowed.run(2, rt.WITHDRAW)
+    assert (shadowed.s["shadow"], shadowed.s["version"]) == (rt.TAKEN_BACK, 1)
 
 
 def test_a_trial_ends_with_the_tracking(shadowed):
     shadowed.begin(better_pid).run(10)
-    shadowed.run(50, PROMOTE)
-    shadowed.run(2, DISARM)
-    assert (shadowed.s["shadow"], shadowed.s["version"]) == (TAKEN_BACK, 1)
-    assert not shadowed.cell.run(1e-4, command=PROMOTE)["fault"].any()
-    assert shadowed.s["shadow"] == TAKEN_BACK  # nothing to promote
+    shadowed.run(50, rt.PROMOTE)
+    shadowed.run(2, rt.DISARM)
+    assert (shadowed.s["shadow"], shadowed.s["version"]) == (rt.TAKEN_BACK, 1)
+    assert not shadowed.cell.run(1e-4, command=rt.PROMOTE)["fault"].any()
+    assert shadowed.s["shadow"] == rt.TAKEN_BACK  # nothing to promote
 
 
 def test_a_trial_that_cannot_be_judged_is_taken_back(shadowed):
     """Deadlines are missed all the time: nothing is compared, and nothing is taken for proven."""
     shadowed.active[0]["trial_cycles"] = 400
     shadowed.begin(better_pid).run(10)
-    shadowed.run(1, PROMOTE)
+    shadowed.run(1, rt.PROMOTE)
     for _ in range(1300):
         shadowed.s["overruns"] += 1
         shadowed.run(1)
-        if shadowed.s["shadow"] != ON_TRIAL:
+        if shadowed.s["shadow"] != rt.ON_TRIAL:
             break
-    assert (shadowed.s["shadow"], shadowed.s["version"]) == (TAKEN_BACK, 1)
+    assert (shadowed.s["shadow"], shadowed.s["version"]) == (rt.TAKEN_BACK, 1)
     assert shadowed.s["trial_cycles"] == pytest.approx(1200, abs=2)
     event = shadowed.s["event"][(int(shadowed.s["events"]) - 1) % EVENTS]
-    assert (event["code"], event["axis"]) == (ROLLED_BACK, -1)  # no axis is to blame
+    assert (event["code"], event["axis"]) == (rt.ROLLED_BACK, -1)  # no axis is to blame
     assert 0.0 < event["value"] <= event["limit"]
 
 
 def test_a_single_stall_only_makes_the_trial_rest(shadowed):
     shadowed.begin(too_hot).run(10)
-    shadowed.run(1, PROMOTE)
+    shadowed.run(1, rt.PROMOTE)
     shadowed.s["overruns"] += 1
     before = shadowed.s["trial_now"].copy()
     shadowed.run(100)
     assert (shadowed.s["trial_now"] == before).all()
     shadowed.run(1500)
-    assert shadowed.s["shadow"] == TAKEN_BACK
+    assert shadowed.s["shadow"] == rt.TAKEN_BACK

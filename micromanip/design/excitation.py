@@ -17,11 +17,16 @@ _BRANCH_S = (0.04, 0.5)
 _SHORTEST_BRANCH = 0.02
 
 
+def half_cosine(count: int) -> Array:
+    """From 0 to 1 (n,), at rest at both ends."""
+    return np.asarray(0.5 - 0.5 * np.cos(np.pi * np.arange(count) / count))
+
+
 def soft(wave: Array, rest: float, rate_hz: float, slew_per_s: float = np.inf) -> Array:
     """`wave` (n,) led in from `rest`, and out to it again, without a jump and well below the slew limit."""
     farthest = max(abs(wave[0] - rest), abs(wave[-1] - rest))
     count = round(max(_RAMP_S, 0.5 * np.pi * farthest / (_SLEW_SHARE * slew_per_s)) * rate_hz)
-    lead = 0.5 - 0.5 * np.cos(np.pi * np.arange(count) / count)
+    lead = half_cosine(count)
     start = rest + lead * (wave[0] - rest)
     return np.concatenate([start, wave, (rest + lead * (wave[-1] - rest))[::-1]])
 

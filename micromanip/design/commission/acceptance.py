@@ -107,17 +107,14 @@ def _reached(gain_dB: float, loop: Sensitivity) -> str:
 def _sines(found: Commissioned, runs: list[Run], index: int) -> Iterator[Part]:
     """The sines on the gauge."""
     settings = found.configuration.axes[found.axis]
-    sine, floor = asked(found.configuration, found.axis), found.polarity.noise_um
+    (offset_um, amplitude_um), floor = asked(found.configuration, found.axis), found.polarity.noise_um
     slew = settings.setpoint.slew_um_per_ms
     for run in (run for run in runs if run.config == "C"):
-        speed = 2e-3 * np.pi * run.frequency_hz * sine.amplitude_um
+        speed = 2e-3 * np.pi * run.frequency_hz * amplitude_um
         sigma, way = run.figures(found.axis, index)["std_error_um"], _on_the_way(found, speed)
-        limit = settings.accept.sigma_um or float(np.hypot(_SIGMA * 2.0 * sine.amplitude_um, _NOISE * floor))
+        limit = settings.accept.sigma_um or float(np.hypot(_SIGMA * 2.0 * amplitude_um, _NOISE * floor))
         wanted = f"<= {limit:.3g} um" + (f" and {way:.2g} um that the bus is late" if way > 0.0 else "")
-        wanted += (
-            f": set-point less gauge, {sine.offset_um:.0f} +- {sine.amplitude_um:.0f} um, rms; "
-            f"noise at rest {floor:.3f} um"
-        )
+        wanted += f": set-point less gauge, {offset_um:.0f} +- {amplitude_um:.0f} um, rms; noise at rest {floor:.3f} um"
         value = f"{told(sigma, limit + way, 3)} um"
         if speed > slew:
             value += f": setpoint.slew_um_per_ms is {slew:g}, the sine takes {speed:.3g}; see accept.stroke_um"

@@ -17,6 +17,7 @@ from micromanip.rt.telemetry import DEVIATION_FRESH, STRAIN_FRESH
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.schema.reference import Tracker
 
+from ..excitation import half_cosine
 from ..experiment import Experiment, open_loop, parked, play
 
 # A gauge that is dead, flagged or on its rail would let a strain loop run away. The capacitive sensor may be at the end
@@ -114,7 +115,7 @@ def check_polarity(configuration: Configuration, experiment: Experiment, axis: s
     if output.park_V + move_V > output.range_V[1]:
         move_V = -move_V
     rise, hold = round(_RISE_S * rate_hz), round(_HOLD_S * rate_hz)
-    ramp = 0.5 - 0.5 * np.cos(np.pi * np.arange(rise) / rise)
+    ramp = half_cosine(rise)
     shape = np.concatenate([np.zeros(hold), ramp, np.ones(hold), ramp[::-1]])
     samples = parked(configuration, len(shape))
     samples[:, names.index(axis)] += move_V * shape

@@ -25,6 +25,7 @@ def evidence(found: Commissioned, analysis: AxisAnalysis, runs: list[Run], index
         loops["outer"] = found.outer.design.limited_by, found.outer.prices
     sections = (
         prices.section(loops),
+        *([Section("Done again", "\n\n".join(found.learned))] if found.learned else []),
         _first_move(found),
         _hysteresis(found),
         _inverse(analysis),
@@ -143,14 +144,14 @@ def _outer(found: Commissioned, closed: ClosedOuter, analysis: AxisAnalysis) -> 
 
 
 def _experiment(found: Commissioned, runs: list[Run], index: int) -> Section:
-    figures, sine = {}, asked(found.configuration, found.axis)
+    figures, (offset_um, amplitude_um) = {}, asked(found.configuration, found.axis)
     for run in runs:
         if run.config in ("A", "B", "C"):
             row = run.figures(found.axis, index)
             name = f"{run.config}, {run.frequency_hz:g} Hz"
             figures[name] = f"sigma {row['std_error_um']:.4f} um, maximum {row['max_error_um']:.2f} um"
     text = (
-        f"{sine.offset_um:.0f} um + {sine.amplitude_um:.0f} um sin. A: PID alone, B: with affine inverse, C: with tanh "
+        f"{offset_um:.0f} um + {amplitude_um:.0f} um sin. A: PID alone, B: with affine inverse, C: with tanh "
         "inverse; all with the new PID."
     )
     return Section("Sines on the gauge", text, figures, (*figure_8(runs, index), *figure_9(runs, index)))

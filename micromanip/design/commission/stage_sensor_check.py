@@ -19,6 +19,7 @@ from micromanip.errors import CheckFailed
 from micromanip.recordings import TimeSeries
 from micromanip.settings.schema.model import Configuration
 
+from ..excitation import half_cosine
 from ..experiment import Experiment, open_loop, parked, play
 
 _LEAST_SLOPE, _MOST_SLOPE = 0.05, 50.0
@@ -199,8 +200,8 @@ def _step(
     output = configuration.outputs[f"voltage_{axis}"]
     parts = (_LIFT_S, BEFORE_S, max(_RISE_S, 4e-3 * _FAR * STEP_V / output.slew_V_per_ms), _AFTER_S, _LIFT_S)
     lift, before, rise, after, _ = (round(seconds * rate_hz) for seconds in parts)
-    way = np.concatenate([_soft(lift), np.ones(before + rise + after), 1.0 - _soft(lift)])
-    step = np.concatenate([np.zeros(lift + before), _soft(rise), np.ones(after), 1.0 - _soft(lift)])
+    way = np.concatenate([half_cosine(lift), np.ones(before + rise + after), 1.0 - half_cosine(lift)])
+    step = np.concatenate([np.zeros(lift + before), half_cosine(rise), np.ones(after), 1.0 - half_cosine(lift)])
     samples = parked(configuration, len(way))
     samples[:, index] += (centre_V - output.park_V) * way + step_V * (step - 0.5 * way)
     return play(open_loop(configuration), experiment, samples)[lift : lift + before + rise + after, index], before
@@ -223,7 +224,3 @@ def judge_answer(rows: NDArray[Any], before: int, rate_hz: float) -> Answer:
     slowest = round(_TURNS * count / len(swing))
     k = int(np.argmax(spectrum[slowest:]))  # at the lowest it is a slow answer, not a swing
     return Answer(rise_ms, float((slowest + k) * rate_hz / count) if k > 0 else None, stage_before)
-
-
-def _soft(count: int) -> Array:
-    return np.asarray(0.5 - 0.5 * np.cos(np.pi * np.arange(count) / count), dtype=np.float64)

@@ -79,33 +79,25 @@ CONFIGS = ("A", "B", "C")
 _PATH_SHARE, _PATH_UM, _PATH_S = 0.15, 20.0, 2.0
 
 
-@dataclass(frozen=True)
-class Asked:
-    """The sine on the gauge (um): its middle and amplitude."""
-
-    offset_um: float
-    amplitude_um: float
-
-
-def asked(configuration: Configuration, axis: str) -> Asked:
-    """By the configuration's `accept`, inside the set-point's range."""
+def asked(configuration: Configuration, axis: str) -> tuple[float, float]:
+    """Middle and amplitude (um) of the sine on the gauge, by `accept`, inside the set-point's range."""
     settings = configuration.axes[axis]
     low, high = settings.setpoint.range_um
     room = 0.5 * (high - low)
     wanted = 0.5 * room if settings.accept.stroke_um is None else 0.5 * settings.accept.stroke_um
-    return Asked(0.5 * (low + high), min(wanted, room))
+    return 0.5 * (low + high), min(wanted, room)
 
 
 def follow(configuration: Configuration, experiment: Experiment, axis: str) -> list[Run]:
     """Configurations A, B and C of `axis` with its own PID on every sine that is asked for."""
-    sine, rate_hz, runs = asked(configuration, axis), configuration.loop.rate_hz, []
+    sine_um, rate_hz, runs = asked(configuration, axis), configuration.loop.rate_hz, []
     index = list(configuration.axes).index(axis)
     for config in CONFIGS:
         only = alone(configuration, axis, "strain")
         variant = only.model_copy(update={"axes": only.axes | {axis: variant_of(only.axes[axis], config, True)}})
         for hertz in configuration.axes[axis].accept.frequencies_Hz:
             settle_s = max(SETTLE_S, 1.0 / hertz)
-            samples = _wave(configuration, index, sine.offset_um, sine.amplitude_um, hertz, settle_s + WINDOW_S)
+            samples = _wave(configuration, index, *sine_um, hertz, settle_s + WINDOW_S)
             rows = experiment(with_reference(variant, EXCITED), len(samples) / rate_hz, samples)
             runs.append(Run(config, hertz, rows[round(HOLD_S * rate_hz) :], round(settle_s * rate_hz), rate_hz))
     return runs

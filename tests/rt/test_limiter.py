@@ -7,7 +7,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from micromanip.rt.laws.saturation import limit
+from micromanip.rt.laws.saturation import attainable, beyond, hold_back, limit, slewed
 
 from .builders import limiter
 
@@ -94,6 +94,54 @@ def test_arrives_and_stays(p, part, wanted):
 
 
 IN = limiter(-20.0, 150.0, 4.0, 10.0)
+
+
+@pytest.mark.parametrize(("requested_V", "end"), [(150.0, 0), (151.0, 1), (-20.0, 0), (-21.0, -1)])
+def test_beyond_an_end_no_more_is_to_be_had(requested_V, end):
+    assert beyond(IN, requested_V) == end
+
+
+@pytest.mark.parametrize(
+    ("behind", "before", "value", "held"),
+    [
+        (0, 5.0, 9.0, 9.0),
+        (0, 5.0, 1.0, 1.0),
+        (1, 0.0, 9.0, 0.0),
+        (3, 5.0, 1.0, 1.0),
+        (-1, 5.0, 0.0, 5.0),
+        (-3, 5.0, 9.0, 9.0),
+    ],
+)
+def test_behind_its_device_an_axis_goes_no_further_that_way(behind, before, value, held):
+    assert hold_back(behind, before, value) == held
+
+
+@pytest.mark.parametrize(
+    ("before", "values", "attained"),
+    [
+        (5.0, (-1.0, 4.0, 11.0), (0.0, 4.0, 10.0)),
+        (-3.0, (-5.0, -1.0, 11.0), (-3.0, -1.0, 10.0)),
+        (12.0, (-1.0, 11.0, 15.0), (0.0, 11.0, 12.0)),
+    ],
+)
+def test_from_outside_of_its_range_a_set_point_comes_in_and_goes_no_further_out(before, values, attained):
+    assert tuple(attainable(0.0, 10.0, before, value) for value in values) == attained
+
+
+@pytest.mark.parametrize(
+    ("before", "value", "after"),
+    [
+        (1.0, 9.0, 3.0),
+        (3.0, 9.0, 5.0),
+        (9.0, 5.0, 7.0),
+        (9.0, 2.5, 7.0),
+        (1.0, 2.5, 2.5),
+        (1.0, 3.0, 3.0),
+        (5.0, 3.0, 3.0),
+    ],
+)
+def test_a_value_is_led_by_a_step_at_most(before, value, after):
+    assert slewed(before, value, 2.0) == after
 
 
 TABLE = [

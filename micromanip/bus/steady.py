@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 
@@ -18,16 +17,6 @@ from .schedule import Schedule
 
 _NOTHING = np.zeros(1, MEMORY)
 _NOTHING["file"] = -1
-
-
-class Served(NamedTuple):
-    """What a stay in the compiled turns came to; whether what came, or did not, is left to the driver's `receive`."""
-
-    calls: int
-    performed: int
-    received: int
-    lost: int
-    left_over: bool
 
 
 class SteadyService:
@@ -61,10 +50,11 @@ class SteadyService:
 
     def serve(
         self, safe: SafeState, schedule: Schedule, memory: LastGiven | None, look_ns: int, until_ns: int
-    ) -> Served:
+    ) -> tuple[dict[str, int], bool]:
         """Serve until Python is needed, and until `until_ns` at the latest.
 
         The link must be open, and the outputs not on a ramp. They go on in the records of `safe` and `schedule`.
+        What that came to, and whether what came, or did not, is left to the driver's `receive`.
         """
         st, inbox, image = self._service[0], self._inbox[0], self._image.record
         st["descriptor"], st["look_ns"], st["until_ns"] = self._fileno(), look_ns, until_ns
@@ -72,5 +62,5 @@ class SteadyService:
         inbox["signal"]["sequence"], inbox["missing"] = image[0]["input"]["sequence"], image[0]["missing"]
         remembered = _NOTHING if memory is None else memory.record
         code = self._serve(self._service, safe.record, schedule.record, image, self._inbox, remembered)
-        counts = int(st["calls"]), int(st["performed"]), int(inbox["received"]), int(inbox["lost"])
-        return Served(*counts, left_over=code == LEFT_OVER)
+        places = {"calls": st, "performed": st, "received": inbox, "lost": inbox}
+        return {name: int(place[name]) for name, place in places.items()}, code == LEFT_OVER

@@ -261,13 +261,12 @@ class Worker:
         if self._ends.is_set() or self._next_rules is not self._rules:
             return False
         until_ns = self._report.due_ns
-        served = steady.serve(self.safe, self._schedule, self._memory, self._rules.look_ns, until_ns)
-        self._counts["performed"] += served.performed
-        self._counts["received"] += served.received
-        self._counts["lost"] += served.lost
-        if served.calls:
-            self._patience.note(False, served.calls, time.monotonic_ns())
-        return served.left_over
+        counts, left_over = steady.serve(self.safe, self._schedule, self._memory, self._rules.look_ns, until_ns)
+        for name in ("performed", "received", "lost"):
+            self._counts[name] += counts[name]
+        if counts["calls"]:
+            self._patience.note(False, counts["calls"], time.monotonic_ns())
+        return left_over
 
     def _turn(self, *, left_over: bool = False) -> None:
         """Do what is due, or listen for a moment; hand over what came. With `left_over` no task keeps it from that."""

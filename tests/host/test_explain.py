@@ -132,3 +132,12 @@ def test_command_takes_the_newest_or_the_one_that_is_named(shelf):
     assert json.loads(run("show", "--trips", folder, "--json").stdout)["code"] == "X-104"
     assert json.loads(run("show", names[0][:-4], "--trips", folder, "--json").stdout)["code"] == "X-201"
     assert run("show", folder / names[0]).stdout.startswith("X-201 happened\n")
+
+
+@pytest.mark.parametrize("number", [0, 1])
+def test_the_picture(shelf, tmp_path, number):
+    """Of an axis with its sensor, and of the whole loop."""
+    folder, names = shelf
+    assert run("show", folder / names[number], "--plot", tmp_path / "trip.svg").exit_code == 0
+    drawn = (tmp_path / "trip.svg").read_text()
+    assert drawn.count('id="axes_') == (6 if number == 0 else 4)

@@ -74,6 +74,6 @@ def _serve(driver: BusDriver) -> None:
             if now_ns - begin_ns > FRAMES * _SLOWEST_NS:
                 raise CheckFailed("samples of the flood are missing")
             steady.begin()
-            samples -= steady.serve(safe, schedule, None, _LOOK_NS, now_ns + _STAY_NS).received
+            samples -= steady.serve(safe, schedule, None, _LOOK_NS, now_ns + _STAY_NS)[0]["received"]
     finally:
         driver.close()

@@ -11,7 +11,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 ROOMS = {  # the first that fits a file has it: pattern of paths, budget, ceiling
-    "rt": (r"micromanip/rt/", 5400, 6492),
+    "rt": (r"micromanip/rt/", 5400, 6481),
     "bus, driver": (r"micromanip/(bus|driver)/", 3000, 3833),
     "settings, control": (r"micromanip/(settings|control)/", 5000, 5730),
     "host": (r"micromanip/host/", 7500, 7739),
@@ -25,7 +25,7 @@ ROOMS = {  # the first that fits a file has it: pattern of paths, budget, ceilin
     "tests": (r"tests/", 40000, 42068),
     "the rest": (r"", 2000, 1858),
 }
-WORDS, DECISIONS = (45000, 45000), (30, 29)
+WORDS, DECISIONS = (45000, 43700), (30, 29)
 """Of the manual, without the decisions; how many decisions."""
 
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from urllib.parse import urlsplit
 
 from starlette.datastructures import Headers
+from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 MOST_CONNECTIONS = 200
@@ -91,9 +92,11 @@ class Guard:
             return
         headers = Headers(scope=scope)
         if not self._origins.is_ours(headers.get("host", ""), headers.get("origin")):
-            await self._refuse(scope, send, 403, self._origins.refusal(headers.get("host", "")))
+            await self._refuse(scope, receive, send, 403, self._origins.refusal(headers.get("host", "")))
         elif self.connections >= self._most + (_FOR_ORDERS if scope["path"] == ORDERS_PATH else 0):
-            await self._refuse(scope, send, 503, f"{self._most} connections are open already; close one of them")
+            await self._refuse(
+                scope, receive, send, 503, f"{self._most} connections are open already; close one of them"
+            )
         else:
             self.connections += 1
             try:
@@ -101,25 +104,17 @@ class Guard:
             finally:
                 self.connections -= 1
 
-    async def _refuse(self, scope: Scope, send: Send, status: int, why: str) -> None:
+    async def _refuse(self, scope: Scope, receive: Receive, send: Send, status: int, why: str) -> None:
         self.refused += 1
-        kind = "websocket.http.response" if scope["type"] == "websocket" else "http.response"
-        if scope["type"] == "websocket" and kind not in scope.get("extensions", {}):
+        if scope["type"] == "websocket" and "websocket.http.response" not in scope.get("extensions", {}):
             await send({"type": "websocket.close", "code": 1008, "reason": why})
-            return
-        body = f"{why}\n".encode()
-        told = [
-            (b"content-type", b"text/plain; charset=utf-8"),
-            (b"content-length", str(len(body)).encode()),
-            *_HEADERS,
-        ]
-        await send({"type": f"{kind}.start", "status": status, "headers": told})
-        await send({"type": f"{kind}.body", "body": body})
+        else:
+            await PlainTextResponse(f"{why}\n", status)(scope, receive, _with_headers(send))
 
 
 def _with_headers(send: Send) -> Send:
     async def sent(message: Message) -> None:
-        if message["type"] == "http.response.start":
+        if message["type"].endswith("http.response.start"):
             given = list(message.get("headers", []))
             message = {**message, "headers": given + [pair for pair in _HEADERS if pair[0] not in dict(given)]}
         await send(message)

@@ -1,20 +1,23 @@
-"""A long recording as least and greatest values of blocks of cycles, in files that fill as its pieces are read.
+"""A long recording as least and greatest values of blocks of cycles, which fill as its pieces are read.
 
-One process fills them, another shows what is there already.
+Pieces are read here and there over all of it first, then ever more densely in between: a thread reads, and the server
+shows what is there already.
 """
 
 from __future__ import annotations
 
-import json
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.errors import system_error
+from micromanip.errors import CheckFailed, system_error
+from micromanip.faults import KINDS
+from micromanip.recordings.telemetry import Piece
+from micromanip.rt.states import NO_FAULT
 
 from .fields import Field
 from .history import Cycles, Values, extremes
@@ -26,14 +29,18 @@ _MOST_BYTES = 1_000_000_000
 
 
 class Level:
-    """Blocks of `per` cycles from the cycle `origin` on: `count` (n,) rows in each so far, 0 where none is known.
+    """Blocks of `per` cycles from the cycle `origin` on, in files: `count` (n,) rows in each, 0 where none is known.
 
-    `low` and `high` are (n, fields): what is read together lies together, which fills three times as fast.
+    Least and greatest values are (n, fields): what is read together lies together, which fills three times as fast.
     """
 
-    def __init__(self, per: int, origin: int, count: NDArray[np.int32], low: Values, high: Values) -> None:
+    def __init__(self, folder: Path, per: int, origin: int, blocks: int, fields: int) -> None:
+        """Raises OSError where the folder has no room."""
         self.per, self.origin = per, origin
-        self.count, self._low, self._high = count, low, high
+        self.count = _made(folder / f"count-{per}", np.int32, (blocks,))
+        self._low, self._high = (
+            _made(folder / f"{name}-{per}", np.float32, (blocks, fields)) for name in ("low", "high")
+        )
 
     def add(self, cycles: Cycles, values: Values) -> None:
         """Rows (n,) in order, their values (fields, n)."""
@@ -57,68 +64,88 @@ class Level:
 
 
 class Overview:
-    """That of a folder: `levels`, fine first; `done` (pieces,), which are in it; `wanted`, cycles to read first."""
+    """Of `pieces`, which have the cycles `first` to `last`: `levels`, fine first.
 
-    def __init__(self, folder: Path, about: dict[str, Any]) -> None:
-        self.folder, self.about = folder, about
-        self.done = _mapped(folder / "done", np.uint8, (about["pieces"],))
-        self.wanted = _mapped(folder / "wanted", np.int64, (2,))
-        self.levels = []
-        for k, (per, blocks) in enumerate(about["levels"]):
-            shape = (blocks, len(about["fields"]))
-            count = _mapped(folder / f"count-{k}", np.int32, (blocks,))
-            low, high = (_mapped(folder / f"{name}-{k}", np.float32, shape) for name in ("low", "high"))
-            self.levels.append(Level(per, about["first"], count, low, high))
+    `notes` are the faults and the damage found so far: cycle, kind (``fault`` or ``damage``), text.
+    """
+
+    def __init__(self, folder: Path, pieces: Sequence[Piece], fields: Sequence[Field], first: int, last: int) -> None:
+        """Its files go to `folder`. Raises what `errors.system_error` makes of one without room."""
+        self._pieces, self._fields, self._first, self._last = pieces, fields, first, last
+        self._paths = list(dict.fromkeys(["cycle", "fault", *(field.path for field in fields)]))
+        self._order, self._done = halving(len(pieces)), 0
+        self.notes: list[tuple[int, str, str]] = []
+        per = _FINE
+        while (last - first) // per * len(fields) * 8 > _MOST_BYTES:
+            per *= 2
+        try:
+            self.levels = [
+                Level(folder, size, first, (last - first) // size + 1, len(fields)) for size in (per, per * _STEP)
+            ]
+        except OSError as problem:
+            raise system_error(problem, folder) from problem
 
     @property
     def share(self) -> float:
         """How much of the recording is in it."""
-        return float(np.count_nonzero(self.done)) / len(self.done)
+        return self._done / len(self._order)
 
-    def notes(self) -> list[tuple[int, int, str, str]]:
-        """Faults and damage found so far: first and last cycle, kind (``fault`` or ``damage``), text."""
+    def fill(self, goes_on: Callable[[], bool] = lambda: True) -> None:
+        """Read the pieces that are not in it yet, as long as `goes_on`; one that can't be read is noted."""
+        while self._done < len(self._order) and goes_on():
+            self._add(int(self._order[self._done]))
+            self._done += 1
+
+    def _add(self, number: int) -> None:
         try:
-            lines = (self.folder / "notes").read_text().splitlines()
-        except FileNotFoundError:
-            return []
-        found = (line.split(" ", 3) for line in lines)
-        return sorted({(int(first), int(last), kind, text) for first, last, kind, text in found})
+            columns = self._pieces[number](self._paths)
+        except CheckFailed as problem:
+            self._note_damage(number, str(problem))
+            return
+        cycles, faults = columns["cycle"], columns["fault"]
+        if not len(cycles):
+            return
+        values = np.array([field.shown(columns[field.path]) for field in self._fields], np.float32)
+        for level in self.levels:
+            level.add(cycles, values)
+        if faults.any():
+            follows = number > 0 and faults[0] != NO_FAULT
+            before = (self._edge(number - 1, "fault", -1) if follows else None) or NO_FAULT
+            for k in np.flatnonzero((np.diff(faults, prepend=before) != 0) & (faults != NO_FAULT)):
+                kind = KINDS.get(int(faults[k]))
+                name = f"fault {faults[k]}" if kind is None else f"{kind.code} {kind.name}"
+                self.notes.append((int(cycles[k]), "fault", name))
 
-    def note(self, first: int, last: int, kind: str, text: str) -> None:
-        """One more of `notes`."""
-        with (self.folder / "notes").open("a") as notes:
-            notes.write(f"{first} {last} {kind} {text.splitlines()[0]}\n")
+    def _note_damage(self, number: int, why: str) -> None:
+        """The cycles between the pieces beside it; neighbours that are damaged as well are noted once."""
+        before = (self._edge(k, "cycle", -1) for k in range(number - 1, -1, -1))
+        after = (self._edge(k, "cycle", 0) for k in range(number + 1, len(self._pieces)))
+        begin = next((found + 1 for found in before if found is not None), self._first)
+        end = next((found - 1 for found in after if found is not None), self._last)
+        note = (begin, "damage", f"damaged: {end - begin + 1} cycles can't be read ({why})")
+        if note not in self.notes:
+            self.notes.append(note)
 
-
-def made_overview(folder: Path, fields: Sequence[Field], first: int, last: int, pieces: int) -> Overview:
-    """An empty one in `folder`, of a recording of the cycles `first` to `last` in so many pieces.
-
-    Raises what `errors.system_error` makes of a folder without room.
-    """
-    names = [field.name for field in fields]
-    per = _FINE
-    while (last - first) // per * len(names) * 8 > _MOST_BYTES:
-        per *= 2
-    levels = [[size, (last - first) // size + 1] for size in (per, per * _STEP)]
-    about = {"first": first, "last": last, "pieces": pieces, "fields": names, "levels": levels}
-    sizes = {"done": pieces, "wanted": 16}
-    for k, (_, blocks) in enumerate(levels):
-        values = 4 * blocks * len(names)
-        sizes |= {f"count-{k}": 4 * blocks, f"low-{k}": values, f"high-{k}": values}
-    try:
-        for file, size in sizes.items():
-            with (folder / file).open("wb") as made:
-                os.posix_fallocate(made.fileno(), 0, size)
-        (folder / "about.json").write_text(json.dumps(about))
-    except OSError as problem:
-        raise system_error(problem, folder) from problem
-    return Overview(folder, about)
-
-
-def reopened(folder: Path) -> Overview:
-    """One that `made_overview` has made."""
-    return Overview(folder, json.loads((folder / "about.json").read_text()))
+    def _edge(self, number: int, path: str, place: int) -> int | None:
+        """The first or last value of a column of a piece; None where there is none to be read."""
+        try:
+            values = self._pieces[number]([path])[path]
+        except CheckFailed:
+            return None
+        return int(values[place]) if len(values) else None
 
 
-def _mapped(file: Path, kind: Any, shape: tuple[int, ...]) -> NDArray[Any]:
+def halving(count: int) -> NDArray[np.int64]:
+    """0 to `count` - 1, each in the middle of the largest gap that those before have left, about."""
+    bits = max(1, int(count - 1).bit_length())
+    turned = np.zeros(1 << bits, np.int64)
+    for bit in range(bits):
+        turned |= ((np.arange(1 << bits) >> bit) & 1) << (bits - 1 - bit)
+    return np.asarray(turned[turned < count])
+
+
+def _made(file: Path, kind: Any, shape: tuple[int, ...]) -> NDArray[Any]:
+    """Zeros in a new file, for which there is room."""
+    with file.open("wb") as made:
+        os.posix_fallocate(made.fileno(), 0, int(np.prod(shape)) * np.dtype(kind).itemsize)
     return np.memmap(file, kind, "r+", shape=shape)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import bisect
 from collections import OrderedDict
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,15 +16,13 @@ from micromanip.recordings import Telemetry
 
 from .fields import Field
 from .history import Cycles, Values, Window, blocks_per_point, decimated
-from .overview import made_overview
+from .overview import Overview
 
 _ROWS_READ = 10_000
 """Cycles of a window up to which its rows are read: twenty pieces of a recording, less than 100 ms."""
 _KEPT = 2048
 """Pieces whose columns are remembered."""
 _MOST_MARKS = 200
-_GUESSES = 6
-"""Pieces that are looked into before the gap is halved instead."""
 
 
 class RecordedHistory:
@@ -46,13 +45,13 @@ class RecordedHistory:
         self.newest = int(newest)
         self.oldest = self.oldest_full = self._first(0)
         self.count = int(telemetry.end.get("rows") or self.newest - self.oldest + 1)
-        self.overview = made_overview(folder, fields, self.oldest, self.newest, len(self.pieces))
+        self.overview = Overview(folder, self.pieces, self.fields, self.oldest, self.newest)
         self._remarks = [(int(m["cycle"]), "mark", f"{m['text']} ({m['by']})") for m in telemetry.marks]
 
     @property
     def marks(self) -> list[tuple[int, str, str]]:
         """Remarks, and faults and damage as far as they are known: cycle, kind, text."""
-        found = [(first, kind, text.replace(self._prefix, "")) for first, _, kind, text in self.overview.notes()]
+        found = [(cycle, kind, text.replace(self._prefix, "")) for cycle, kind, text in self.overview.notes]
         return sorted(self._remarks + found)[:_MOST_MARKS]
 
     def index(self, names: Sequence[str]) -> list[int]:
@@ -76,9 +75,8 @@ class RecordedHistory:
 
     def window(self, columns: Sequence[int], first: int, last: int, points: int) -> Window:
         """From cycle `first` to `last` in at most about `points` points; NaN where the overview has nothing yet."""
-        self.overview.wanted[:] = first, last
         shown = self._window(columns, first, last, points)
-        for begin, _, kind, _ in self.overview.notes():
+        for begin, kind, _ in self.overview.notes:
             if kind == "damage" and first <= begin <= last:
                 shown = _parted(shown, begin)
         return shown
@@ -100,18 +98,8 @@ class RecordedHistory:
         return _decimated(cycles, low, high, level.per, points, missing)
 
     def _holding(self, cycle: int) -> int:
-        """The piece in which the cycle is, or would be: pieces are about as long as one another."""
-        low, high, reads = 0, len(self.pieces), 0
-        begin, end = self.oldest, self.newest + 1
-        while high - low > 1:
-            reads += 1
-            share = (cycle - begin) / (end - begin) if reads < _GUESSES else 0.5
-            at = min(max(low + int(share * (high - low)), low + 1), high - 1)
-            if (found := self._first(at)) <= cycle:
-                low, begin = at, found
-            else:
-                high, end = at, found
-        return low
+        """The piece in which the cycle is, or would be."""
+        return max(0, bisect.bisect_right(range(len(self.pieces)), cycle, key=self._first) - 1)
 
     def _first(self, piece: int) -> int:
         """First cycle of a piece, which is read for it once; of one that can't be read, that of the next."""

@@ -57,31 +57,14 @@ class Options:
     opcua_folder: Path = Path("gateway-opcua")
 
 
-class Expected:
-    """What should run: `config` as it is now. `save` and `apply` replace it while the gateway runs."""
-
-    def __init__(self, config: Path) -> None:
-        """Raises ConfigError, PermissionDenied or another error of this program where it can't be read."""
-        self._config, self._version, self._sha256 = config, (0, 0, 0), ""
-        self._read()
-
-    def sha256(self) -> str:
-        """Of its text; of what was read last where it can't be read any more."""
-        with contextlib.suppress(MicromanipError):
-            self._read()
-        return self._sha256
-
-    def _read(self) -> None:
-        try:
-            seen = self._config.stat()
-            version = (seen.st_ino, seen.st_size, seen.st_mtime_ns)
-            if version != self._version:
-                text = self._config.read_text(encoding="utf-8")
-                self._sha256, self._version = hashlib.sha256(text.encode()).hexdigest(), version
-        except UnicodeDecodeError as problem:
-            raise ConfigError(f"{self._config}: not a text of UTF-8: {problem}") from problem
-        except OSError as problem:
-            raise system_error(problem, self._config) from problem
+def _sha256(config: Path) -> str:
+    """Of its text as it is now; raises ConfigError, PermissionDenied or another error of this program."""
+    try:
+        return hashlib.sha256(config.read_bytes().decode("utf-8-sig").encode()).hexdigest()
+    except UnicodeDecodeError as problem:
+        raise ConfigError(f"{config}: not a text of UTF-8: {problem}") from problem
+    except OSError as problem:
+        raise system_error(problem, config) from problem
 
 
 def serve(options: Options, say: Callable[[str], None]) -> None:
@@ -89,7 +72,7 @@ def serve(options: Options, say: Callable[[str], None]) -> None:
 
     Raises ConfigError, UsageError, PermissionDenied or DeviceUnavailable where it can't begin.
     """
-    expected = Expected(options.config)
+    expected = _sha256(options.config)
     host, port = parsed_address(options.listen, "--listen")
     origins = _origins(options, host)
     tokens, is_new = load_tokens(options.tokens)
@@ -98,8 +81,11 @@ def serve(options: Options, say: Callable[[str], None]) -> None:
     cell = Cell(options.control)
 
     def differs() -> str | None:
+        nonlocal expected
+        with contextlib.suppress(MicromanipError):  # `save` and `apply` replace it; one that is gone is as it was
+            expected = _sha256(options.config)
         status = cell.status
-        if status is None or status["configuration_sha256"] == expected.sha256():
+        if status is None or status["configuration_sha256"] == expected:
             return None
         return (
             f"The controller runs {status['configuration']}, which is not what {options.config} says now: another "

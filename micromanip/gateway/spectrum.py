@@ -20,7 +20,8 @@ _LINES = 5
 _FLOOR = 4.0
 """A line stands out of the median of its neighbours by this factor, in amplitude."""
 _AROUND = 25
-_WIDTH = 4
+_APART = 5
+"""Bins from one line to the next at least."""
 
 
 @dataclass(frozen=True)
@@ -70,23 +71,15 @@ def spectrum(values: Array, rate_Hz: float) -> Spectrum | None:
 
 def _lines(power: Array, amplitude: Array, bin_Hz: float) -> list[Line]:
     """The greatest peaks that stand out; frequencies are interpolated."""
+    from scipy.signal import find_peaks
+
     logarithm = np.log(np.maximum(power, np.finfo(float).tiny))
-    inner = np.arange(2, len(power) - 1)
-    peaks = inner[(power[inner] > power[inner - 1]) & (power[inner] >= power[inner + 1])]
     found: list[Line] = []
-    taken: list[int] = []
-    for k in peaks[np.argsort(power[peaks])[::-1]]:
-        if any(abs(k - other) <= _WIDTH for other in taken):
-            continue
+    for k in sorted(find_peaks(power, distance=_APART)[0], key=lambda k: -power[k]):
         around = amplitude[max(1, k - _AROUND) : k + _AROUND + 1]
-        if amplitude[k] < _FLOOR * np.median(around):
-            continue
-        left, mid, right = logarithm[k - 1 : k + 2]
-        curve = left - 2.0 * mid + right
-        shift = 0.5 * (left - right) / curve if curve < 0.0 else 0.0
-        near = amplitude[max(0, k - 1) : k + 2]
-        found.append(Line(float((k + shift) * bin_Hz), float(near.max())))
-        taken.append(int(k))
-        if len(found) == _LINES:
-            break
-    return found
+        if k > 1 and amplitude[k] >= _FLOOR * np.median(around):
+            left, mid, right = logarithm[k - 1 : k + 2]
+            curve = left - 2.0 * mid + right
+            shift = 0.5 * (left - right) / curve if curve < 0.0 else 0.0
+            found.append(Line(float((k + shift) * bin_Hz), float(amplitude[k - 1 : k + 2].max())))
+    return found[:_LINES]

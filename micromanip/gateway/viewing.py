@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import contextlib
-import subprocess
-import sys
 import tempfile
+import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -18,8 +16,6 @@ from micromanip.recordings import Telemetry, open_telemetry
 from .app import Gateway
 from .fields import fields
 from .guard import Origins
-from .overview import Overview
-from .overview_filling import fill
 from .recording_history import RecordedHistory
 from .serving import is_local, listening, parsed_address, run, shown
 from .tokens import Token
@@ -94,7 +90,7 @@ def _how_it_ended(telemetry: Telemetry) -> str:
 
 
 def view(file: Path, listen: str, say: Callable[[str], None]) -> None:
-    """Serve `file` until SIGINT or SIGTERM; another process reads it into its overview meanwhile.
+    """Serve `file` until SIGINT or SIGTERM; a thread reads it into its overview meanwhile.
 
     Raises CheckFailed where it can't be read, UsageError for an address of others, PermissionDenied or
     DeviceUnavailable where nothing can listen there.
@@ -110,20 +106,12 @@ def view(file: Path, listen: str, say: Callable[[str], None]) -> None:
         say(f"{file}: {source.recording['rows']} cycles, {seconds:g} s")
         say(f"scope at http://{shown(*socket.getsockname()[:2])}/ for everybody on this computer; Ctrl-C ends it")
         end = time.monotonic() + _FIRST_LOOK_S  # so that the first picture has something to show of the whole
-        fill(source.history.pieces, source.fields, source.history.overview, lambda: time.monotonic() < end)
-        with _filling(file, source.history.overview):
-            run(gateway, socket)
-
-
-@contextlib.contextmanager
-def _filling(file: Path, overview: Overview) -> Iterator[None]:
-    """A process that fills the overview, where something is missing in it; it ends with us."""
-    if overview.share == 1.0:
-        yield
-        return
-    orders = [sys.executable, "-m", "micromanip.gateway.overview_filling", str(file), str(overview.folder)]
-    with subprocess.Popen(orders, stdin=subprocess.DEVNULL, process_group=0) as filling:
+        overview, ended = source.history.overview, threading.Event()
+        overview.fill(lambda: time.monotonic() < end)
+        filling = threading.Thread(target=overview.fill, args=(lambda: not ended.is_set(),))
+        filling.start()
         try:
-            yield
+            run(gateway, socket)
         finally:
-            filling.terminate()
+            ended.set()
+            filling.join()

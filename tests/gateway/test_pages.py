@@ -10,10 +10,8 @@ from campaigns.running_controller import until
 from micromanip.errors import CheckFailed
 from micromanip.gateway.app import Gateway
 from micromanip.gateway.guard import Origins
-from micromanip.gateway.overview_filling import fill
 from micromanip.gateway.tokens import Token, Tokens
 from micromanip.gateway.viewing import AnonymousTokens, RecordedCell
-from micromanip.recordings import open_telemetry
 from micromanip.rt import states
 from tests.cli.played import FAULT
 from tests.gateway.chromium import PROGRAM, chromium
@@ -224,7 +222,7 @@ def test_a_recording_is_seen_whole_and_down_to_a_millisecond_without_a_token(bro
         assert whole["last"] == source.history.newest
         assert browser.value("document.querySelector('dialog[open]') === null")
         browser.until("document.getElementById('summary').textContent.includes('overview so far 0 %')")
-        fill(open_telemetry(file).pieces(), source.fields, source.history.overview)
+        source.history.overview.fill()
         assert browser.value(MIXED) < 0.1, "the set-point, 0, lies above the gauge's noise"
         fault = browser.until("document.querySelector('#marks .fault')?.textContent")
         browser.until("!document.getElementById('summary').textContent.includes('overview so far')")

@@ -7,7 +7,6 @@ import pytest
 from mcap.reader import make_reader
 from recordings.damaged import damage
 
-from micromanip.gateway.overview_filling import fill
 from micromanip.gateway.viewing import RecordedSource
 from micromanip.host.recording.mcap_file import McapRecording
 from micromanip.recordings import open_telemetry
@@ -50,7 +49,7 @@ def source(tmp_path_factory):
     found = opened(file)
     assert found.recording["rows"] == COUNT
     assert found.history.overview.share == 0.0
-    fill(open_telemetry(file).pieces(), found.fields, found.history.overview)
+    found.history.overview.fill()
     assert found.history.overview.share == 1.0
     return found
 
@@ -106,7 +105,7 @@ def test_a_damaged_piece_is_left_blank_and_said(tmp_path, place):
     file, every = written(tmp_path / "run.mcap"), made()
     damage(file, place)
     source = opened(file)
-    fill(open_telemetry(file).pieces(), source.fields, source.history.overview)
+    source.history.overview.fill()
     assert source.history.overview.share == 1.0
     ((first, _, text),) = [mark for mark in source.so_far()["marks"] if mark[1] == "damage"]
     lost = int(re.fullmatch(r"damaged: (\d+) cycles can't be read \(it is damaged.*\)", text)[1])

@@ -1,10 +1,9 @@
-"""Spectra in physical units: the amplitude of a known sine, the density of known noise."""
+"""Spectra in physical units: the amplitude of a known sine."""
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.signal import welch
 
 from micromanip.gateway.spectrum import on_grid, spectrum
 
@@ -18,16 +17,6 @@ def test_a_sine_is_read_within_a_hundredth(frequency_Hz, amplitude, phase, mean)
     found = spectrum(mean + amplitude * np.sin(2 * np.pi * frequency_Hz * t + phase), RATE_HZ)
     assert found.lines[0].frequency_Hz == pytest.approx(frequency_Hz, rel=0.01)
     assert found.lines[0].amplitude == pytest.approx(amplitude, rel=0.01)
-
-
-@pytest.mark.parametrize("count", [64, 100, 1001, 20_000])
-def test_the_density_is_scipys(count):
-    """Whose Welch takes as long to import as all else of the gateway."""
-    values = np.random.default_rng(count).normal(5.0, 1.0, count)
-    found = spectrum(values, RATE_HZ)
-    frequency, power = welch(values, RATE_HZ, "hann", round(RATE_HZ / found.frequency_Hz[1]))
-    assert found.frequency_Hz == pytest.approx(frequency)
-    assert found.density == pytest.approx(np.sqrt(power), rel=1e-9)
 
 
 def test_too_few_samples_have_none():

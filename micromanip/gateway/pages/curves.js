@@ -1,10 +1,8 @@
 // Curves that are not over time: amplitude densities with their greatest lines, x-y.
 import uPlot from "./third_party/uplot/uPlot.esm.js";
-import { cell, colour, element, head, padded, rows, short, swatch, unitText } from "./page.js";
+import { cell, colour, element, head, padded, plainTicks, plotAxis, rows, short, swatch, unitText } from "./page.js";
 
 const power = (plot, ticks) => ticks.map((tick) => (tick === null ? "" : tick >= 0.01 && tick < 1e5 ? String(tick) : tick.toExponential(0).replaceAll("-", "−")));
-
-const plain = (plot, ticks) => ticks.map((tick) => String(Number(tick.toPrecision(10))).replace("-", "−"));
 const tall = () => Math.max(280, Math.min(720, window.innerHeight - 310));
 
 /** One plot in `place`. */
@@ -26,7 +24,7 @@ class Curves {
   /** `data` and `series` as uPlot has them, with colours by name; `labels` of x and y; `more` options of uPlot. */
   make(data, series, labels, values, more) {
     this.clear();
-    const axis = { stroke: () => colour("--faint"), grid: { stroke: () => colour("--grid"), width: 1 }, ticks: { stroke: () => colour("--grid") }, font: "13px system-ui, sans-serif", labelFont: "13px system-ui, sans-serif", labelSize: 18, values };
+    const axis = { ...plotAxis(), values };
     this.plot = new uPlot({
       width: this.width,
       height: this.height(),
@@ -97,7 +95,7 @@ export class XyView extends Curves {
   draw(x, y, xField, yField) {
     const named = ({ name, unit }) => (unit ? `${name}, ${unitText(unit)}` : name);
     const facets = ["x", "y"].map((scale) => ({ scale, auto: true }));
-    this.make([null, [x, y]], [{ colour: "--trace-1", facets, paths: polyline }], [named(xField), named(yField)], plain,
+    this.make([null, [x, y]], [{ colour: "--trace-1", facets, paths: polyline }], [named(xField), named(yField)], plainTicks,
       { mode: 2, legend: { show: false }, cursor: { show: false }, scales: { x: { time: false, range: ends(x) }, y: { range: ends(y) } } });
   }
 }

@@ -1,9 +1,8 @@
 // Moves of an axis that is held: asked for, followed as long as this page is there, and what the axis answered.
-import { post } from "./connection.js";
-import { traced } from "./frames.js";
-import { by, cell as td, head, isMeant, rows, short, themeButton } from "./page.js";
+import { Connection, post } from "./connection.js";
+import { parsed, traced } from "./frames.js";
+import { by, cell, head, isMeant, notice, offer, rows, short, showStatus, themeButton } from "./page.js";
 import { Panels } from "./panels.js";
-import { Supervised } from "./supervised.js";
 
 const LABELS = {
   setpoint_um: "set-point", strain_um: "strain gauge", reference_um: "reference", stage_um: "stage", voltage_V: "voltage",
@@ -22,21 +21,22 @@ const NUMBERS = {
   sweep: ["amplitude_um", "frequency_Hz", "to_Hz", "seconds"], waypoints: ["way_s", "rest_s"],
 };
 
+let controller = null, state = "", operates = false;
 let running = false, stopping = false;
 let view = { last: null, span_s: LIVE_S, begun: null };
 
 const form = by("move").elements;
-const panels = new Panels(by("plots"), { zoomed: () => {}, wheel: () => {}, whole: live, pointed: () => {} }, true);
+const panels = new Panels(by("plots"), { whole: live }, true);
 const fields = () => Object.keys(LABELS).map((name, i) => {
-  const found = cell.controller.fields.find((field) => field.name === `${form.axis.value}.${name}`);
+  const found = controller.fields.find((field) => field.name === `${form.axis.value}.${name}`);
   const isOfStage = ["reference_um", "stage_um"].includes(name);
   return { ...found, label: LABELS[name], unit: isOfStage ? "µm, stage" : found.unit, colour: `--trace-${(i % 2) + 1}` };
 });
-const period = () => cell.controller.period_ns * 1e-9;
+const period = () => controller.period_ns * 1e-9;
 
 function askView() {
-  if (!cell.controller) return;
-  cell.connection.send({ type: "view", fields: fields().map(({ name }) => name), span_s: view.span_s, points: panels.points, last: view.last });
+  if (!controller) return;
+  connection.send({ type: "view", fields: fields().map(({ name }) => name), span_s: view.span_s, points: panels.points, last: view.last });
 }
 
 function live() {
@@ -54,17 +54,10 @@ function draw(header, arrays) {
 }
 
 function arrange() {
-  for (const label of by("move").querySelectorAll("[data-for]")) {
-    const fits = label.dataset.for.split(" ").includes(form.kind.value);
-    for (const part of [label, ...label.children]) {
-      part.hidden = !fits;
-      part.disabled = !fits || running;
-    }
-    label.style.display = fits ? "" : "none";
-  }
+  offer(by("move"), running);
   for (const name of ["axis", "kind"]) form[name].disabled = running;
-  const why = !cell.operates ? "This token only observes: moving takes one whose scope is operate." : cell.state !== "HOLDING" ? `An axis is moved while HOLDING; the state is ${cell.state || "unknown"}.` : "";
-  by("begin").disabled = running || why !== "" || !cell.controller;
+  const why = !operates ? "This token only observes: moving takes one whose scope is operate." : state !== "HOLDING" ? `An axis is moved while HOLDING; the state is ${state || "unknown"}.` : "";
+  by("begin").disabled = running || why !== "" || !controller;
   by("stop").disabled = !running;
   if (!running && (why || /^(This token|An axis is moved)/.test(by("said").textContent))) by("said").textContent = why;
 }
@@ -132,7 +125,7 @@ async function showResponse(wanted, begun, length_s) {
   const { wanted: from, found, figures } = await ask("/api/response", { axis: wanted.axis, first: begun, last, ...more });
   rows(by("figures"), [
     [head(`${from} and ${found}`), head("", "number"), head("")],
-    ...Object.entries(figures).map(([name, value]) => [td(FIGURES[name][0]), td(short(value), "number"), td(FIGURES[name][1])]),
+    ...Object.entries(figures).map(([name, value]) => [cell(FIGURES[name][0]), cell(short(value), "number"), cell(FIGURES[name][1])]),
   ]);
 }
 
@@ -142,8 +135,39 @@ function stop() {
   by("said").textContent = "stopping";
 }
 
-const cell = new Supervised({ axis: form.axis, draw, look: live, arrange, stop });
+const connection = new Connection((message) => {
+  if (message instanceof ArrayBuffer) {
+    const [header, arrays] = parsed(message);
+    if (header.type === "frame") draw(header, arrays);
+  } else if (message.type === "hello") {
+    operates = message.scope === "operate";
+    controller = message.cell;
+    if (controller) {
+      const kept = form.axis.value;
+      form.axis.replaceChildren(...controller.axes.map((name) => new Option(name)));
+      if (controller.axes.includes(kept)) form.axis.value = kept;
+      live();
+    }
+    arrange();
+    return;
+  } else if (message.type === "status") {
+    state = message.status?.state ?? "";
+    showStatus(message);
+    arrange();
+  } else if (message.type === "problem") notice(message.problem, true);
+  connection.drawn();
+}, (why) => {
+  stop();
+  notice(why, true);
+});
 
+by("stop").addEventListener("click", stop);
+document.addEventListener("keydown", (event) => {
+  if (event.key === "Escape" && !by("question").open) stop();
+});
+document.addEventListener("visibilitychange", () => {
+  if (document.hidden) stop();
+});
 by("move").addEventListener("submit", (event) => {
   event.preventDefault();
   move();

@@ -56,6 +56,14 @@ export async function isMeant(title, text, usual = "no") {
   return dialog.returnValue === "yes";
 }
 
+/** Of a form, what goes with the kind that is chosen; what is hidden, or all of it where it `isBusy`, takes nothing. */
+export function offer(form, isBusy = false) {
+  for (const label of form.querySelectorAll("[data-for]")) {
+    label.hidden = !label.dataset.for.split(" ").includes(form.elements.kind.value);
+    for (const input of label.children) input.disabled = label.hidden || isBusy;
+  }
+}
+
 export const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
 /** A number of fixed digits behind the point, with a real minus; a dash where there is none. */
@@ -103,6 +111,14 @@ function clock(value, decimals) {
 }
 
 export const unitText = (unit) => (unit === "um" ? "µm" : unit);
+
+/** An axis of a plot, as uPlot has it. */
+export function plotAxis() {
+  const font = "13px system-ui, sans-serif", grid = () => colour("--grid");
+  return { stroke: () => colour("--faint"), grid: { stroke: grid, width: 1 }, ticks: { stroke: grid }, font, labelFont: font, labelSize: 18 };
+}
+
+export const plainTicks = (plot, ticks) => ticks.map((tick) => String(Number(tick.toPrecision(10))).replace("-", "−"));
 
 /** Ends of an axis for values from `low` to `high`, null where there are none. */
 export function padded(low, high) {

@@ -1,6 +1,6 @@
 // The traces over time: a panel for each unit, one below the other, with one time axis, cursors, states and limits.
 import uPlot from "./third_party/uplot/uPlot.esm.js";
-import { cell, colour, element, head, moment, padded, rows, seconds, short, swatch, timeTicks, unitText } from "./page.js";
+import { cell, colour, element, head, moment, padded, plainTicks, plotAxis, rows, seconds, short, swatch, timeTicks, unitText } from "./page.js";
 
 const STATE_TINT = {
   READY: "#1f4e9922", ARMING: "#f0bd2120", TRACKING: "#0a8a3a1c", HOLDING: "#f0bd2120", RAMPING: "#f0bd2120", FAULT: "#d0202038",
@@ -12,12 +12,8 @@ export class Panels {
    *
    * `zoomed(from, to)` hears of a drag and `wheel(at, factor)` of the wheel, in s; `pointed` of the pointer.
    */
-  constructor(place, { zoomed, wheel, whole, pointed }, hasLegend = false) {
-    this.place = place;
-    this.hasLegend = hasLegend;
-    this.handlers = { zoomed, wheel, whole, pointed };
-    this.plots = [];
-    this.key = "";
+  constructor(place, handlers, hasLegend = false) {
+    Object.assign(this, { place, handlers, hasLegend, plots: [], key: "" });
     this.cursors = { A: null, B: null };
     this.pointer = null;
     this.shown = null;
@@ -62,7 +58,7 @@ export class Panels {
   }
 
   options(own, unit, isLast, panels) {
-    const axis = { stroke: () => colour("--faint"), grid: { stroke: () => colour("--grid"), width: 1 }, ticks: { stroke: () => colour("--grid") }, font: "13px system-ui, sans-serif" };
+    const axis = plotAxis();
     return {
       width: Math.max(200, this.place.clientWidth - 10),
       height: this.height(panels) + (isLast ? 24 : 0),
@@ -72,7 +68,7 @@ export class Panels {
       scales: { x: { time: false, range: () => this.shown ?? [0, 1] }, y: { range: (plot, low, high) => padded(low, high) } },
       axes: [
         { ...axis, show: isLast, size: 38, values: (plot, ticks) => timeTicks(ticks), space: 90 },
-        { ...axis, size: 70, label: unitText(unit) || "number", labelSize: 18, labelFont: "13px system-ui, sans-serif", values: (plot, ticks) => ticks.map((tick) => String(Number(tick.toPrecision(10))).replace("-", "−")) },
+        { ...axis, size: 70, label: unitText(unit) || "number", values: plainTicks },
       ],
       series: [{}, ...own.map((field) => ({ label: field.name, stroke: () => colour(field.colour), width: 1.25, points: { show: false }, spanGaps: false }))],
       hooks: {
@@ -87,14 +83,14 @@ export class Panels {
   listen(plot) {
     plot.over.addEventListener("wheel", (event) => {
       event.preventDefault();
-      this.handlers.wheel(plot.posToVal(event.offsetX, "x"), event.deltaY < 0 ? 0.5 : 2);
+      this.handlers.wheel?.(plot.posToVal(event.offsetX, "x"), event.deltaY < 0 ? 0.5 : 2);
     }, { passive: false });
     plot.over.addEventListener("dblclick", () => this.handlers.whole());
   }
 
   selected(plot) {
     if (plot.select.width < 4) return;
-    this.handlers.zoomed(plot.posToVal(plot.select.left, "x"), plot.posToVal(plot.select.left + plot.select.width, "x"));
+    this.handlers.zoomed?.(plot.posToVal(plot.select.left, "x"), plot.posToVal(plot.select.left + plot.select.width, "x"));
     plot.setSelect({ left: 0, top: 0, width: 0, height: 0 }, false);
   }
 
@@ -102,7 +98,7 @@ export class Panels {
     const at = plot.cursor.left >= 0 ? plot.posToVal(plot.cursor.left, "x") : null;
     if (at === null && plot !== this.plots[0]?.plot) return;
     this.pointer = at;
-    this.handlers.pointed(at);
+    this.handlers.pointed?.(at);
   }
 
   /** Traces: `shown` is [from, to] in s, `times` (n) in s, `traces` {name: [low, high]}, `bands` [[from, to, state]]. */

@@ -1,4 +1,5 @@
 // The trigger's form: what it says as the message to the gateway.
+import { offer } from "./page.js";
 
 export class TriggerForm {
   constructor(form, changed) {
@@ -25,13 +26,8 @@ export class TriggerForm {
   }
 
   arrange() {
-    const { kind, mode } = this.form.elements;
-    for (const label of this.form.querySelectorAll("[data-for]")) {
-      const fits = label.dataset.for.split(" ").includes(kind.value);
-      for (const part of [label, ...label.children]) part.hidden = !fits;
-      label.style.display = fits ? "" : "none";
-    }
-    this.form.querySelector("button").disabled = mode.value === "off";
+    offer(this.form);
+    this.form.querySelector("button").disabled = this.mode === "off";
   }
 
   get mode() {

@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING
 
 import click
 
-from .axes import axis_option, chosen_axes
 from .echo import echo
-from .options import Quantity, emit_json, subcommand
+from .options import Answer, Quantity, axis_option, chosen_axes, subcommand
 from .progress import steps
 from .recording_options import open_recording
-from .results import out_option
+from .results import out_option, pictures_in
 
 if TYPE_CHECKING:
     from micromanip.design.analyse.budget.budget import AxisBudget
@@ -35,16 +34,12 @@ _CONFIGURATIONS = (".yaml", ".yml")
     metavar="S", help="For how long path and force keep their phase: what the bound takes for granted.",
 )  # fmt: skip
 @out_option("pictures", metavar="DIR")
-def command(
-    file: Path, only: str, seconds: float, seed: int, coherence_s: float, folder: Path | None, as_json: bool
-) -> None:
+def command(file: Path, only: str, seconds: float, seed: int, coherence_s: float, folder: Path | None) -> Answer:
     """Variance of the path error by cause, and a bound that no causal controller can beat.
 
     It is what the signals of a recording show; a configuration (.yaml) of a simulated cell is played in virtual time.
     docs/analyse.md explains it.
     """
-    from .results import pictures_in
-
     with pictures_in(folder) as pictures, steps() as bar:
         if file.suffix.lower() in _CONFIGURATIONS:
             budgets, about = _of_configuration(file, only, seconds, seed, coherence_s, bar.say)
@@ -55,17 +50,14 @@ def command(
 
             bar.say("drawing")
             pictures.draw(partial(draw_budgets, budgets, about))
-        written = pictures.put()
-    if as_json:
-        emit_json(
-            {"file": str(file), "axes": [each.document() for each in budgets], "files": [str(f) for f in written]}
-        )
-    else:
+    document = {"file": str(file), "axes": [each.document() for each in budgets], "files": pictures.names}
+
+    def show() -> None:
         for budget in budgets:
             _print(budget)
-        for picture in written:
-            echo(f"wrote {picture}")
-    pictures.require_written()
+        pictures.echo()
+
+    return Answer(document, show, pictures.problem)
 
 
 def _of_configuration(

@@ -1,7 +1,8 @@
-"""``micromanip analyse live``: margins of a loop, measured while it runs."""
+"""``micromanip analyse live`` and ``health``: margins of a running loop, and whether it has changed."""
 
 from __future__ import annotations
 
+from math import isfinite, isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,12 +11,12 @@ import click
 from micromanip.client import Client
 from micromanip.errors import CheckFailed
 
-from .axes import one_axis_option
 from .echo import echo
-from .options import Quantity, emit_json, socket_option, subcommand
-from .results import out_option, results_folder
+from .options import Answer, Quantity, moved_axis_option, one_axis_option, socket_option, subcommand
+from .results import out_option, pictures_in
 
 if TYPE_CHECKING:
+    from micromanip.design.analyse.health import Check
     from micromanip.design.analyse.live_margins import Running
     from micromanip.design.identify.response import Measured
     from micromanip.replies import Injected
@@ -33,9 +34,9 @@ amplitude_option = click.option(
 @click.option("--seed", type=Quantity("Seed"), default=1, help="Draws its phases.")
 @out_option("a picture", metavar="DIR")
 @socket_option
-def command(
-    axis: str, loop: Any, amplitude_um: float, seed: int, folder: Path | None, socket_path: Path, as_json: bool,
-) -> None:  # fmt: skip
+def live(
+    axis: str, loop: Any, amplitude_um: float, seed: int, folder: Path | None, socket_path: Path,
+) -> Answer:  # fmt: skip
     """Measure gain and phase margin of a loop, and Ms, while everything runs.
 
     A small multisine is added to the actuator's set-point, twice for 5 s, within the limits; it begins and ends softly,
@@ -54,19 +55,20 @@ def command(
         begun, plant = inject(client, axis, loop, amplitude_um, seed, DRAWS)
     running = validate_document(Source.of(begun["configuration"], Path("(running)")))
     found = judge_running(running, FeedbackPath(**begun["path"]), axis, loop, plant)
-    files = []
-    if folder is not None:
-        from micromanip.design.plots.canvas import save
-        from micromanip.design.plots.findings import running_plots
+    with pictures_in(folder) as pictures:
+        if folder is not None:
+            from micromanip.design.plots.canvas import save
+            from micromanip.design.plots.findings import running_plots
 
-        with results_folder(folder):
-            files.append(save(running_plots(found), folder, f"sensitivity_{axis}_{loop}", about=where))
-    if as_json:
-        emit_json(document(found, loop) | {"files": [str(file) for file in files]})
-    else:
-        _print(found, where, files)
-    if found.problem is not None:
-        raise CheckFailed(f"axis {axis}, {found.loop.name}: {found.problem}")
+            name = f"sensitivity_{axis}_{loop}"
+            pictures.draw(lambda place: [save(running_plots(found), place, name, about=where)])
+
+    def show() -> None:
+        _print_loop(found, where)
+        pictures.echo()
+
+    failed = CheckFailed(f"axis {axis}, {found.loop.name}: {found.problem}") if found.problem is not None else None
+    return Answer(document(found, loop) | {"files": pictures.names}, show, failed or pictures.problem)
 
 
 def inject(
@@ -89,7 +91,7 @@ def inject(
     return begun, plant_of(responses)
 
 
-def _print(found: Running, where: str, files: list[Path]) -> None:
+def _print_loop(found: Running, where: str) -> None:
     from micromanip.design.analyse.live_margins import figures
 
     from .tables import print_table
@@ -109,5 +111,81 @@ def _print(found: Running, where: str, files: list[Path]) -> None:
         echo("no prediction: the configuration holds no model of the actuator; `commission` finds one")
     elif found.agrees:
         echo("measured and predicted agree")
-    for file in files:
-        echo(f"wrote {file}")
+
+
+@subcommand("health", "micromanip hold && micromanip analyse health --axis all")
+@moved_axis_option
+@amplitude_option
+@click.option("--seed", type=Quantity("Seed"), default=1, help="Draws phases.")
+@socket_option
+def health(only: str, amplitude_um: float, seed: int, socket_path: Path) -> Answer:
+    """Measure gain, first mode, damping and margins of an axis in 20 s, beside those that were commissioned.
+
+    At a change of the tool, say: the axis must be TRACKING or HOLDING, and is measured best held, always at the same
+    place (`micromanip hold`). A small multisine is played as by `analyse live`.
+
+    Exit code 1 where a figure is outside of what robustness was judged for, and where a margin is surely below
+    `accept`.
+    """
+    checks = _measured(only, amplitude_um, seed, socket_path)
+    problems = [f"axis {check.axis}: {problem}" for check in checks for problem in check.problems]
+    failed = CheckFailed("; ".join(problems) + "; commission again: micromanip commission CONFIG --axis ...")
+    document = {"axes": [_document(check) for check in checks], "problems": problems}
+    return Answer(document, lambda: list(map(_print_check, checks)), failed if problems else None)
+
+
+def _measured(axis: str, amplitude_um: float, seed: int, socket_path: Path) -> list[Check]:
+    """The axes asked for, of what runs."""
+    from micromanip.design.analyse.health import DRAWS, checked, closed_loops
+    from micromanip.settings.excitation_plan import require_axis
+    from micromanip.settings.load import validate_document
+    from micromanip.settings.text.source import Source
+    from micromanip.settings.wiring.timing import FeedbackPath
+
+    checks = []
+    with Client(socket_path) as client:
+        configuration = validate_document(Source.parse(Path("(running)"), client.configuration()["text"]))
+        if axis != "all":
+            require_axis(configuration, axis)
+        for name in configuration.axes if axis == "all" else [axis]:
+            loops = closed_loops(configuration.axes[name], name)
+            found = {loop: inject(client, name, loop, amplitude_um, seed, DRAWS) for loop in loops}
+            path = FeedbackPath(**next(reversed(found.values()))[0]["path"])
+            checks.append(checked(configuration, path, name, {loop: plant for loop, (_, plant) in found.items()}))
+    return checks
+
+
+def _document(check: Check) -> dict[str, Any]:
+    from micromanip.design.analyse.health import LABELS
+
+    figures = [
+        {"name": name, "latest": getattr(check.figures, name), "commissioned": getattr(check.tuned, name),
+         "change_percent": 100.0 * check.change(name)}
+        for name in LABELS if not isnan(getattr(check.figures, name))
+    ]  # fmt: skip
+    return {"axis": check.axis, "figures": figures, **check.margins, "deviations": dict(check.deviations),
+            "problems": list(check.problems)}  # fmt: skip
+
+
+def _print_check(check: Check) -> None:
+    from micromanip.design.analyse.health import LABELS, MARGINS
+
+    from .tables import print_table
+
+    rows = []
+    for name, label in LABELS.items():
+        found, tuned = getattr(check.figures, name), getattr(check.tuned, name)
+        if not isnan(found):
+            model, change = ("", "") if isnan(tuned) else (f"{tuned:.4g}", f"{100 * check.change(name):+.1f} %")
+            rows.append((label, f"{found:.4g}", model, change))
+    print_table(("figure", "now", "in the model", "change"), rows, f"Axis {check.axis}")
+    margins = [_margin(check, name, unit) for name, unit in MARGINS.items() if name in check.margins]
+    if margins:
+        echo(f"outer loop: {', '.join(margins)}")
+
+
+def _margin(check: Check, name: str, unit: str) -> str:
+    """A margin and what the check knows it to: two deviations."""
+    found, sure = check.margins[name], 2.0 * check.deviations[name]
+    between = f" ({found - sure:.3g} to {found + sure:.3g})" if isfinite(sure) else ""
+    return f"{found:.3g} {unit}{between}"

@@ -10,9 +10,8 @@ import click
 
 from micromanip.errors import CheckFailed
 
-from .axes import axis_option, chosen_axes
 from .echo import echo
-from .options import Quantity, config_argument, emit_json, subcommand
+from .options import Answer, Quantity, axis_option, chosen_axes, config_argument, subcommand
 from .progress import steps
 from .results import out_option, pictures_in, provenance
 
@@ -31,8 +30,8 @@ if TYPE_CHECKING:
 @click.option("--figures/--no-figures", default=True, help="Draw the figures.")
 def command(
     config: Path, folder: Path, only: str, samples: int, seed: int, jobs: int | None,
-    figures: bool, as_json: bool,
-) -> None:  # fmt: skip
+    figures: bool,
+) -> Answer:  # fmt: skip
     """Judge the control of each axis before it runs: is the inverse regular, are the loops stable, with what margin?
 
     A simulated cell's actuator is recorded in virtual time; on real hardware nothing moves, and the strain loop is
@@ -68,33 +67,38 @@ def command(
                 progress("drawing")
                 about = provenance(prepared, name, seed)
                 pictures.draw(partial(draw_analysis, analysis, about=about))
-        written = pictures.put()
     judged = [criterion for analysis in analyses for criterion in criteria(analysis)]
     coupled = _coupled(prepared, seed) if only == "all" else None
     if coupled is not None:
         judged += [coupled.criterion(name) for name in shown]
     failed = [criterion for criterion in judged if not criterion.passed]
-    if as_json:
-        files = [str(file) for file in written]
-        coupling = None if coupled is None else coupled.document()
-        axes = [report(analysis) for analysis in analyses]
-        emit_json({"passed": not failed, "axes": axes, "coupling": coupling, "figures": files})
-    else:
+    document = {
+        "passed": not failed,
+        "axes": [report(analysis) for analysis in analyses],
+        "coupling": None if coupled is None else coupled.document(),
+        "figures": pictures.names,
+    }
+
+    def show() -> None:
         print_criteria(judged, "Analysis")
         if coupled is not None:
             _print_coupling(coupled)
         for analysis in analyses:
             for line in notes(analysis):
                 echo(f"axis {analysis.axis}: {line}")
-        if written:
-            echo(f"{len(written)} figures in {folder}/")
-    pictures.require_written()
-    if failed:
-        worst = failed[0]
-        raise CheckFailed(
-            f"{len(failed)} of {len(judged)} criteria fail, the first: axis {worst.axis}, {worst.name}: {worst.value} "
-            f"(wanted: {worst.limit})"
-        )
+        pictures.echo()
+
+    return Answer(document, show, pictures.problem or _failure(judged, failed))
+
+
+def _failure(judged: list[Any], failed: list[Any]) -> CheckFailed | None:
+    if not failed:
+        return None
+    worst = failed[0]
+    return CheckFailed(
+        f"{len(failed)} of {len(judged)} criteria fail, the first: axis {worst.axis}, {worst.name}: {worst.value} "
+        f"(wanted: {worst.limit})"
+    )
 
 
 def _coupled(prepared: Prepared, seed: int) -> Coupled | None:

@@ -8,15 +8,16 @@ from typing import TYPE_CHECKING
 
 import click
 
-from micromanip.errors import CheckFailed
+from micromanip.errors import CheckFailed, MicromanipError
 
-from .axes import axis_option, chosen_axes
 from .echo import echo
-from .options import Quantity, emit_json, subcommand, warn
-from .results import out_option
+from .options import Answer, Quantity, axis_option, chosen_axes, subcommand, warn
+from .results import out_option, pictures_in
 
 if TYPE_CHECKING:
-    from micromanip.design.analyse.path.preview import AxisPreview, Preview
+    from collections.abc import Sequence
+
+    from micromanip.design.analyse.path.preview import AxisPreview, Preview, Stretch
 
 _MOST_SHOWN = 24
 
@@ -36,8 +37,7 @@ _MOST_SHOWN = 24
 @out_option("pictures", metavar="DIR")
 def command(
     file: Path, config: Path, only: str, reserve_um: float, tolerance_um: float | None, folder: Path | None,
-    as_json: bool,
-) -> None:  # fmt: skip
+) -> Answer:  # fmt: skip
     """Which stretches of PATH ask for more than the stage has; exit code 1 where one does.
 
     PATH is a table of the robot's deviation (t_s, deviation_<axis>_um), or a recording: what the tracker saw in it.
@@ -46,8 +46,6 @@ def command(
     from micromanip.design.analyse.path.preview import preview_of
     from micromanip.design.analyse.path.seen import seen_path
     from micromanip.settings.check import prepare
-
-    from .results import pictures_in
 
     prepared = prepare(config)
     chosen = chosen_axes(prepared.configuration.axes, only, config)
@@ -58,26 +56,24 @@ def command(
             from micromanip.design.plots.findings import draw_previews
 
             pictures.draw(partial(draw_previews, found, prepared.configuration.axes, f"{file}, {config}"))
-        written = pictures.put()
-    if as_json:
-        document = {"path": str(file), "config": str(config), "reserve_um": reserve_um, **found.document()}
-        emit_json({**document, "files": [str(each) for each in written]})
-    else:
+    over = sorted((stretch for axis in found.axes for stretch in axis.stretches), key=lambda each: each.from_s)
+
+    def show() -> None:
         warn(found.notes)
-        _print(found)
-        for each in written:
-            echo(f"wrote {each}")
-    pictures.require_written()
-    if not found.fits:
-        over = [stretch for axis in found.axes for stretch in axis.stretches]
-        first = min(over, key=lambda each: each.from_s)
-        raise CheckFailed(
-            f"{file} does not fit: {len(over)} stretches ask for more than there is, the first: axis {first.axis}, "
-            f"{first.what}, at {first.from_s:.2f} s"
+        _print(found, over)
+        pictures.echo()
+
+    problem: MicromanipError | None = pictures.problem
+    if problem is None and over:
+        problem = CheckFailed(
+            f"{file} does not fit: {len(over)} stretches ask for more than there is, the first: axis {over[0].axis}, "
+            f"{over[0].what}, at {over[0].from_s:.2f} s"
         )
+    document = {"path": str(file), "config": str(config), "reserve_um": reserve_um, **found.document()}
+    return Answer(document | {"files": pictures.names}, show, problem)
 
 
-def _print(found: Preview) -> None:
+def _print(found: Preview, over: Sequence[Stretch]) -> None:
     from .tables import print_table
 
     print_table(
@@ -85,7 +81,6 @@ def _print(found: Preview) -> None:
         map(_row, found.axes),
         f"Path of {found.seconds:.1f} s",
     )
-    over = sorted((stretch for axis in found.axes for stretch in axis.stretches), key=lambda each: each.from_s)
     rows = (
         (
             f"{each.from_s:.2f}", f"{each.to_s:.2f}", each.axis, each.what, f"{each.asked:.4g}", f"{each.limit:.4g}",

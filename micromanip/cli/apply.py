@@ -5,7 +5,6 @@ from __future__ import annotations
 import datetime
 import subprocess
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,7 +15,7 @@ from micromanip.client import Client
 from micromanip.errors import CheckFailed, ConfigError, MicromanipError, PermissionDenied, UsageError, system_error
 
 from .echo import echo
-from .options import emit_json, socket_option, subcommand
+from .options import Answer, socket_option, subcommand
 
 if TYPE_CHECKING:
     from micromanip.settings.check import Prepared
@@ -35,7 +34,7 @@ _SHOWN = 40
 @click.option("--back", is_flag=True, help="Put back the file that the last `apply` replaced.")
 @click.option("--yes", is_flag=True, help="Don't ask.")
 @socket_option
-def command(tuned: Path | None, service: str | None, back: bool, yes: bool, socket_path: Path, as_json: bool) -> None:
+def command(tuned: Path | None, service: str | None, back: bool, yes: bool, socket_path: Path) -> Answer:
     """Put TUNED in the place of the file that the running controller was started with.
 
     Shows what changes, and asks. The file before is kept beside it. Where every change may be made while it runs, the
@@ -60,9 +59,8 @@ def command(tuned: Path | None, service: str | None, back: bool, yes: bool, sock
     except ConfigError as problem:
         raise ConfigError(str(problem).replace(f"{file}:", f"{new}:")) from problem
     changed, restarts = _changes(before, after)
-    if not as_json:
-        for each in changed:
-            echo(f"  {each['key']}: {_short(each['running'])} -> {_short(each['new'])}  ({each['change']})", err=True)
+    for each in changed:
+        echo(f"  {each['key']}: {_short(each['running'])} -> {_short(each['new'])}  ({each['change']})", err=True)
     applied = Applied(file, after, socket_path, service if restarts else None)
     if changed:
         _require(changed, restarts, status["state"], service)
@@ -70,12 +68,8 @@ def command(tuned: Path | None, service: str | None, back: bool, yes: bool, sock
             click.confirm(f"{len(changed)} values of {file} change. Apply them?", abort=True, err=True)
         applied.apply()
     outcome = {"file": str(file), "before": str(applied.backup) if changed else None, "changed": changed}
-    if as_json:
-        emit_json(outcome)
-    elif changed:
-        echo(f"{file} is in force; what was before is {applied.backup} (`micromanip apply --back`)")
-    else:
-        echo(f"nothing to do: {file} runs with all values of {new}")
+    said = f"{file} is in force; what was before is {applied.backup} (`micromanip apply --back`)"
+    return Answer(outcome, lambda: echo(said if changed else f"nothing to do: {file} runs with all values of {new}"))
 
 
 def _changes(before: Prepared, after: Prepared) -> tuple[list[dict[str, Any]], bool]:
@@ -189,7 +183,9 @@ class Applied:
 
     def _await(self, sha256: str) -> None:
         """Until the controller runs with that text. Raises CheckFailed."""
-        problem = _until(lambda: self._obstacle(sha256))
+        end_s = time.monotonic() + _PATIENCE_S
+        while (problem := self._obstacle(sha256)) is not None and time.monotonic() < end_s:
+            time.sleep(_LOOK_S)
         if problem is not None:
             raise CheckFailed(f"the controller does not run with it after {_PATIENCE_S:g} s: {problem}")
 
@@ -202,11 +198,3 @@ class Applied:
         if status["state"] in _STARTING or (self.service is not None and status["state"] == "FAULT"):
             return f"it is {status['state']}"
         return None if status["configuration_sha256"] == sha256 else "another configuration runs"
-
-
-def _until(obstacle: Callable[[], str | None]) -> str | None:
-    """None as soon as nothing stands in the way; what does when the patience is over."""
-    end_s = time.monotonic() + _PATIENCE_S
-    while (problem := obstacle()) is not None and time.monotonic() < end_s:
-        time.sleep(_LOOK_S)
-    return problem

@@ -12,7 +12,7 @@ from micromanip.errors import CheckFailed
 from micromanip.replies import Candidate
 
 from .echo import echo
-from .options import client_command, emit_answer, socket_option, subcommand
+from .options import Answer, client_command, socket_option, subcommand
 from .parameters import echo_changes
 
 
@@ -83,7 +83,7 @@ def show() -> Callable[[Client], Candidate]:
 @subcommand("promote", "micromanip candidate promote --wait")
 @click.option("--wait", is_flag=True, help="Wait for the end of the trial; exit code 1 where it is not confirmed.")
 @socket_option
-def promote(wait: bool, socket_path: Path, as_json: bool) -> None:
+def promote(wait: bool, socket_path: Path) -> Answer:
     """Put the candidate in force at one cycle boundary, without a bump.
 
     It is on trial for `shadow.trial_s`: where the error grows beyond its limit, an inner loop begins to swing, or the
@@ -94,9 +94,8 @@ def promote(wait: bool, socket_path: Path, as_json: bool) -> None:
         if wait:
             echo(_standing_line(answer), err=True)
             answer = client.candidate_outcome()
-    emit_answer(answer, _show, as_json)
-    if wait and answer["standing"] != "confirmed":
-        raise CheckFailed(f"the promoted tuning is not in force any more: {answer['standing']}")
+    failed = CheckFailed(f"the promoted tuning is not in force any more: {answer['standing']}")
+    return Answer(answer, lambda: _show(answer), failed if wait and answer["standing"] != "confirmed" else None)
 
 
 @subcommand("discard", "micromanip candidate discard")

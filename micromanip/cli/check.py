@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import Any
 
 from .echo import echo
-from .options import config_argument, emit_answer, subcommand, warn
+from .options import Answer, config_argument, subcommand, warn
 
 
 @subcommand("check", "micromanip check config/simulated.yaml")
 @config_argument
-def command(config: Path, as_json: bool) -> None:
+def command(config: Path) -> Answer:
     """Validate CONFIG and print its cycle budget; nothing is started, nothing moves.
 
     Exit code 78 with one line FILE:LINE: KEY: what is wrong, for each problem.
@@ -81,7 +81,7 @@ def command(config: Path, as_json: bool) -> None:
             "slowest_path_ms": round(1e3 * loop_found.path_s, 3),
         }
     warn(warnings)
-    emit_answer(report, lambda shown: _print(shown, config), as_json)
+    return Answer(report, lambda: _print(report, config))
 
 
 def _print(report: dict[str, Any], config: Path) -> None:

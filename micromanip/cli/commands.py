@@ -9,7 +9,7 @@ from typing import Any
 import click
 from click.shell_completion import get_completion_class
 
-from .options import StrictGroup, emit_answer, subcommand
+from .options import Answer, StrictGroup, subcommand
 
 SECTIONS = {
     "The cell": {
@@ -103,8 +103,11 @@ class _Root(LazyGroup):
         formatter.write(f"{_EXAMPLE}\n")
 
 
-def _group(name: str, about: str, example: str, modules: Mapping[str, str]) -> LazyGroup:
-    return LazyGroup(name, modules, help=about, epilog=f"Example: micromanip {name} {example}")
+def _group(name: str, example: str, modules: Mapping[str, str]) -> LazyGroup:
+    does = next(section[name] for section in SECTIONS.values() if name in section)
+    return LazyGroup(
+        name, modules, help=f"{does[0].upper()}{does[1:]}.", epilog=f"Example: micromanip {name} {example}"
+    )
 
 
 _GROUPS = {
@@ -112,60 +115,39 @@ _GROUPS = {
     for group in (
         _group(
             "candidate",
-            "A candidate tuning computes beside what runs, and is put in force on trial.",
             "set axes.x.outer.control_weight=12",
             dict.fromkeys(("set", "show", "promote", "discard"), "candidate"),
         ),
         _group(
             "fit",
-            "Fit models to a recording, ours or any CSV.",
             "hysteresis x.csv --input u --output y",
             {name: f"fit_{name}" for name in ("hysteresis", "linear", "tracker")},
         ),
         _group(
             "analyse",
-            "Margins and error of an axis: from its models, from a recording, or in the running loop.",
             "margins config/simulated.yaml --out out/analyse",
-            {name: f"analyse_{name}" for name in ("margins", "error", "path", "live", "health")},
-        ),
-        _group(
-            "recording",
-            "Record the running controller, every cycle, and read what was recorded.",
-            'start; micromanip recording mark "coolant on"',
             {
-                **dict.fromkeys(("start", "stop", "mark"), "recording"),
-                "list": "recording_list",
-                "view": "recording_list",
-                "report": "recording_report",
-                "compare": "recording_report",
-                "export": "recording_list",
+                **{name: f"analyse_{name}" for name in ("margins", "error", "path")},
+                **dict.fromkeys(("live", "health"), "analyse_live"),
             },
         ),
         _group(
-            "trip",
-            "The black boxes of trips, in plain words.",
-            "show --plot trip.png",
-            {"list": "trip", "show": "trip"},
+            "recording",
+            'start; micromanip recording mark "coolant on"',
+            {
+                **dict.fromkeys(("start", "stop", "mark", "list", "view"), "recording"),
+                **dict.fromkeys(("report", "compare"), "recording_report"),
+                "export": "recording",
+            },
         ),
-        _group(
-            "learn",
-            "Learn from part to part what of the path error repeats, and a correction for it. "
-            "docs/tune.md explains it.",
-            "status",
-            dict.fromkeys(("part", "status", "reset", "export"), "learn"),
-        ),
+        _group("trip", "show --plot trip.png", {"list": "trip", "show": "trip"}),
+        _group("learn", "status", dict.fromkeys(("part", "status", "reset", "export"), "learn")),
         _group(
             "device",
-            "Installed drivers, what answers on their buses, and emulated devices.",
             "probe config/can.yaml can0",
             {"list": "device", "probe": "device", "esi": "device_esi", "simulate": "device_simulate"},
         ),
-        _group(
-            "system",
-            "This machine: whether it keeps a loop's deadlines, the service, its speed.",
-            "check config/simulated.yaml",
-            {name: f"system_{name}" for name in ("check", "install", "bench")},
-        ),
+        _group("system", "check config/simulated.yaml", dict.fromkeys(("check", "install", "bench"), "system")),
     )
 }
 
@@ -173,12 +155,12 @@ _GROUPS = {
 @subcommand("completion", 'eval "$(micromanip completion bash)"')
 @click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
 @click.pass_context
-def completion(context: click.Context, shell: str, as_json: bool) -> None:
+def completion(context: click.Context, shell: str) -> Answer:
     """Print the completion script for SHELL."""
     kind = get_completion_class(shell)
     assert kind is not None
     script = kind(context.find_root().command, {}, "micromanip", "_MICROMANIP_COMPLETE").source()
-    emit_answer({"shell": shell, "script": script}, lambda _: click.echo(script), as_json)
+    return Answer({"shell": shell, "script": script}, lambda: click.echo(script))
 
 
 cli = click.version_option(package_name="micromanip")(

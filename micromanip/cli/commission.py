@@ -9,23 +9,24 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from shutil import copyfile
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from micromanip.errors import CheckFailed, sentence
+from micromanip.errors import CheckFailed, MicromanipError, sentence, system_error
 
-from .axes import chosen_axes, moved_axis_option
-from .commissioned import PREVIOUS, REJECTED, REPORT, TUNED, document, print_found, write_results
 from .echo import echo
-from .options import Quantity, config_argument, emit_json, socket_option, subcommand
+from .options import Answer, Quantity, chosen_axes, config_argument, moved_axis_option, socket_option, subcommand
 from .progress import steps
-from .results import out_option, results_folder, run_folder
+from .results import out_option, publish, results_folder, run_folder
 
 if TYPE_CHECKING:
+    from micromanip.design.commission.cell import CommissionedCell
     from micromanip.design.experiment import Experiment
     from micromanip.settings.check import Prepared
+    from micromanip.settings.schema.axis import Axis
 
+REPORT, TUNED, PREVIOUS, REJECTED = "report.html", "tuned.yaml", "previous.yaml", "rejected.yaml"
 _EXPERIMENTS = ".experiments"
 
 
@@ -51,8 +52,8 @@ _EXPERIMENTS = ".experiments"
 @socket_option
 def command(
     config: Path, only: str, folder: Path, bandwidth_Hz: float | None, noise_um: float | None, tooth_Hz: float | None,
-    seed: int, live: bool, yes: bool, socket_path: Path, as_json: bool,
-) -> None:  # fmt: skip
+    seed: int, live: bool, yes: bool, socket_path: Path,
+) -> Answer:  # fmt: skip
     """Identify an axis, design its controllers, try them on a fresh experiment, and report.
 
     A cell with a tracker, all of whose axes are tuned by then, ends in a file that tracks, and is tried as it will run.
@@ -96,27 +97,30 @@ def command(
             )
             bar.say("report")
             facts = provenance(prepared, config, chosen, seed)
-            axes, missing = write_results(prepared, found, facts, folder, run)
+            axes, missing = _write_results(prepared, found, facts, folder, run)
     seconds = time.monotonic() - began
-    if as_json:
-        emit_json(document(found, axes, folder, run, seconds))
-    else:
-        print_found(found, folder, run, seconds)
-    if missing is not None:
-        raise missing
+    return Answer(
+        _document(found, axes, folder, run, seconds),
+        lambda: _print_found(found, folder, run, seconds),
+        missing or _failure(found, folder),
+    )
+
+
+def _failure(found: CommissionedCell, folder: Path) -> CheckFailed | None:
+    """What was not reached, None of an axis that passed."""
     if found.stopped is not None:
-        raise CheckFailed(f"{sentence(found.stopped)} What was found by then is in {folder / REPORT}")
+        return CheckFailed(f"{sentence(found.stopped)} What was found by then is in {folder / REPORT}")
     failed = [criterion for story in found.evidence for criterion in story.criteria if not criterion.passed]
     if not failed:
-        return
+        return None
     first, more = failed[0], f", and {len(failed) - 1} more" if failed[1:] else ""
     missed = f"axis {first.axis}, {first.name}: {first.value} (wanted: {first.limit}){more}"
     if found.proven:
         less = "PASS WITH LESS: the margins are proven, the accuracy is less than asked"
-        raise CheckFailed(f"{less}: {missed}. {folder / TUNED} runs as it is")
+        return CheckFailed(f"{less}: {missed}. {folder / TUNED} runs as it is")
     stalled = f". {found.stalled}" if found.stalled else ""
     kept = f"the tuning is kept as {folder / REJECTED}, the report is {folder / REPORT}"
-    raise CheckFailed(f"FAIL: {missed}; {kept}{stalled}")
+    return CheckFailed(f"FAIL: {missed}; {kept}{stalled}")
 
 
 def _ask(prepared: Prepared, chosen: list[str], driver: str) -> None:
@@ -154,3 +158,119 @@ def _live(prepared: Prepared, socket_path: Path, folder: Path) -> Iterator[Calla
         shutil.rmtree(folder)
         raise
     shutil.rmtree(folder)
+
+
+def _write_results(
+    prepared: Prepared, found: CommissionedCell, facts: dict[str, str], folder: Path, run: Path
+) -> tuple[dict[str, Axis], MicromanipError | None]:
+    """Write tuning and report into `run`, and copies into `folder`; the axes with their notes, and what is missing.
+
+    The tuning comes first: it is small, and what the axis was moved for. Raises where even that finds no room. One that
+    is not proven is not called tuned.
+    """
+    from micromanip.design.commission.report import write_report
+    from micromanip.design.commission.written import tuned_text
+    from micromanip.design.report.model import missed
+    from micromanip.settings.schema.axis import Commissioned
+    from micromanip.settings.tuning_hash import tuning_hash
+    from micromanip.settings.write import write_atomically
+
+    today = facts["time"][:10]
+    axes = {each.axis: found.configuration.axes[each.axis] for each in found.axes}
+    hashes = {name: tuning_hash(axis) for name, axis in axes.items()}
+    stories = {story.axis: story for story in found.evidence}
+    noted = {
+        name: axis.model_copy(
+            # the run's own, from where the tuning is copied to: the report there may be of another axis by tomorrow
+            update={
+                "commissioned": Commissioned(
+                    hash=hashes[name], report=f"{run.name}/{REPORT}", date=today, less=missed(stories[name])
+                )
+            }
+        )
+        for name, axis in axes.items()
+    }
+    tuned = tuned_text(prepared, found.configuration, noted)
+    named = TUNED if found.proven else REJECTED
+    if found.axes:
+        write_atomically(run / named, tuned)
+    try:
+        write_report(run / REPORT, "Commissioning report", facts, found.evidence, hashes)
+        publish(folder, run, (PREVIOUS, REPORT, TUNED, REJECTED))
+    except OSError as problem:
+        cause = system_error(problem)
+        return noted, type(cause)(f"not everything is written, the tuning is {run / named}: {cause}")
+    return noted, None
+
+
+def _document(
+    found: CommissionedCell, axes: dict[str, Axis], folder: Path, run: Path, seconds: float
+) -> dict[str, Any]:
+    """What was found, for ``--json``; `seconds` is what it took."""
+    from dataclasses import asdict
+
+    from micromanip.design.report.model import of_axis, overall
+
+    return {
+        "passed": found.passed,
+        "verdict": overall(found.evidence).value,
+        "seconds": seconds,
+        "tuned": str(folder / TUNED) if found.proven else None,
+        "rejected": str(folder / REJECTED) if found.axes and not found.proven else None,
+        "stopped": None if found.stopped is None else str(found.stopped),
+        "report": str(folder / REPORT),
+        "run": str(run),
+        "production": found.production_document(),
+        "coupling": None if found.coupled is None else found.coupled.document(),
+        "axes": {
+            story.axis: {
+                "passed": story.passed,
+                "verdict": of_axis(story).value,
+                "hash": getattr(axes[story.axis].commissioned, "hash", None) if story.axis in axes else None,
+                "criteria": [asdict(criterion) for criterion in story.criteria],
+            }
+            for story in found.evidence
+        },
+    }
+
+
+def _print_found(found: CommissionedCell, folder: Path, run: Path, seconds: float) -> None:
+    """What was found, to people, and what to do next."""
+    from micromanip.design.report.model import Verdict, of_axis
+
+    from .analyse_margins import print_criteria
+    from .tables import out_console
+
+    for story in found.evidence:
+        missed = [criterion for criterion in story.criteria if not criterion.passed]
+        met = [criterion for criterion in story.criteria if criterion.passed]
+        print_criteria(missed, "Not met")
+        verdict, colour = of_axis(story), {Verdict.PASS: "green", Verdict.LESS: "yellow"}
+        styled = f"[{colour.get(verdict, 'red')}]{verdict.value}[/]"
+        out_console().print(f"axis {story.axis}: {styled}, {len(met)} of {len(story.criteria)} criteria are met")
+        for criterion in met:
+            echo(f"  {criterion.name}: {criterion.value}")
+    tuning = f"tuning in {folder / TUNED}" if found.proven else "no tuning to run"
+    echo(f"{seconds:.0f} s; {tuning}, report in {folder / REPORT}; nothing was applied")
+    echo(f"this run's files stay in {run}")
+    if found.proven:
+        for line in _how_it_runs(found):
+            echo(line)
+        echo(f"next: micromanip check {folder / TUNED}")
+
+
+def _how_it_runs(found: CommissionedCell) -> list[str]:
+    production = found.production
+    if production is None:
+        return []
+    said = [] if found.coupled is None else list(found.coupled.decided)
+    if production.obstacle is not None:
+        return [f"it does not track yet: {production.obstacle}"]
+    errors = ", ".join(f"{name} {seen.rms:.2f}" for name, seen in production.seen.items())
+    lines = [*production.decided, *said, f"it tracks, tried as it will run: path error {errors} um rms"]
+    if production.budgets:
+        most = ", ".join(
+            f"{name} {each.causes[0].name} {each.causes[0].rms_um:.2f}" for name, each in production.budgets.items()
+        )
+        lines.append(f"most of it: {most} um rms; the report has the rest of the error budget")
+    return lines

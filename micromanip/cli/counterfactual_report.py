@@ -3,31 +3,21 @@
 from __future__ import annotations
 
 import math
-import sys
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 from .echo import echo
-from .options import emit_answer
-from .progress import show_compiling
-from .recording_options import open_recording
+from .options import Answer
+from .recording_options import recorded_run
 
 
-def predict_tuning(file: Path, config: Path, cut: tuple[float, float] | None, as_json: bool) -> NoReturn:
-    """Predict, print, and exit with 1 where the cell would have stopped."""
+def predict_tuning(file: Path, config: Path, cut: tuple[float, float] | None) -> Answer:
+    """The prediction; it ends with 1 where the cell would have stopped."""
     from micromanip.replay.counterfactual import DRAWS, FIGURES, SETTLE_S, Rerun, predict
-    from micromanip.replay.fitting import fit_models
-    from micromanip.replay.window import recorded_configuration, require_comparable, take_window
-    from micromanip.settings.check import prepare
     from micromanip.settings.tuning_hash import changes_since
 
-    show_compiling()
-    telemetry = open_recording(file)
-    _, recorded = recorded_configuration(telemetry)
-    tuned = prepare(config)
-    require_comparable(recorded, tuned.configuration, file, config)
-    window = take_window(telemetry, cut)
-    rerun = Rerun(window, fit_models(window, recorded))
+    recorded, tuned, window, models = recorded_run(file, config, cut)
+    rerun = Rerun(window, models)
     found = predict(rerun, tuned.parameters)
     errors: dict[str, Any] = {}
     for i, axis in enumerate(window.axes):
@@ -56,8 +46,7 @@ def predict_tuning(file: Path, config: Path, cut: tuple[float, float] | None, as
         "outrun": found.outrun,
         "notes": [f"{file}: {change}" for _, change in changes_since(recorded.axes)],
     }
-    emit_answer(document, _show, as_json)
-    sys.exit(0 if found.stopped_s is None else 1)
+    return Answer(document, lambda: _show(document), None if found.stopped_s is None else SystemExit(1))
 
 
 def _show(document: dict[str, Any]) -> None:

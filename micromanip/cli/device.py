@@ -14,19 +14,20 @@ import click
 from micromanip.errors import CheckFailed, DeviceUnavailable, UsageError
 
 from .echo import echo
-from .options import Quantity, config_argument, emit_json, subcommand
+from .options import Answer, Quantity, config_argument, subcommand, wants_json
 
 if TYPE_CHECKING:
     from rich.live import Live
     from rich.table import Table
 
     from micromanip.bus.cyclic import CyclicDriver
-    from micromanip.bus.driver import Answer, BusDriver
+    from micromanip.bus.driver import Answer as Found
+    from micromanip.bus.driver import BusDriver
     from micromanip.bus.registry import Inspected
 
 
 @subcommand("list", "micromanip device list")
-def list_(as_json: bool) -> None:
+def list_() -> Answer:
     """List the installed drivers: kind, package and version, where each comes from, what is wrong with it.
 
     Each is loaded and its class is looked at; nothing is opened, no hardware is needed. Exit code 1 if one of them
@@ -36,13 +37,10 @@ def list_(as_json: bool) -> None:
     from micromanip.bus.registry import inspected
 
     found = inspected()
-    if as_json:
-        emit_json({"drivers": [{**asdict(driver), "ok": not driver.problems} for driver in found]})
-    else:
-        _print_drivers(found)
     broken = [driver.name for driver in found if driver.problems]
-    if broken:
-        raise CheckFailed(f"{'driver' if len(broken) == 1 else 'drivers'} {', '.join(broken)} can't be used")
+    unusable = CheckFailed(f"{'driver' if len(broken) == 1 else 'drivers'} {', '.join(broken)} can't be used")
+    document = {"drivers": [{**asdict(driver), "ok": not driver.problems} for driver in found]}
+    return Answer(document, lambda: _print_drivers(found), unusable if broken else None)
 
 
 def _print_drivers(found: list[Inspected]) -> None:
@@ -61,7 +59,7 @@ def _print_drivers(found: list[Inspected]) -> None:
 @config_argument
 @click.argument("driver", metavar="DRIVER")
 @click.option("--seconds", type=Quantity("Seconds", least=0.1, most=3600.0), default=2.0, help="How long to look.")
-def probe(config: Path, driver: str, seconds: float, as_json: bool) -> None:
+def probe(config: Path, driver: str, seconds: float) -> Answer:
     """Show what answers on the bus of DRIVER, as CONFIG names it, with live values; nothing is moved.
 
     Refused (exit code 69) while a controller has the device, and where no value can be read, whatever else answers.
@@ -75,19 +73,17 @@ def probe(config: Path, driver: str, seconds: float, as_json: bool) -> None:
     if type(chosen).probe is BusDriver.probe:
         raise UsageError(f"driver {driver} has no probe: what answers on its bus can't be seen without moving it")
     with DeviceLocks(_devices(chosen)):
-        answers: dict[str, Answer] = {}
+        answers: dict[str, Found] = {}
         told_values: set[str] = set()
         with contextlib.suppress(KeyboardInterrupt):
-            _look(chosen, seconds, answers, told_values, live=not as_json and sys.stdout.isatty())
-    if as_json:
-        emit_json(_found_document(driver, _device(chosen), seconds, answers))
-    elif answers and not sys.stdout.isatty():
-        _plain(answers)
-    if not told_values:
-        raise DeviceUnavailable(_why(answers, f"{_device(chosen)} in {seconds:g} s", f"drivers.{driver}"))
+            _look(chosen, seconds, answers, told_values, live=sys.stdout.isatty() and not wants_json())
+    found = [_document(answer) for answer in answers.values()]
+    document = {"driver": driver, "device": _device(chosen), "seconds": seconds, "answers": found}
+    silent = DeviceUnavailable(_why(answers, f"{_device(chosen)} in {seconds:g} s", f"drivers.{driver}"))
+    return Answer(document, lambda: _show(answers), None if told_values else silent)
 
 
-def _why(answers: dict[str, Answer], where: str, section: str) -> str:
+def _why(answers: dict[str, Found], where: str, section: str) -> str:
     """What to say where no value was read: an exception that is answered, or silence, is none."""
     if not answers:
         return f"nothing answered on {where}; check power, cable and the keys of {section}"
@@ -108,13 +104,8 @@ def _devices(driver: BusDriver | CyclicDriver) -> tuple[str, ...]:
     return owned or (_device(driver),)
 
 
-def _found_document(driver: str, device: str, seconds: float, answers: dict[str, Answer]) -> dict[str, Any]:
-    found = [_document(answer) for answer in answers.values()]
-    return {"driver": driver, "device": device, "seconds": seconds, "answers": found}
-
-
 def _look(
-    driver: BusDriver | CyclicDriver, seconds: float, answers: dict[str, Answer], told_values: set[str], live: bool
+    driver: BusDriver | CyclicDriver, seconds: float, answers: dict[str, Found], told_values: set[str], live: bool
 ) -> None:
     """Gather the newest answer of each name into `answers`, on a terminal in a table that follows them.
 
@@ -135,13 +126,13 @@ def _look(
             driver.close()
 
 
-def _shown_live(answers: dict[str, Answer]) -> Live:
+def _shown_live(answers: dict[str, Found]) -> Live:
     from rich.live import Live
 
     return Live(_table(answers), refresh_per_second=5)
 
 
-def _found(driver: BusDriver | CyclicDriver, seconds: float) -> Iterator[Answer]:
+def _found(driver: BusDriver | CyclicDriver, seconds: float) -> Iterator[Found]:
     from micromanip.bus.errors import BusError
 
     try:
@@ -152,14 +143,14 @@ def _found(driver: BusDriver | CyclicDriver, seconds: float) -> Iterator[Answer]
         raise DeviceUnavailable(said if named else f"{_device(driver)}: {said}") from problem
 
 
-def _rows(answers: dict[str, Answer]) -> Iterator[tuple[str, str, str, str]]:
+def _rows(answers: dict[str, Found]) -> Iterator[tuple[str, str, str, str]]:
     for answer in answers.values():
         values = [(str(name), _shown(value)) for name, value in answer.values.items()] or [("", "")]
         for number, (name, value) in enumerate(values):
             yield ("", name, value, "") if number else (answer.name, name, value, answer.note)
 
 
-def _table(answers: dict[str, Answer]) -> Table:
+def _table(answers: dict[str, Found]) -> Table:
     from rich.text import Text
 
     from .tables import Figures
@@ -170,18 +161,19 @@ def _table(answers: dict[str, Answer]) -> Table:
     return table
 
 
-def _plain(answers: dict[str, Answer]) -> None:
-    rows = [("answers", "name", "value", "note"), *_rows(answers)]
-    widths = [max(len(row[column]) for row in rows) for column in range(4)]
-    for row in rows:
-        click.echo("  ".join(f"{text:{width}}" for text, width in zip(row, widths, strict=True)).rstrip())
+def _show(answers: dict[str, Found]) -> None:
+    """What a terminal has been shown already."""
+    from .tables import out_console
+
+    if answers and not sys.stdout.isatty():
+        out_console().print(_table(answers))
 
 
 def _shown(value: Any) -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
-def _document(answer: Answer) -> dict[str, Any]:
+def _document(answer: Found) -> dict[str, Any]:
     plain = (str, int, float, bool, list, tuple, dict, type(None))
     values = {str(name): value if isinstance(value, plain) else str(value) for name, value in answer.values.items()}
     return {"name": answer.name, "values": values, "note": answer.note, "is_value": answer.is_value}

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .echo import echo
-from .options import emit_answer, subcommand
+from .options import Answer, subcommand
 
 if TYPE_CHECKING:
     from micromanip.bus.ethercat.esi import EsiDevice
@@ -35,7 +35,7 @@ class _Code(click.ParamType):  # type: ignore[type-arg]  # generic in newer vers
 @click.argument("file", type=click.Path(path_type=Path), metavar="FILE")
 @click.option("--product", type=_Code("product code"), help="Only this one, by its code: 0x1003.")
 @click.option("--revision", type=_Code("revision"), help="Only this one of its revisions: 0x110000.")
-def esi(file: Path, product: int | None, revision: int | None, as_json: bool) -> None:
+def esi(file: Path, product: int | None, revision: int | None) -> Answer:
     """List the devices of an ESI FILE (EtherCAT); of a single one, its keys below `terminals` of a configuration.
 
     These are the PDOs that it has assigned from the start. Scales and ranges stand in its manual.
@@ -48,7 +48,7 @@ def esi(file: Path, product: int | None, revision: int | None, as_json: bool) ->
         devices = [each for each in devices if each.revision == revision]
         if not devices:
             raise UsageError(f"{file} has no device with the revision 0x{revision:x}; it has {there}")
-    emit_answer([_document(each) for each in devices], lambda _: _show(devices), as_json)
+    return Answer([_document(each) for each in devices], lambda: _show(devices))
 
 
 def _all(file: Path) -> Sequence[EsiDevice]:

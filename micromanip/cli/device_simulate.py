@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .echo import echo
-from .options import Quantity, claim_json, config_argument, emit_json, subcommand
+from .options import Answer, Quantity, claim_json, config_argument, subcommand, wants_json
 
 if TYPE_CHECKING:
     from micromanip.emulation.devices import Devices
@@ -38,8 +38,8 @@ if TYPE_CHECKING:
     '{"device": "freeze", "signal": "strain_x", "for_s": 1}',
 )
 def command(
-    config: Path, duration_s: float | None, seed: int | None, watchdog_ms: float, commands: bool, as_json: bool
-) -> None:
+    config: Path, duration_s: float | None, seed: int | None, watchdog_ms: float, commands: bool
+) -> Answer | None:
     """Play every device that CONFIG names, with the plant of its section simulation behind them, until Ctrl-C.
 
     Says READY on standard error as soon as a controller may connect.
@@ -59,12 +59,11 @@ def command(
         report = devices.report()
     finally:
         devices.close()
-    if as_json and commands:
+    if not commands:
+        return Answer(report, lambda: _summary(report))
+    if wants_json():
         click.echo(json.dumps(report))  # a line, as every answer
-    elif as_json:
-        emit_json(report)
-    elif not commands:
-        _summary(report)
+    return None
 
 
 def _play(devices: Devices, duration_s: float | None, commands: bool) -> None:

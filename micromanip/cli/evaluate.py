@@ -11,9 +11,8 @@ import click
 
 from micromanip.errors import UsageError
 
-from .axes import require_axis_of
 from .echo import echo
-from .options import Quantity, config_argument, emit_json, subcommand
+from .options import Answer, Quantity, config_argument, require_axis_of, subcommand
 from .progress import show_compiling, steps
 from .results import out_option, pictures_in, provenance
 
@@ -25,8 +24,8 @@ from .results import out_option, pictures_in, provenance
 @out_option("the figures", default=Path("out/evaluate"))
 @click.option("--figures/--no-figures", default=True, help="Draw the figures.")
 def command(
-    config: Path, only: str | None, seed: int | None, folder: Path, figures: bool, as_json: bool,
-) -> None:  # fmt: skip
+    config: Path, only: str | None, seed: int | None, folder: Path, figures: bool,
+) -> Answer:  # fmt: skip
     """Run configurations A (PID), B (+ affine inverse) and C (+ tanh inverse) at 1, 5 and 10 Hz.
 
     All three have the one PID that reproduces the paper; a commissioned cell is also run with its own, as D.
@@ -62,18 +61,15 @@ def command(
                 about = provenance(prepared, name, seed)
                 drawn = partial(draw_all, configuration, experiment, runs, names.index(name), about=about)
                 pictures.draw(drawn, progress)
-        written = pictures.put()
     rows = [row for row in table(runs, configuration) if row["axis"] in shown]
-    if as_json:
-        emit_json({"rows": rows, "seed": seed, "figures": [str(file) for file in written]})
-        pictures.require_written()
-        return
-    _print_rows(rows)
-    for told in _swinging(rows):
-        echo(told)
-    if written:
-        echo(f"{len(written)} figures in {folder}/")
-    pictures.require_written()
+
+    def show() -> None:
+        _print_rows(rows)
+        for told in _swinging(rows):
+            echo(told)
+        pictures.echo()
+
+    return Answer({"rows": rows, "seed": seed, "figures": pictures.names}, show, pictures.problem)
 
 
 def _print_rows(rows: list[dict[str, Any]]) -> None:

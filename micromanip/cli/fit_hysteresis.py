@@ -11,7 +11,7 @@ import click
 from micromanip.errors import CheckFailed, MicromanipError
 
 from .echo import echo
-from .options import Quantity, emit_json, subcommand
+from .options import Answer, Quantity, subcommand
 from .progress import steps
 from .recording_options import Target, echo_sources, recording_options
 from .results import out_option, pictures_in
@@ -44,8 +44,8 @@ def command(
     file: Path, input_name: str, output_name: str, time_name: str | None, cut: tuple[float, float] | None,
     rate_hz: float | None, keep_spikes: bool, step_s: float | None, burn_in_s: float, kind: str, creep: bool,
     plays: int, seed: int, validate: Path | None, folder: Path | None, into: Path | None, axis: str | None,
-    as_json: bool,
-) -> None:  # fmt: skip
+
+) -> Answer:  # fmt: skip
     """Fit a hysteresis model to FILE (CSV or other text, .mat, .npy, .npz, HDF5, Parquet) and judge it.
 
     Units are those of the columns' names, a row of units, or given with the name (x:mm); lengths are turned into um.
@@ -78,7 +78,6 @@ def command(
 
             bar.say("drawing")
             pictures.draw(lambda where: draw_fit(result, record, held_out, where))
-        written = pictures.put()
     unwritten = None
     if target is not None:
         try:
@@ -87,15 +86,16 @@ def command(
             target.write(with_hysteresis(target.source.text, target.axis, whole))
         except MicromanipError as problem:
             unwritten = problem
-    report = result.report() | {"figures": [str(path) for path in written]}
+    report = result.report() | {"figures": pictures.names}
     report["notes"] = [*record.notes, *report["notes"]]
-    if as_json:
-        emit_json(report)
-    else:
-        _print(report, result.notes, None if unwritten else into)
-    if unwritten is not None:
-        raise unwritten
-    pictures.require_written()
+
+    def show() -> None:
+        _print(report, result.notes)
+        pictures.echo()
+        if into is not None and unwritten is None:
+            echo(f"written into {into}")
+
+    return Answer(report, show, unwritten or pictures.problem)
 
 
 def _require_meant(record: TimeSeries, range_um: tuple[float, float], where: str) -> None:
@@ -114,7 +114,7 @@ def _require_meant(record: TimeSeries, range_um: tuple[float, float], where: str
         )
 
 
-def _print(report: dict[str, Any], notes: list[str], into: Path | None) -> None:
+def _print(report: dict[str, Any], notes: list[str]) -> None:
     echo(f"{report['model']}: rms {report['rms_percent']:.3f} %, maximum {report['max_percent']:.2f} % of the stroke")
     if report["validation"]:
         figures = report["validation"]
@@ -128,10 +128,6 @@ def _print(report: dict[str, Any], notes: list[str], into: Path | None) -> None:
         )
     for name, value in report["parameters"].items():
         echo(f"  {name}: {_shown(value)}")
-    if report["figures"]:
-        echo(f"{len(report['figures'])} figures in {Path(report['figures'][0]).parent}/")
-    if into is not None:
-        echo(f"written into {into}")
 
 
 def _shown(value: Any) -> str:

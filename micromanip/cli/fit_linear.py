@@ -12,7 +12,7 @@ import click
 from micromanip.errors import UsageError
 
 from .echo import echo
-from .options import Quantity, emit_json, subcommand
+from .options import Answer, Quantity, subcommand
 from .progress import steps
 from .recording_options import Target, echo_sources, recording_options
 
@@ -37,8 +37,8 @@ from .recording_options import Target, echo_sources, recording_options
 def command(
     files: tuple[Path, ...], inputs: str, outputs: str, time_name: str | None, cut: tuple[float, float] | None,
     rate_hz: float | None, keep_spikes: bool, dt: float | None, order: int | None, split: float,
-    validate: Path | None, into: Path | None, axis: str | None, as_json: bool,
-) -> None:  # fmt: skip
+    validate: Path | None, into: Path | None, axis: str | None,
+) -> Answer:  # fmt: skip
     """Fit a linear model to FILE (CSV or other text, .mat, .npy, .npz, HDF5, Parquet), each an experiment.
 
     Delays are estimated. The fit of an output is 100 % less the rms error of the free run in percent of the output's
@@ -71,12 +71,13 @@ def command(
     if target is not None:
         target.write(with_model(target.source, target.axis, found.model))
     read = [note for record in records for note in record.notes]
-    if as_json:
-        emit_json(report | {"notes": [*read, *report["notes"]]})
-    else:
+
+    def show() -> None:
         _print(report, records[0].names[records[0].inputs :], "held out" if split < 1.0 else "not fitted to")
         if into is not None:
             echo(f"wrote axes.{axis}.outer.model of {into}: `analyse margins` judges the loop, `commission` tunes it")
+
+    return Answer(report | {"notes": [*read, *report["notes"]]}, show)
 
 
 def _arx1(figures: dict[str, Any], output: int) -> str:

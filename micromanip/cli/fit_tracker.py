@@ -10,9 +10,8 @@ import click
 from micromanip.design.identify.tracker.recorded import MOVES_PERCENT
 from micromanip.errors import CheckFailed
 
-from .axes import axis_option, chosen_axes
 from .echo import echo
-from .options import Quantity, emit_json, subcommand
+from .options import Answer, Quantity, axis_option, chosen_axes, subcommand
 from .progress import steps
 from .recording_options import open_recording
 
@@ -29,7 +28,7 @@ if TYPE_CHECKING:
     "found; 0: it is not looked for.",
 )  # fmt: skip
 @click.option("--into", type=click.Path(path_type=Path), help="Configuration file to put it into, as reference.axes.")
-def command(file: Path, only: str, moves_percent: float, into: Path | None, as_json: bool) -> None:
+def command(file: Path, only: str, moves_percent: float, into: Path | None) -> Answer:
     """Noise, jerk and up to three oscillations of each axis' path deviation, from the tracker's samples in RECORDING.
 
     By maximum likelihood; the number of oscillations by samples held out. Record the robot on its path, as it will run:
@@ -59,12 +58,13 @@ def command(file: Path, only: str, moves_percent: float, into: Path | None, as_j
     if source is not None:
         put(source, found)
     told = {axis: _document(each, shares[axis]) for axis, each in found.items()}
-    if as_json:
-        emit_json({"file": str(file), "axes": told, "into": None if into is None else str(into)})
-    else:
+
+    def show() -> None:
         _print(told)
         if into is not None:
             echo(f"wrote reference.axes of {into}")
+
+    return Answer({"file": str(file), "axes": told, "into": None if into is None else str(into)}, show)
 
 
 def _document(found: Deviation, share: dict[str, Any]) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from micromanip.bus.rights import leave_cpu
 from micromanip.errors import ConfigError
 from micromanip.extras import required
 
-from .options import Messages, config_argument, emit_json, socket_option, subcommand
+from .options import Answer, Messages, config_argument, socket_option, subcommand
 
 _TOKENS, _OPCUA = "gateway-tokens", "gateway-opcua"
 
@@ -61,8 +61,7 @@ def command(
     behind_proxy: str | None,
     opcua: str | None,
     opcua_folder: Path | None,
-    as_json: bool,
-) -> None:
+) -> Answer:
     """Show the running cell in browsers: a page of the cell, a scope, and metrics for Prometheus.
 
     CONFIG is what the controller is expected to run; the pages say so where it does not. The gateway reads the
@@ -86,8 +85,7 @@ def command(
     leave_cpu(_loop_cpu(config))
     messages = Messages()
     serve(options, messages)
-    if as_json:
-        emit_json({"listen": listen, "messages": messages})
+    return Answer({"listen": listen, "messages": messages})
 
 
 def _loop_cpu(config: Path) -> int | None:

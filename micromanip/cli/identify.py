@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from micromanip.errors import CheckFailed, UsageError, sentence
+from micromanip.errors import CheckFailed, sentence
 
-from .axes import one_axis_option, require_axis_of
 from .echo import echo
-from .options import Quantity, config_argument, emit_json, socket_option, subcommand
-from .results import keep, out_option, results_folder
+from .options import Answer, Quantity, config_argument, one_axis_option, require_axis_of, socket_option, subcommand
+from .results import out_option, require_new, results_folder
 
 if TYPE_CHECKING:
     import numpy as np
@@ -43,8 +42,8 @@ if TYPE_CHECKING:
 @socket_option
 def command(
     config: Path, axis: str, folder: Path, kind: Any, seconds: float | None, seed: int, live: bool, yes: bool,
-    socket_path: Path, as_json: bool,
-) -> None:  # fmt: skip
+    socket_path: Path,
+) -> Answer:  # fmt: skip
     """Move one axis open loop through its stroke and record voltage, strain gauge and stage at 1 kHz; the others rest.
 
     The excitation stays inside the voltage and slew limits of the axis' output, starts and ends softly, and
@@ -59,8 +58,7 @@ def command(
     configuration = prepared.configuration
     require_axis_of(configuration.axes, axis, config)
     file = folder / f"{axis}_{kind}.csv"
-    if file.exists() or file.is_symlink():
-        raise UsageError(f"{file} is there already: a recording is never replaced; name another --out, or move it away")
+    require_new(file, "--out")
     excitation = design(configuration, axis, kind, seconds or DEFAULT_SECONDS[kind], seed)
     samples = samples_for(configuration, excitation)
     duration_s = len(samples) / configuration.loop.rate_hz
@@ -81,20 +79,22 @@ def command(
                 f"{duration_s:.2g} s: stage_um is nan there; `micromanip device probe {config}` shows what it says",
                 err=True,
             )
-        keep(lambda place: write_csv(place, series), file)
+        write_csv(file, series)
     low, high, names = series.y.min(), series.y.max(), ["t_s", *series.names]
-    if as_json:
-        emit_json({"file": str(file), "rows": len(series), "columns": names, "stroke_um": high - low})
-    else:
+    wrong_way = moves_against(series.y, series.u)
+
+    def show() -> None:
         echo(f"{file}: {len(series)} rows, {', '.join(names)}; stroke {low:.1f} to {high:.1f} um")
-    if moves_against(series.y, series.u):
-        raise CheckFailed(
-            f"axis {axis}: the strain gauge falls while the voltage rises: the wrong way, feedback would run away; "
-            f"swap the gauge's leads, or change the sign of its scale (signals.strain_{axis}), and record again. This "
-            f"recording stays in {file}"
-        )
-    if not as_json:
-        echo(f"next: micromanip fit hysteresis {file} --input voltage_V --output strain_um --burn-in 1")
+        if not wrong_way:
+            echo(f"next: micromanip fit hysteresis {file} --input voltage_V --output strain_um --burn-in 1")
+
+    failed = CheckFailed(
+        f"axis {axis}: the strain gauge falls while the voltage rises: the wrong way, feedback would run away; swap "
+        f"the gauge's leads, or change the sign of its scale (signals.strain_{axis}), and record again. This recording "
+        f"stays in {file}"
+    )
+    document = {"file": str(file), "rows": len(series), "columns": names, "stroke_um": high - low}
+    return Answer(document, show, failed if wrong_way else None)
 
 
 def _played(

@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from micromanip.client import Client
-from micromanip.errors import UsageError, system_error
 
-from .axes import axis_option
 from .echo import echo
-from .options import client_command, emit_json, subcommand
+from .options import Answer, axis_option, client_command, subcommand
+from .results import require_new
 
 if TYPE_CHECKING:
     from micromanip.status_reply import LearningStatus
@@ -50,7 +49,7 @@ def reset(only: str) -> Callable[[Client], dict[str, bool]]:
 @subcommand("export", "micromanip learn export ~/.local/state/micromanip/learned/x.npz x.csv")
 @click.argument("memory", type=click.Path(path_type=Path))
 @click.argument("file", type=click.Path(path_type=Path))
-def export(memory: Path, file: Path, as_json: bool) -> None:
+def export(memory: Path, file: Path) -> Answer:
     """Write a MEMORY as the CSV file FILE: t_s, path_um, error_um, correction_um.
 
     `micromanip learn status` names the folder of the memories. There is a file for each axis, and for each tool.
@@ -58,20 +57,14 @@ def export(memory: Path, file: Path, as_json: bool) -> None:
     from micromanip.design.learning.memory import read_memory
 
     found = read_memory(memory)
-    if file.exists():
-        raise UsageError(f"{file} is there already: nothing is replaced; name another file")
-    try:
-        with file.open("w", newline="", encoding="utf-8") as opened:
-            rows = csv.writer(opened)
-            rows.writerow(["t_s", "path_um", "error_um", "correction_um"])
-            for k, values in enumerate(zip(found.path_um, found.mean_um, found.correction_um, strict=True)):
-                rows.writerow([f"{k / found.rate_hz:.6g}", *(f"{value:.7g}" for value in values)])
-    except OSError as problem:
-        raise system_error(problem, file) from None
-    if as_json:
-        emit_json({"file": str(file), "rows": len(found.path_um), "axis": found.axis, "parts": found.parts})
-    else:
-        echo(f"wrote {file}")
+    require_new(file, "FILE")
+    with file.open("w", newline="", encoding="utf-8") as opened:
+        rows = csv.writer(opened)
+        rows.writerow(["t_s", "path_um", "error_um", "correction_um"])
+        for k, values in enumerate(zip(found.path_um, found.mean_um, found.correction_um, strict=True)):
+            rows.writerow([f"{k / found.rate_hz:.6g}", *(f"{value:.7g}" for value in values)])
+    document = {"file": str(file), "rows": len(found.path_um), "axis": found.axis, "parts": found.parts}
+    return Answer(document, lambda: echo(f"wrote {file}"))
 
 
 def _accepted(order: Callable[[], None]) -> dict[str, bool]:

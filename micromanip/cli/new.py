@@ -15,7 +15,7 @@ from micromanip.errors import DeviceUnavailable, UsageError, nearest
 from micromanip.shipped import shipped
 
 from .echo import echo
-from .options import Quantity, emit_json, subcommand
+from .options import Answer, Quantity, subcommand
 
 _LOCAL = {"canbus": "can0", "canopen": "can0", "ethercat": "eth1", "line_binary": "/dev/ttyUSB0"}
 """Where a driver's address is an interface or a port of this machine; the others have one in the network."""
@@ -44,8 +44,8 @@ _COUNTED = re.compile(r"\{(?:(\d+)\+)?(\d*)([ik])\}")
 @click.option("--list", "lists", is_flag=True, help="Show the drivers and the examples that come with the program.")
 def command(
     driver: str | None, axes: str, address: str | None, rate_hz: float | None, stage: bool, tracker: bool, probe: bool,
-    lists: bool, as_json: bool,
-) -> None:  # fmt: skip
+    lists: bool,
+) -> Answer:  # fmt: skip
     """Print a small configuration of your own cell, untuned.
 
     Registers, messages and channels in it are an example: put those of the device's manual in their place. What only
@@ -53,26 +53,19 @@ def command(
     and `commission`.
     """
     examples = [str(file) for file in sorted(shipped("config").glob("*.yaml"))]
-    if lists and as_json:
-        emit_json({"drivers": _drivers(), "examples": examples})
-        return
     if lists:
-        echo(f"drivers: {', '.join(_drivers())}")
-        echo("examples, tuned, each beside `micromanip device simulate`:")
-        for file in examples:
-            echo(f"  {file}")
-        return
+        said = [f"drivers: {', '.join(_drivers())}", "examples, tuned, each beside `micromanip device simulate`:"]
+        said += [f"  {file}" for file in examples]
+        return Answer({"drivers": _drivers(), "examples": examples}, lambda: echo("\n".join(said)))
     if driver is None:
         raise UsageError(f"--driver is missing: one of {', '.join(_drivers())}")
     sensors = [name for name, is_there in (("stage", stage), ("tracker", tracker)) if is_there]
     text = text_for(driver, _names(axes), address, rate_hz, sensors)
     found = _answers(text) if probe else []
-    if as_json:
-        emit_json({"configuration": text, "found": found})
-        return
     for line in found:
         echo(line, err=True)
-    echo("".join(f"# found: {line}\n" for line in found) + text.rstrip("\n"))
+    shown = "".join(f"# found: {line}\n" for line in found) + text.rstrip("\n")
+    return Answer({"configuration": text, "found": found}, lambda: echo(shown))
 
 
 def _answers(text: str) -> list[str]:

@@ -5,14 +5,15 @@ from __future__ import annotations
 import functools
 import json
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
 import click
 
 from micromanip.client import Client, default_socket
-from micromanip.errors import nearest
+from micromanip.errors import UsageError, nearest
 
 from .echo import echo
 
@@ -92,6 +93,9 @@ class Quantity(click.ParamType):  # type: ignore[type-arg]  # generic in newer v
         return low, high, schema["type"] == "integer"
 
 
+axis_option = click.option("--axis", "only", default="all", help="One axis, or all.")
+one_axis_option = click.option("--axis", required=True, help="The axis.")
+moved_axis_option = click.option("--axis", "only", required=True, help="One axis, or all, one after the other.")
 config_argument = click.argument("config", type=click.Path(path_type=Path), metavar="CONFIG")
 json_option = click.option("--json", "as_json", is_flag=True, help="One JSON document on standard output.")
 socket_option = click.option(
@@ -104,18 +108,59 @@ socket_option = click.option(
 )
 
 
+@dataclass(frozen=True)
+class Answer:
+    """What a command has found: a document for ``--json``, `show` for people, and why it ends badly, if it does."""
+
+    document: Any
+    show: Callable[[], object] = lambda: None
+    problem: BaseException | None = None
+
+
 def subcommand(name: str, example: str, **how: Any) -> Callable[[Callable[..., Any]], click.Command]:
-    """Decorator of a command: with ``--json``, and an `example` at the end of its help, which shows all defaults."""
+    """Decorator of a command: its `Answer` is printed as ``--json`` has it or for people, then its problem is raised.
+
+    An `example` stands at the end of its help, which shows all defaults.
+    """
     begin = "\b\n" if "\n" in example else ""
 
-    def decorate(function: Callable[..., Any]) -> click.Command:
-        options = json_option(function).__click_params__  # type: ignore[attr-defined]  # click's own list, in reverse
+    def decorate(function: Callable[..., Answer | None]) -> click.Command:
+        @functools.wraps(function)
+        def command(*arguments: Any, as_json: bool, **given: Any) -> None:
+            answer = function(*arguments, **given)
+            if answer is None:
+                return
+            try:
+                emit_json(answer.document) if as_json else answer.show()
+            finally:  # also where nobody reads it
+                if answer.problem is not None:
+                    raise answer.problem
+
+        options = json_option(command).__click_params__  # type: ignore[attr-defined]  # click's own list, in reverse
         options.insert(0, options.pop())
         settings = {"show_default": True, **how.pop("context_settings", {})}
         epilog = f"{begin}Example: {example}"
-        return click.command(name, cls=StrictCommand, epilog=epilog, context_settings=settings, **how)(function)
+        return click.command(name, cls=StrictCommand, epilog=epilog, context_settings=settings, **how)(command)
 
     return decorate
+
+
+def wants_json() -> bool:
+    """Whether the present command is to print JSON."""
+    return bool(click.get_current_context().params["as_json"])
+
+
+def require_axis_of(axes: Collection[str], axis: str, file: Path) -> None:
+    """Raise UsageError where `axis` is none of the `axes` in `file`."""
+    if axis not in axes:
+        raise UsageError(f"there is no axis {axis} in {file}; its axes are {', '.join(axes)}")
+
+
+def chosen_axes(axes: Collection[str], only: str, file: Path) -> list[str]:
+    """What `axis_option` means of the `axes` in `file`; UsageError where there is no such one."""
+    if only != "all":
+        require_axis_of(axes, only, file)
+    return list(axes) if only == "all" else [only]
 
 
 def warn(warnings: Iterable[str]) -> None:
@@ -152,30 +197,22 @@ class Messages(list[str]):
         self.append(line)
 
 
-def emit_answer(answer: _Answer, show: Callable[[_Answer], object], as_json: bool) -> None:
-    """One JSON document, or what `show` prints for people."""
-    if as_json:
-        emit_json(answer)
-    else:
-        show(answer)
-
-
 def client_command(
     show: Callable[[_Answer], object],
-) -> Callable[[Callable[..., Callable[[Client], _Answer]]], Callable[..., None]]:
+) -> Callable[[Callable[..., Callable[[Client], _Answer]]], Callable[..., Answer]]:
     """Decorator of a command to the running controller, with the options that go with it.
 
     The function looks at its own arguments, before anybody is asked, and says what to ask; `show` prints the answer.
     """
 
-    def decorate(function: Callable[..., Callable[[Client], _Answer]]) -> Callable[..., None]:
+    def decorate(function: Callable[..., Callable[[Client], _Answer]]) -> Callable[..., Answer]:
         @socket_option
         @functools.wraps(function)
-        def command(socket_path: Path, as_json: bool, **given: Any) -> None:
+        def command(socket_path: Path, **given: Any) -> Answer:
             ask = function(**given)
             with Client(socket_path) as client:
                 answer = ask(client)
-            emit_answer(answer, show, as_json)
+            return Answer(answer, lambda: show(answer))
 
         return command
 

@@ -15,7 +15,7 @@ from micromanip.errors import UsageError
 from micromanip.replies import Change, Differences, Parameter, Saved, Swap
 
 from .echo import echo
-from .options import Quantity, client_command, emit_answer, socket_option, subcommand, warn
+from .options import Answer, Quantity, client_command, socket_option, subcommand, wants_json, warn
 
 _BRIEF = 60
 
@@ -74,7 +74,7 @@ def _echo_saved(saved: Saved) -> None:
     help="With --watch: the time from one sample to the next.",
 )  # fmt: skip
 @socket_option
-def get(names: tuple[str, ...], watch: bool, every_s: float, socket_path: Path, as_json: bool) -> None:
+def get(names: tuple[str, ...], watch: bool, every_s: float, socket_path: Path) -> Answer | None:
     """Running values of parameters, of all below NAME where it is a section; all without a NAME.
 
     Beside each: what changing it takes. With --watch a NAME is a value of the loop as the scope has it, x.strain_um or
@@ -84,12 +84,13 @@ def get(names: tuple[str, ...], watch: bool, every_s: float, socket_path: Path, 
         raise UsageError("--watch needs the names of values, as in `micromanip get --watch x.strain_um`")
     with Client(socket_path) as client:
         if not watch:
-            emit_answer(client.get(*names), _echo_values, as_json)
-            return
+            found = client.get(*names)
+            return Answer(found, lambda: _echo_values(found))
         from .live_values import print_live_values
 
         with contextlib.suppress(KeyboardInterrupt):
-            print_live_values(client, names, every_s, as_json)
+            print_live_values(client, names, every_s, wants_json())
+    return None
 
 
 @subcommand("set", "micromanip set axes.x.inner.K_V_per_um=0.5 axes.x.inner.Ti_ms=0.6")

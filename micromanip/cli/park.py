@@ -9,7 +9,7 @@ import click
 from micromanip.errors import DeviceUnavailable
 
 from .echo import echo
-from .options import Quantity, config_argument, emit_json, subcommand, warn
+from .options import Answer, Quantity, config_argument, subcommand, warn
 
 
 @subcommand("park", "micromanip park /etc/micromanip/cell.yaml")
@@ -28,7 +28,7 @@ from .options import Quantity, config_argument, emit_json, subcommand, warn
     is_flag=True,
     help="You have seen that the outputs are at their safe values: begin there where a device can't tell.",
 )
-def command(config: Path, wait_s: float, from_file: bool, at_rest: bool, as_json: bool) -> None:
+def command(config: Path, wait_s: float, from_file: bool, at_rest: bool) -> Answer:
     """Bring every output of CONFIG's drivers to its safe value; does no harm where they are.
 
     What is safe is what was in force when CONFIG last ran; CONFIG itself where it never ran here, if it is valid. With
@@ -45,19 +45,17 @@ def command(config: Path, wait_s: float, from_file: bool, at_rest: bool, as_json
     warn(plan.warnings)
     report = make_safe(plan, wait_s, at_rest=at_rest)
     warn(report.notes)
-    if as_json:
-        emit_json(
-            {
-                "drivers": {name: {"device": driver.device} for name, driver in plan.wiring.drivers.items()},
-                "failed": report.failed,
-                "safe": report.safe,
-                "source": {"file": str(plan.file), "taken": plan.taken},
-                "warnings": [*plan.warnings, *report.notes],
-            }
-        )
-    elif report.safe:
-        echo(f"outputs at their safe value: {', '.join(report.safe)}")
-    if not as_json:
+    document = {
+        "drivers": {name: {"device": driver.device} for name, driver in plan.wiring.drivers.items()},
+        "failed": report.failed,
+        "safe": report.safe,
+        "source": {"file": str(plan.file), "taken": plan.taken},
+        "warnings": [*plan.warnings, *report.notes],
+    }
+
+    def show() -> None:
+        if report.safe:
+            echo(f"outputs at their safe value: {', '.join(report.safe)}")
         echo(plan.said)
-    if report.failed:
-        raise DeviceUnavailable("\n".join(report.failed))
+
+    return Answer(document, show, DeviceUnavailable("\n".join(report.failed)) if report.failed else None)

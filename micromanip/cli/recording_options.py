@@ -10,13 +10,16 @@ import click
 
 from micromanip.errors import UsageError, system_error
 
-from .axes import require_axis_of
 from .echo import echo
-from .options import Quantity
+from .options import Quantity, require_axis_of
+from .progress import show_compiling
 from .results import require_room
 
 if TYPE_CHECKING:
     from micromanip.recordings import Telemetry
+    from micromanip.replay.fitting import Models
+    from micromanip.replay.window import Window
+    from micromanip.settings.check import Prepared
     from micromanip.settings.schema.model import Configuration
     from micromanip.settings.text.source import Source
 
@@ -115,3 +118,21 @@ def echo_sources(records: Iterable[Any]) -> None:
         echo(f"read {record.told}", err=True)
         for note in record.notes:
             echo(f"  note: {note}", err=True)
+
+
+def recorded_run(
+    file: Path, config: Path | None, cut: tuple[float, float] | None, *, arming: bool = True
+) -> tuple[Configuration, Prepared, Window, Models]:
+    """The configuration of a recorded run, the tuning of `config` or its own, a piece of it, and the models of that."""
+    from micromanip.replay.fitting import fit_models
+    from micromanip.replay.window import recorded_configuration, require_comparable, take_window
+    from micromanip.settings.check import prepared
+    from micromanip.settings.text.source import Source
+
+    show_compiling()
+    telemetry = open_recording(file)
+    source, recorded = recorded_configuration(telemetry)
+    tuned = prepared(source if config is None else Source.read(config))
+    require_comparable(recorded, tuned.configuration, file, tuned.source.path)
+    window = take_window(telemetry, cut, arming=arming)
+    return recorded, tuned, window, fit_models(window, recorded)

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .echo import echo
-from .options import emit_answer, subcommand
-from .results import require_new_page, write_new_page
+from .options import Answer, subcommand
+from .results import require_new_page
 
 if TYPE_CHECKING:
     from micromanip.design.run.statistics import RecordedRun
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     "--to", "--out", "to", type=click.Path(path_type=Path), metavar="FILE.html",
     help="New file.  [default: FILE with the ending .html]",
 )  # fmt: skip
-def report(file: Path, to: Path | None, as_json: bool) -> None:
+def report(file: Path, to: Path | None) -> Answer:
     """A recording of ours as one page: error, spectrum, voltage left, hysteresis loop, timing, marks.
 
     With --json its figures, too: those of `compare` for one run.
@@ -42,9 +42,9 @@ def report(file: Path, to: Path | None, as_json: bool) -> None:
         figures = run_figures(run)
         page = run_report(run, figures)
     _warn(run)
-    write_new_page(to, page)
+    to.write_text(page, encoding="utf-8")
     document = {"report": str(to), "run": figures.document()}
-    emit_answer(document, lambda _: echo(f"{to}, {len(page) / 1e3:.0f} kB"), as_json)
+    return Answer(document, lambda: echo(f"{to}, {len(page) / 1e3:.0f} kB"))
 
 
 @subcommand("compare", "micromanip recording compare monday.mcap tuesday.mcap --to week.html")
@@ -54,7 +54,7 @@ def report(file: Path, to: Path | None, as_json: bool) -> None:
     "--to", "--out", "to", type=click.Path(path_type=Path), metavar="FILE.html",
     help="New file: both as one page of HTML.",
 )  # fmt: skip
-def compare(first: Path, second: Path, to: Path | None, as_json: bool) -> None:
+def compare(first: Path, second: Path, to: Path | None) -> Answer:
     """Two recordings of ours: error, its spectrum, headroom, timing, and what differs in their configurations.
 
     Whether B's error is lower or higher is judged with 95 % confidence, by as many independent pieces as the runs have.
@@ -92,9 +92,9 @@ def compare(first: Path, second: Path, to: Path | None, as_json: bool) -> None:
         "quantities": [each.document() for each in found_differences],
     }
     if to is not None:
-        write_new_page(to, comparison_page(runs, figures, found_differences, changes))
+        to.write_text(comparison_page(runs, figures, found_differences, changes), encoding="utf-8")
         document["report"] = str(to)
-    emit_answer(document, _show_comparison, as_json)
+    return Answer(document, lambda: _show_comparison(document))
 
 
 def _show_comparison(document: dict[str, Any]) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,7 @@ import click
 from micromanip.errors import UsageError
 
 from .echo import echo
-from .options import Quantity, emit_answer, subcommand
+from .options import Answer, Quantity, subcommand
 from .progress import show_compiling
 from .recording_options import Cut, open_recording
 
@@ -50,8 +49,8 @@ _OF_VARY = ("trials", "best", "objective", "seed", "jobs", "address", "out")
 @click.pass_context
 def command(
     context: click.Context, /, file: Path, config: Path | None, vary: tuple[str, ...], cut: tuple[float, float] | None,
-    as_json: bool, **search: Any,
-) -> None:  # fmt: skip
+    **search: Any,
+) -> Answer:  # fmt: skip
     """Run the cycles of a recording once more on what came in, and compare each number bit for bit.
 
     Voltages, set-points, estimates, feedforward, feedback, states and faults. Exit code 0 where all are equal, 1 where
@@ -68,12 +67,11 @@ def command(
     if vary:
         from .variation_report import vary_tuning
 
-        vary_tuning(file, config, cut, as_json, vary=vary, **search)
-        return
+        return vary_tuning(file, config, cut, vary=vary, **search)
     if config is not None:
         from .counterfactual_report import predict_tuning
 
-        predict_tuning(file, config, cut, as_json)
+        return predict_tuning(file, config, cut)
     if cut is not None:
         raise UsageError("--cut goes with --with or --vary; without them the whole recording is compared")
     from micromanip.replay import replay
@@ -103,8 +101,7 @@ def command(
             "cause": difference.cause,
         },
     }
-    emit_answer(document, _show, as_json)
-    sys.exit(0 if difference is None else 1)
+    return Answer(document, lambda: _show(document), None if difference is None else SystemExit(1))
 
 
 def _is_given(context: click.Context, name: str) -> bool:

@@ -10,6 +10,7 @@ import contextlib
 import datetime
 import filecmp
 import itertools
+import os
 import shutil
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
@@ -20,11 +21,13 @@ import click
 
 from micromanip.errors import MicromanipError, UsageError, system_error
 
+from .echo import echo
+
 if TYPE_CHECKING:
     from micromanip.settings.check import Prepared
 
 LATEST = "latest"
-_PROBE = bytes(4096)
+_ROOM_BYTES = 16_000_000
 _PAGES = (".html", ".htm")
 
 
@@ -36,10 +39,10 @@ def out_option(contents: str, **how: Any) -> Callable[[Any], Any]:
 
 
 def require_room(folder: Path, what: str) -> None:
-    """Raise where `folder` takes no file; `what` is the option that names it."""
+    """Raise where `folder` has no room for a large result; `what` is the option that names it."""
     try:
         with tempfile.TemporaryFile(dir=folder) as probe:
-            probe.write(_PROBE)
+            os.posix_fallocate(probe.fileno(), 0, _ROOM_BYTES)
     except OSError as problem:
         raise system_error(problem, what) from problem
 
@@ -64,7 +67,7 @@ def results_folder(folder: Path, option: str = "--out") -> Iterator[None]:
 def require_new(place: Path, option: str) -> None:
     """Raise UsageError where there is a file already; `option` is the one that names another."""
     if place.is_symlink() or place.exists():
-        raise _is_there(place, option)
+        raise UsageError(f"{place} is there already: nothing is replaced; name another file with {option}")
 
 
 def require_new_page(place: Path) -> None:
@@ -73,21 +76,6 @@ def require_new_page(place: Path) -> None:
         raise UsageError(f"--to {place}: a page is HTML: name a file that ends with .html")
     require_new(place, "--to")
     require_room(place.parent, str(place))
-
-
-def write_new_page(place: Path, text: str) -> None:
-    """A page to a file that is not there yet."""
-    try:
-        with place.open("x", encoding="utf-8") as written:
-            written.write(text)
-    except FileExistsError:
-        raise _is_there(place, "--to") from None
-    except OSError as problem:
-        raise system_error(problem, place) from problem
-
-
-def _is_there(place: Path, option: str) -> UsageError:
-    return UsageError(f"{place} is there already: nothing is replaced; name another file with {option}")
 
 
 def provenance(prepared: Prepared, axis: str, seed: int | None) -> str:
@@ -103,55 +91,45 @@ def provenance(prepared: Prepared, axis: str, seed: int | None) -> str:
 
 
 class Pictures:
-    """Pictures drawn beside their place and put there together.
+    """Pictures of what a command has found, each whole or not there.
 
-    A disk that fills keeps those that were whole, and the command's other results: `require_written` then says so.
+    A disk that fills keeps the command's other results: `problem` says then what is missing.
     """
 
-    def __init__(self, folder: Path | None, drafts: Path) -> None:
-        self._folder, self._drafts = folder, drafts
-        self._problem: OSError | None = None
+    def __init__(self, folder: Path | None) -> None:
+        """None: nothing is drawn."""
+        self.folder = folder
+        self.files: list[Path] = []
+        self.problem: MicromanipError | None = None
 
-    def draw(self, pictures: Callable[[Path], Iterable[object]], drawn: Callable[[], None] = lambda: None) -> None:
+    def draw(self, pictures: Callable[[Path], Iterable[Path]], drawn: Callable[[], None] = lambda: None) -> None:
         """Let `pictures` write into the folder that it is called with, `drawn` after each; after a failure no more."""
-        if self._folder is None or self._problem is not None:
+        if self.folder is None or self.problem is not None:
             return
         try:
-            for _ in pictures(self._drafts):
+            for file in pictures(self.folder):
+                self.files.append(file)
                 drawn()
         except OSError as problem:
-            self._problem = problem
+            cause = system_error(problem, f"--out {self.folder}")
+            self.problem = type(cause)(f"the figures are not complete: {cause}")
 
-    def put(self) -> list[Path]:
-        """Put them where they belong; their files."""
-        if self._folder is None:
-            return []
-        names = [file.name for file in sorted(self._drafts.iterdir(), key=lambda file: file.stat().st_mtime_ns)]
-        try:
-            set_aside(self._folder, {name: self._drafts / name for name in names})
-            return [(self._drafts / name).replace(self._folder / name) for name in names]
-        except OSError as problem:
-            self._problem = self._problem or problem
-            return [self._folder / name for name in names if not (self._drafts / name).exists()]
+    @property
+    def names(self) -> list[str]:
+        """The files, as JSON has them."""
+        return list(map(str, self.files))
 
-    def require_written(self) -> None:
-        """Raise where a picture is missing."""
-        if self._problem is not None:
-            cause = system_error(self._problem, f"--out {self._folder}")
-            raise type(cause)(f"the figures are not complete: {cause}") from self._problem
+    def echo(self) -> None:
+        """Say what is there."""
+        if self.files:
+            echo(f"{len(self.files)} figures in {self.folder}/" if self.files[1:] else f"wrote {self.files[0]}")
 
 
 @contextlib.contextmanager
 def pictures_in(folder: Path | None) -> Iterator[Pictures]:
     """Pictures for `folder`, which is tried at the beginning; None: nothing is drawn."""
-    if folder is None:
-        yield Pictures(None, Path())
-        return
-    with (
-        results_folder(folder),
-        tempfile.TemporaryDirectory(prefix=".drafts-", dir=folder, ignore_cleanup_errors=True) as drafts,
-    ):
-        yield Pictures(folder, Path(drafts))
+    with contextlib.nullcontext() if folder is None else results_folder(folder):
+        yield Pictures(folder)
 
 
 @contextlib.contextmanager
@@ -176,16 +154,12 @@ def publish(folder: Path, run: Path, names: Iterable[str]) -> None:
         if not file.exists():
             (folder / name).unlink(missing_ok=True)
             continue
-        with tempfile.NamedTemporaryFile(dir=folder, delete=False) as copy:
-            try:
-                with file.open("rb") as original:
-                    shutil.copyfileobj(original, copy)
-                copy.flush()
-                shutil.copymode(file, copy.name)
-                Path(copy.name).replace(folder / name)
-            except OSError:
-                Path(copy.name).unlink()
-                raise
+        copy = folder / f".{name}-{run.name}"
+        try:
+            shutil.copy(file, copy)
+            copy.replace(folder / name)
+        finally:
+            copy.unlink(missing_ok=True)
     link = folder / f".{LATEST}-{run.name}"
     try:
         link.symlink_to(run.name, target_is_directory=True)
@@ -218,21 +192,3 @@ def _new_folder(folder: Path, at: datetime.datetime, label: str) -> Path:
             new.mkdir()
             return new
     raise AssertionError
-
-
-def keep(write: Callable[[Path], object], file: Path) -> None:
-    """`write(file)`; where the disk refuses it, among the temporary files, and an error that says where."""
-    try:
-        write(file)
-    except OSError as problem:
-        cause = system_error(problem, file)
-        raise type(cause)(f"{cause}; {_elsewhere(write, file.name)}") from problem
-
-
-def _elsewhere(write: Callable[[Path], object], name: str) -> str:
-    try:
-        refuge = Path(tempfile.mkdtemp(prefix="micromanip-")) / name
-        write(refuge)
-    except (OSError, MicromanipError):
-        return "it is lost, there is no room for it anywhere"
-    return f"it is kept in {refuge}"

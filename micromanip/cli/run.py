@@ -12,7 +12,7 @@ import click
 from micromanip.errors import CheckFailed
 from micromanip.status_reply import Status
 
-from .options import Quantity, config_argument, emit_answer, socket_option, subcommand
+from .options import Answer, Quantity, config_argument, socket_option, subcommand
 
 
 @subcommand("run", "micromanip run config/simulated.yaml --duration 10")
@@ -45,8 +45,7 @@ def command(
     trips: Path | None,
     keep_trips: int,
     socket_path: Path,
-    as_json: bool,
-) -> None:
+) -> Answer:
     """Run the controller. It ends in READY and waits for `micromanip arm`, unless arm_on_start is set.
 
     Ctrl-C ramps the outputs to park and stops cleanly.
@@ -64,10 +63,7 @@ def command(
     report = asyncio.run(_run(config, socket_path, duration_s, record, recordings, trips, keep_trips))
     from .live import summary
 
-    try:
-        emit_answer(report, summary, as_json)
-    finally:  # also where nobody reads it
-        _judge(report)
+    return Answer(report, lambda: summary(report), _failure(report))
 
 
 async def _run(config: Path, socket_path: Path, duration_s: float | None, record: Path | None, *files: Any) -> Status:
@@ -108,13 +104,14 @@ async def _run(config: Path, socket_path: Path, duration_s: float | None, record
         await process.let_go()
 
 
-def _judge(report: Status) -> None:
+def _failure(report: Status) -> CheckFailed | None:
     if report["fault_reports"]:  # in full where it was noticed
         names = [
             fault["code"] + (f" on axis {fault['axis']}" if fault["axis"] else "") for fault in report["fault_reports"]
         ]
-        raise CheckFailed(
+        return CheckFailed(
             f"ended by {' after '.join(reversed(names))}, as said above; `micromanip trip show` shows more"
         )
     if report["recording"] is not None and report["recording"]["message"] is not None:
-        raise CheckFailed(report["recording"]["message"])
+        return CheckFailed(report["recording"]["message"])
+    return None

@@ -1,4 +1,7 @@
-"""The full screen of ``status --watch``, drawn with textual. A thread asks the controller; the screen never waits."""
+"""The full screen of ``status --watch``, drawn with textual.
+
+A thread asks the controller, and `call_later` hands on what it answers; the screen never waits.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,6 @@ from rich.text import Text
 from textual.app import App, ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Vertical, VerticalScroll
-from textual.message import Message
 from textual.screen import ModalScreen
 from textual.widgets import Footer, Static
 
@@ -86,20 +88,6 @@ class StatusScreen(App[None]):
     #values { padding: 0 1; height: 1fr; }
     """
 
-    class Heard(Message):
-        """What the controller has answered, or why it has not."""
-
-        def __init__(self, answer: Status | Exception) -> None:
-            super().__init__()
-            self.answer = answer
-
-    class Ordered(Message):
-        """What came of an order."""
-
-        def __init__(self, outcome: str) -> None:
-            super().__init__()
-            self.outcome = outcome
-
     def __init__(self, socket_path: Path) -> None:
         super().__init__()
         self._path = socket_path
@@ -132,21 +120,10 @@ class StatusScreen(App[None]):
             try:
                 with Client(self._path) as client:
                     while not self._ended.wait(LOOK_S):
-                        self.post_message(self.Heard(client.status()))
+                        self.call_later(self.show, client.status())
             except (MicromanipError, OSError) as problem:
-                self.post_message(self.Heard(problem))
+                self.call_later(self.show_gone, problem)
                 self._ended.wait(LOOK_S)
-
-    def on_status_screen_heard(self, heard: Heard) -> None:
-        """Show it."""
-        if isinstance(heard.answer, Exception):
-            self.show_gone(heard.answer)
-        else:
-            self.show(heard.answer)
-
-    def on_status_screen_ordered(self, ordered: Ordered) -> None:
-        """Show it."""
-        self._set("said", ordered.outcome)
 
     def show(self, report: Status) -> None:
         """A new status."""
@@ -191,7 +168,7 @@ class StatusScreen(App[None]):
             said = f"{order}: done"
         except (MicromanipError, OSError) as refusal:
             said = str(refusal)
-        self.post_message(self.Ordered(said))
+        self.call_later(self._set, "said", said)
 
 
 def _fault_lines(report: Status) -> list[str]:

@@ -48,17 +48,13 @@ class Figures(Table):
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         widths = self._widths(console, options)
         if widths is None:
-            yield from self._stacked(options.max_width)
+            yield from self._stacked()
             return
         shown, self.columns = self.columns, [replace(c, width=w) for c, w in zip(self.columns, widths, strict=True)]
         try:
             yield from super().__rich_console__(console, options)
         finally:
             self.columns = shown
-
-    def fits(self, console: Console, options: ConsoleOptions) -> bool:
-        """Whether it is shown as a table."""
-        return self._widths(console, options) is not None
 
     def __rich_measure__(self, console: Console, options: ConsoleOptions) -> Measurement:
         return Measurement(1, options.max_width)
@@ -79,7 +75,7 @@ class Figures(Table):
             left -= more
         return least
 
-    def _stacked(self, width: int) -> Iterator[RenderableType]:
+    def _stacked(self) -> Iterator[RenderableType]:
         if self.title:
             yield Text(str(self.title), style="italic")
         headers = [_text(column.header) for column in self.columns]
@@ -87,26 +83,9 @@ class Figures(Table):
             yield Text.assemble(headers[0], " " if headers[0] else "", _text(name), style="bold")
             for header, cell in zip(headers[1:], map(_text, cells), strict=True):
                 if cell:
-                    yield from _indented(header, cell, width)
+                    yield Padding(Text.assemble(header, " " if header else "", cell), (0, 0, 0, 2))
         if self.caption:
             yield Text(str(self.caption), style="dim")
-
-
-def _indented(header: Text, cell: Text, width: int) -> Iterator[RenderableType]:
-    """A figure below the name of its row; one that has no room beside its header goes on below itself."""
-    line = Text.assemble("  ", header, " " if header else "", cell)
-    margin = len(line) - len(cell)
-    if len(line) <= width:
-        yield line
-    elif margin + max(map(len, cell.plain.split())) <= width:
-        beside = Table.grid()
-        beside.add_column(width=margin, no_wrap=True)
-        beside.add_column(width=width - margin)
-        beside.add_row(line[:margin], cell)
-        yield beside
-    else:
-        yield line[:margin]
-        yield Padding(cell, (0, 0, 0, 4))
 
 
 def _text(cell: object) -> Text:

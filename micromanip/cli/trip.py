@@ -10,7 +10,7 @@ import click
 from micromanip.errors import UsageError, system_error
 
 from .echo import echo
-from .options import emit_json, subcommand
+from .options import Answer, subcommand
 
 if TYPE_CHECKING:
     from micromanip.host.trips.store import TripRecord
@@ -24,26 +24,21 @@ _folder_option = click.option(
 
 @subcommand("list", "micromanip trip list")
 @_folder_option
-def list_(folder: Path | None, as_json: bool) -> None:
+def list_(folder: Path | None) -> Answer:
     """List all trips, the newest last."""
     from micromanip.host.trips.store import folder_to_read, summary, trips
 
     folder = folder or folder_to_read()
     found = [summary(file) for file in trips(folder)]
-    if as_json:
-        emit_json(found)
-        return
-    for entry in found:
-        echo(f"{entry['trip']}  {entry['seen']}")
-    if not found:
-        echo(f"no trips in {folder}")
+    said = [f"{entry['trip']}  {entry['seen']}" for entry in found] or [f"no trips in {folder}"]
+    return Answer(found, lambda: echo("\n".join(said)))
 
 
 @subcommand("show", "micromanip trip show --plot trip.png")
 @click.argument("trip", required=False)
 @click.option("--plot", type=click.Path(path_type=Path, dir_okay=False), help="Draw it into this .png or .svg file.")
 @_folder_option
-def show(trip: str | None, plot: Path | None, folder: Path | None, as_json: bool) -> None:
+def show(trip: str | None, plot: Path | None, folder: Path | None) -> Answer:
     """Show what tripped, the order of causes, what the controller did, and what to do next.
 
     TRIP is a file, or the name of a trip or its beginning; without it, the newest.
@@ -59,11 +54,7 @@ def show(trip: str | None, plot: Path | None, folder: Path | None, as_json: bool
     if plot is not None:
         _draw(box, plot)
         found["plot"] = str(plot)
-    if as_json:
-        emit_json(found)
-        return
-    for line in lines(found):
-        echo(line)
+    return Answer(found, lambda: list(map(echo, lines(found))))
 
 
 def _draw(box: TripRecord, plot: Path) -> None:

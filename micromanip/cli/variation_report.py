@@ -10,20 +10,19 @@ from typing import TYPE_CHECKING, Any
 from micromanip.errors import CheckFailed
 
 from .echo import echo
-from .options import emit_answer
-from .progress import show_compiling
-from .recording_options import open_recording
-from .results import keep, require_new, require_room
+from .options import Answer
+from .recording_options import recorded_run
+from .results import require_new, require_room
 
 if TYPE_CHECKING:
     from micromanip.replay.variation import Trial, Trials
 
 
 def vary_tuning(
-    file: Path, config: Path | None, cut: tuple[float, float] | None, as_json: bool, *, vary: tuple[str, ...],
+    file: Path, config: Path | None, cut: tuple[float, float] | None, *, vary: tuple[str, ...],
     trials: int, best: int, objective: str, seed: int, jobs: int | None, address: str | None, out: Path | None,
-) -> None:  # fmt: skip
-    """Run the trials, print the best, write the first of them; CheckFailed where none beats trial 0."""
+) -> Answer:  # fmt: skip
+    """Run the trials, write the best of them; it ends with CheckFailed where none beats trial 0."""
     from micromanip.design.parallel import each, scheduler
     from micromanip.replay.variation import Trials, Variation, drawn, require_numbers, run_trial
 
@@ -34,7 +33,7 @@ def vary_tuning(
     if out is not None:
         require_new(out, "--out")
         require_room(out.parent, f"--out {out}")
-    base, window, models = _recorded(file, config, cut)
+    _, base, window, models = recorded_run(file, config, cut, arming=False)
     require_numbers(base, variations)
     work = Trials(base, window, models, objective)
     done = [work.run(0, {})]  # compiles what the workers then load
@@ -59,27 +58,11 @@ def vary_tuning(
     if out is not None and ranked and ranked[0].number:
         command = f"micromanip replay {file} {' '.join(f'--vary {text}' for text in vary)} --seed {seed}"
         text = _configuration(work, ranked[0], out, command)
-        keep(lambda place: place.write_text(text, encoding="utf-8"), out)
+        out.write_text(text, encoding="utf-8")
         document["written"] = str(out)
-    emit_answer(document, _show, as_json)
-    if out is not None and document["written"] is None:
-        raise CheckFailed(f"{out} is not written: no trial is better than the tuning as it is")
-
-
-def _recorded(file: Path, config: Path | None, cut: tuple[float, float] | None) -> tuple[Any, Any, Any]:
-    """The tuning that is varied, and the piece of the recording with its models."""
-    from micromanip.replay.fitting import fit_models
-    from micromanip.replay.window import recorded_configuration, require_comparable, take_window
-    from micromanip.settings.check import prepared
-    from micromanip.settings.text.source import Source
-
-    show_compiling()
-    telemetry = open_recording(file)
-    source, recorded = recorded_configuration(telemetry)
-    base = prepared(source if config is None else Source.read(config))
-    require_comparable(recorded, base.configuration, file, base.source.path)
-    window = take_window(telemetry, cut, arming=False)
-    return base, window, fit_models(window, recorded)
+    unwritten = CheckFailed(f"{out} is not written: no trial is better than the tuning as it is")
+    is_missing = out is not None and document["written"] is None
+    return Answer(document, lambda: _show(document), unwritten if is_missing else None)
 
 
 def _configuration(work: Trials, trial: Trial, out: Path, command: str) -> str:

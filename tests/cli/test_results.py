@@ -2,6 +2,7 @@
 
 import errno
 import os
+import re
 import stat
 from pathlib import Path
 
@@ -97,36 +98,26 @@ def test_a_disk_that_fills_while_drawing_keeps_what_is_whole(tmp_path):
     """The results that are no pictures are the command's to print first."""
 
     def drawing(where):
-        (where / "whole.png").write_text("whole")
-        yield
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(where / "half.png"))
+        (where / "whole.svg").write_text("whole")
+        yield where / "whole.svg"
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(where / "half.svg"))
 
     with pictures_in(tmp_path / "out") as pictures:
         pictures.draw(drawing)
         pictures.draw(drawing)
-        assert pictures.put() == [tmp_path / "out" / "whole.png"]
-    with pytest.raises(DeviceUnavailable, match=r"^the figures are not complete: --out .*: No space left on device"):
-        pictures.require_written()
-    assert files_in(tmp_path) == {"out/whole.png": b"whole"}
+    assert pictures.files == [tmp_path / "out" / "whole.svg"]
+    assert isinstance(pictures.problem, DeviceUnavailable)
+    assert re.match("the figures are not complete: --out .*: No space left on device", str(pictures.problem))
+    assert [*files_in(tmp_path)] == ["out/whole.svg"]
 
 
-def test_a_recording_that_finds_no_room_is_kept_elsewhere(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    from micromanip.design.identify import experiments as identification
+def test_a_folder_without_room_is_refused_before_anything_moves(tmp_path, monkeypatch, capsys):
+    def full(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    write = identification.write_csv
-
-    def full(file, columns):
-        if file.parent.name == "out":
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(file))
-        write(file, columns)
-
-    monkeypatch.setattr(identification, "write_csv", full)
+    monkeypatch.setattr(os, "posix_fallocate", full)
     assert code_of(*WRITERS["identify"], "--out", tmp_path / "out") == 69
-    said = capsys.readouterr().err.strip()
-    assert f"{tmp_path / 'out' / 'x_multisine.csv'}: No space left on device" in said
-    kept = Path(said.rsplit("it is kept in ", 1)[1])
-    assert kept.read_text().startswith("t_s,voltage_V,")
+    assert f"--out {tmp_path / 'out'}: No space left on device; make room there" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 

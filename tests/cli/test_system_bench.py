@@ -4,7 +4,7 @@ import pytest
 
 from benchmarks import cycle, ethercat_exchange, offline
 from benchmarks.runner import Plan, Result, Skipped
-from micromanip.cli.system_bench import source_tree
+from micromanip.cli.system import source_tree
 from micromanip.errors import CheckFailed
 
 from .command import code_of

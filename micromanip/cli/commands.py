@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
+import functools
 import importlib
-from collections.abc import Mapping
-from typing import Any
 
 import click
 from click.shell_completion import get_completion_class
@@ -62,33 +61,61 @@ _MODULES = {
 _EXAMPLE = "Example: micromanip run config/simulated.yaml --duration 10"
 
 
-class LazyGroup(StrictGroup):
-    """A group that imports the module of a command when that command is used."""
+def _commands_in(*modules: str) -> dict[str, click.Command]:
+    """The commands of these modules, by name, in the order in which they are written."""
+    found = (each for name in modules for each in vars(importlib.import_module(f"micromanip.cli.{name}")).values())
+    return {str(each.name): each for each in found if isinstance(each, click.Command)}
 
-    def __init__(self, name: str, modules: Mapping[str, str], **how: Any) -> None:
-        """`modules` has the module of each command, in the order in which ``--help`` shows them."""
-        super().__init__(name, **how)
-        self._modules = modules
+
+class LazyGroup(StrictGroup):
+    """A group that imports its modules when one of its commands is used."""
+
+    def __init__(self, name: str, example: str, *modules: str) -> None:
+        """`modules` have its commands; without any there is one of its name."""
+        does = next(section[name] for section in SECTIONS.values() if name in section)
+        super().__init__(name, help=f"{does[0].upper()}{does[1:]}.", epilog=f"Example: micromanip {name} {example}")
+        self._modules = modules or (name,)
+
+    @functools.cached_property
+    def _found(self) -> dict[str, click.Command]:
+        return _commands_in(*self._modules)
 
     def list_commands(self, _: click.Context) -> list[str]:
-        return list(self._modules)
+        return list(self._found)
 
     def get_command(self, _: click.Context, cmd_name: str) -> click.Command | None:
-        if cmd_name not in self._modules:
-            return None
-        module = importlib.import_module(f"micromanip.cli.{self._modules[cmd_name]}")
-        return next(c for c in vars(module).values() if isinstance(c, click.Command) and c.name == cmd_name)
+        return self._found.get(cmd_name)
 
 
-class _Root(LazyGroup):
+_GROUPS = {
+    group.name: group
+    for group in (
+        LazyGroup("candidate", "set axes.x.outer.control_weight=12"),
+        LazyGroup("fit", "hysteresis x.csv --input u --output y", "fit_hysteresis", "fit_linear", "fit_tracker"),
+        LazyGroup(
+            "analyse",
+            "margins config/simulated.yaml --out out/analyse",
+            *("analyse_margins", "analyse_error", "analyse_path", "analyse_live"),
+        ),
+        LazyGroup("recording", 'start; micromanip recording mark "coolant on"', "recording", "recording_report"),
+        LazyGroup("trip", "show --plot trip.png"),
+        LazyGroup("learn", "status"),
+        LazyGroup("device", "probe config/can.yaml can0", "device", "device_esi", "device_simulate"),
+        LazyGroup("system", "check config/simulated.yaml"),
+    )
+}
+
+
+class _Root(StrictGroup):
     """All commands; their help fits on one screen."""
 
-    def __init__(self, **how: Any) -> None:
-        names = [name for section in SECTIONS.values() for name in section]
-        super().__init__("micromanip", {name: _MODULES.get(name, name) for name in names}, **how)
+    def list_commands(self, _: click.Context) -> list[str]:
+        return [name for section in SECTIONS.values() for name in section]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        return _GROUPS.get(cmd_name) or super().get_command(ctx, cmd_name)
+        if cmd_name in _GROUPS or cmd_name not in self.list_commands(ctx):
+            return _GROUPS.get(cmd_name)
+        return _commands_in(_MODULES.get(cmd_name, cmd_name)).get(cmd_name)
 
     def format_help(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Usage, the commands by sections, and an example, without empty lines between them."""
@@ -101,55 +128,6 @@ class _Root(LazyGroup):
             formatter.dedent()
         formatter.write("`micromanip COMMAND --help` explains a command; `micromanip --version`.\n")
         formatter.write(f"{_EXAMPLE}\n")
-
-
-def _group(name: str, example: str, modules: Mapping[str, str]) -> LazyGroup:
-    does = next(section[name] for section in SECTIONS.values() if name in section)
-    return LazyGroup(
-        name, modules, help=f"{does[0].upper()}{does[1:]}.", epilog=f"Example: micromanip {name} {example}"
-    )
-
-
-_GROUPS = {
-    group.name: group
-    for group in (
-        _group(
-            "candidate",
-            "set axes.x.outer.control_weight=12",
-            dict.fromkeys(("set", "show", "promote", "discard"), "candidate"),
-        ),
-        _group(
-            "fit",
-            "hysteresis x.csv --input u --output y",
-            {name: f"fit_{name}" for name in ("hysteresis", "linear", "tracker")},
-        ),
-        _group(
-            "analyse",
-            "margins config/simulated.yaml --out out/analyse",
-            {
-                **{name: f"analyse_{name}" for name in ("margins", "error", "path")},
-                **dict.fromkeys(("live", "health"), "analyse_live"),
-            },
-        ),
-        _group(
-            "recording",
-            'start; micromanip recording mark "coolant on"',
-            {
-                **dict.fromkeys(("start", "stop", "mark", "list", "view"), "recording"),
-                **dict.fromkeys(("report", "compare"), "recording_report"),
-                "export": "recording",
-            },
-        ),
-        _group("trip", "show --plot trip.png", {"list": "trip", "show": "trip"}),
-        _group("learn", "status", dict.fromkeys(("part", "status", "reset", "export"), "learn")),
-        _group(
-            "device",
-            "probe config/can.yaml can0",
-            {"list": "device", "probe": "device", "esi": "device_esi", "simulate": "device_simulate"},
-        ),
-        _group("system", "check config/simulated.yaml", dict.fromkeys(("check", "install", "bench"), "system")),
-    )
-}
 
 
 @subcommand("completion", 'eval "$(micromanip completion bash)"')
@@ -165,6 +143,7 @@ def completion(context: click.Context, shell: str) -> Answer:
 
 cli = click.version_option(package_name="micromanip")(
     _Root(
+        "micromanip",
         context_settings={"help_option_names": ["-h", "--help"]},
         help="Hold a machining spindle on its path with a piezo-actuated micro manipulator.",
     )

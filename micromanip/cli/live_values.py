@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import mmap
-import os
 import time
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
@@ -11,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from micromanip.client import Client
-from micromanip.errors import CheckFailed, UsageError, nearest
+from micromanip.errors import UsageError, nearest
 
 from .options import emit_json_lines
 
@@ -28,11 +26,14 @@ def print_live_values(client: Client, names: Sequence[str], every_s: float, as_j
     A name is that of the scope, `x.strain_um`, or without the axis: then it stands for all axes. UsageError where there
     is no such value.
     """
+    from micromanip.gateway.cell import mapped
     from micromanip.gateway.fields import fields
+    from micromanip.host.shared_memory import RingReader
 
-    ring, axes, period_ns = _ring_of(client)
-    chosen = _chosen(fields(axes), names)
-    samples = _samples(client, ring, chosen, period_ns, every_s)
+    about, descriptors = client.telemetry()
+    _, ring, _ = mapped(about, descriptors)
+    chosen = _chosen(fields(about["axes"]), names)
+    samples = _samples(client, RingReader(ring), chosen, about["period_ns"], every_s)
     if as_json:
         emit_json_lines(samples)
         return
@@ -44,23 +45,6 @@ def print_live_values(client: Client, names: Sequence[str], every_s: float, as_j
         cells = [f"{sample['t_s']:10.4f}"]
         cells += [f"{_text(sample[field.name]):>{width}}" for field, width in zip(chosen, widths, strict=True)]
         click.echo("  ".join(cells))
-
-
-def _ring_of(client: Client) -> tuple[RingReader, list[str], int]:
-    """The telemetry of the controller, mapped for reading; its axes; its period, ns."""
-    import numpy as np
-
-    from micromanip.host.shared_memory import RING, RingReader, columns
-
-    telemetry, descriptors = client.telemetry()
-    try:
-        if telemetry["columns"] != columns():
-            raise CheckFailed("the controller is of another version than this command; restart it")
-        memory = mmap.mmap(descriptors[1], 0, prot=mmap.PROT_READ)
-    finally:
-        for descriptor in descriptors:
-            os.close(descriptor)
-    return RingReader(np.frombuffer(memory, RING, 1)[0]), telemetry["axes"], telemetry["period_ns"]
 
 
 def _chosen(fields: Sequence[Field], names: Sequence[str]) -> list[Field]:

@@ -11,7 +11,7 @@ import contextlib
 import mmap
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -184,36 +184,42 @@ class Cell:
             client = Client(self.socket)
             try:
                 about, descriptors = client.telemetry()
-                self._attach(about, *descriptors)
+                self._attach(about, descriptors)
             except BaseException:
                 client.close()
                 raise
             self._client = client
         return self._client.status()
 
-    def _attach(self, about: Telemetry, *descriptors: int) -> None:
-        try:
-            ours = {"status_bytes": STATUS.itemsize, "row_bytes": ROW.itemsize, "control_bytes": CONTROL.itemsize}
-            if about != about | ours | {"columns": columns()} or len(descriptors) != len(_MEMORIES):
-                raise CheckFailed("the controller is of another version than the gateway; restart the gateway")
-            inode = os.fstat(descriptors[1]).st_ino
-            if self.source is None or self.source.inode != inode:
-                status, ring, control = map(_mapped, descriptors, _MEMORIES)
-                before = self.source
-                is_alike = before is not None and before.about["axes"] == about["axes"]
-                history = before.history if before is not None and is_alike else None
-                found = Source(about, status, ring, control, inode, history)
-                if history is None:
-                    found.history.take()
-                self.source = found
-        finally:
-            for descriptor in descriptors:
-                os.close(descriptor)
+    def _attach(self, about: Telemetry, descriptors: Sequence[int]) -> None:
+        inode = os.fstat(descriptors[1]).st_ino
+        status, ring, control = mapped(about, descriptors)
+        before = self.source
+        if before is not None and before.inode == inode:
+            return
+        is_alike = before is not None and before.about["axes"] == about["axes"]
+        history = before.history if before is not None and is_alike else None
+        found = Source(about, status, ring, control, inode, history)
+        if history is None:
+            found.history.take()
+        self.source = found
 
     def _notify(self, rows: Rows | None) -> None:
         for listener in list(self.listeners):
             listener(rows)
 
 
-def _mapped(descriptor: int, dtype: np.dtype[Any]) -> Any:
-    return np.frombuffer(mmap.mmap(descriptor, 0, prot=mmap.PROT_READ), dtype, 1)[0]
+def mapped(about: Telemetry, descriptors: Sequence[int]) -> tuple[Any, ...]:
+    """Records of `STATUS`, `RING` and `CONTROL`, for reading; the descriptors are closed.
+
+    Raises CheckFailed where the controller, which says what it is `about`, lays them out otherwise.
+    """
+    try:
+        ours = {"status_bytes": STATUS.itemsize, "row_bytes": ROW.itemsize, "control_bytes": CONTROL.itemsize}
+        if about != about | ours | {"columns": columns()} or len(descriptors) != len(_MEMORIES):
+            raise CheckFailed("the controller is of another version than this program; restart the older one")
+        maps = (mmap.mmap(descriptor, 0, prot=mmap.PROT_READ) for descriptor in descriptors)
+        return tuple(np.frombuffer(found, dtype, 1)[0] for found, dtype in zip(maps, _MEMORIES, strict=True))
+    finally:
+        for descriptor in descriptors:
+            os.close(descriptor)

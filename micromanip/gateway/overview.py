@@ -20,47 +20,12 @@ from micromanip.recordings.telemetry import Piece
 from micromanip.rt.states import NO_FAULT
 
 from .fields import Field
-from .history import Cycles, Values, extremes
+from .history import Level
 
 _FINE, _STEP = 32, 32
 """Cycles in a block of the fine level; blocks of it in one of the coarse level."""
 _MOST_BYTES = 1_000_000_000
 """With longer blocks for a longer recording."""
-
-
-class Level:
-    """Blocks of `per` cycles from the cycle `origin` on, in files: `count` (n,) rows in each, 0 where none is known.
-
-    Least and greatest values are (n, fields): what is read together lies together, which fills three times as fast.
-    """
-
-    def __init__(self, folder: Path, per: int, origin: int, blocks: int, fields: int) -> None:
-        """Raises OSError where the folder has no room."""
-        self.per, self.origin = per, origin
-        self.count = _made(folder / f"count-{per}", np.int32, (blocks,))
-        self._low, self._high = (
-            _made(folder / f"{name}-{per}", np.float32, (blocks, fields)) for name in ("low", "high")
-        )
-
-    def add(self, cycles: Cycles, values: Values) -> None:
-        """Rows (n,) in order, their values (fields, n)."""
-        blocks = (cycles - self.origin) // self.per
-        begins = np.flatnonzero(np.diff(blocks, prepend=-1))
-        at = blocks[begins]
-        low, high = (each.T for each in extremes(values, values, begins))
-        new = (self.count[at] == 0)[:, None]
-        self._low[at] = np.where(new, low, np.fmin(self._low[at], low))
-        self._high[at] = np.where(new, high, np.fmax(self._high[at], high))
-        self.count[at] += np.diff(begins, append=len(cycles)).astype(np.int32)
-
-    def taken(self, columns: Sequence[int], first: int, last: int) -> tuple[Cycles, NDArray[np.int32], Values, Values]:
-        """Of the blocks that have cycles from `first` to `last`: where they begin, rows (n,), least and greatest."""
-        part = slice(max(0, (first - self.origin) // self.per), max(0, (last - self.origin) // self.per + 1))
-        count = np.array(self.count[part])
-        begins = self.origin + self.per * np.arange(part.start, part.start + len(count), dtype=np.int64)
-        low, high = (np.array(values[part][:, columns]).T for values in (self._low, self._high))
-        low[:, count == 0] = high[:, count == 0] = np.nan
-        return begins, count, low, high
 
 
 class Overview:
@@ -79,9 +44,7 @@ class Overview:
         while (last - first) // per * len(fields) * 8 > _MOST_BYTES:
             per *= 2
         try:
-            self.levels = [
-                Level(folder, size, first, (last - first) // size + 1, len(fields)) for size in (per, per * _STEP)
-            ]
+            self.levels = [_level(folder, size, first, last, len(fields)) for size in (per, per * _STEP)]
         except OSError as problem:
             raise system_error(problem, folder) from problem
 
@@ -142,6 +105,13 @@ def halving(count: int) -> NDArray[np.int64]:
     for bit in range(bits):
         turned |= ((np.arange(1 << bits) >> bit) & 1) << (bits - 1 - bit)
     return np.asarray(turned[turned < count])
+
+
+def _level(folder: Path, per: int, first: int, last: int, fields: int) -> Level:
+    """With room for all blocks, in files: a block's values lie together, which fills three times as fast."""
+    blocks = (last - first) // per + 1
+    low, high = (_made(folder / f"{name}-{per}", np.float32, (blocks, fields)) for name in ("low", "high"))
+    return Level(per, first, _made(folder / f"count-{per}", np.int32, (blocks,)), low, high)
 
 
 def _made(file: Path, kind: Any, shape: tuple[int, ...]) -> NDArray[Any]:

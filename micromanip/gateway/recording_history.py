@@ -15,7 +15,7 @@ from micromanip.errors import CheckFailed
 from micromanip.recordings import Telemetry
 
 from .fields import Field
-from .history import Cycles, Values, Window, blocks_per_point, decimated
+from .history import Cycles, Level, Past, Values, Window
 from .overview import Overview
 
 _ROWS_READ = 10_000
@@ -25,13 +25,12 @@ _KEPT = 2048
 _MOST_MARKS = 200
 
 
-class RecordedHistory:
+class RecordedHistory(Past):
     """A whole recording, whose `overview` somebody fills meanwhile."""
 
     def __init__(self, telemetry: Telemetry, fields: Sequence[Field], folder: Path) -> None:
         """The overview goes to `folder`. CheckFailed where the recording is damaged, or empty."""
-        self.fields = list(fields)
-        self._index = {field.name: i for i, field in enumerate(fields)}
+        super().__init__(fields)
         self.pieces = telemetry.pieces()
         if not self.pieces:
             raise CheckFailed(f"{telemetry.file}: there are no rows in it")
@@ -54,10 +53,6 @@ class RecordedHistory:
         found = [(cycle, kind, text.replace(self._prefix, "")) for cycle, kind, text in self.overview.notes]
         return sorted(self._remarks + found)[:_MOST_MARKS]
 
-    def index(self, names: Sequence[str]) -> list[int]:
-        """Columns of these fields; KeyError where one is unknown."""
-        return [self._index[name] for name in names]
-
     def whole(self, columns: Sequence[int], first: int, last: int) -> tuple[Cycles, Values]:
         """Values from cycle `first` to `last`, both included: (n) and (columns, n)."""
         fields = [self.fields[column] for column in columns]
@@ -73,29 +68,25 @@ class RecordedHistory:
             values.append(np.array([field.shown(found[field.path][part]) for field in fields], np.float32))
         return np.concatenate(cycles), np.concatenate(values, axis=1)
 
+    def level(self, first: int, last: int, points: int) -> Level | None:
+        """None for what is soon read; else the coarsest level with a block a point."""
+        if last - first < _ROWS_READ:
+            return None
+        levels = self.overview.levels
+        return next((each for each in reversed(levels) if (last - first) // each.per >= points), levels[0])
+
+    @property
+    def is_complete(self) -> bool:  # type: ignore[override]
+        """Whether all of it is in the overview."""
+        return self.overview.share == 1.0
+
     def window(self, columns: Sequence[int], first: int, last: int, points: int) -> Window:
-        """From cycle `first` to `last` in at most about `points` points; NaN where the overview has nothing yet."""
-        shown = self._window(columns, first, last, points)
+        """From cycle `first` to `last`; NaN where the overview has nothing yet, and where nothing can be read."""
+        shown = super().window(columns, first, last, points)
         for begin, kind, _ in self.overview.notes:
             if kind == "damage" and first <= begin <= last:
                 shown = _parted(shown, begin)
         return shown
-
-    def _window(self, columns: Sequence[int], first: int, last: int, points: int) -> Window:
-        if last - first < _ROWS_READ:
-            cycles, values = self.whole(columns, first, last)
-            missing = int(cycles[-1] - cycles[0]) + 1 - len(cycles) if len(cycles) else 0
-            return _decimated(cycles, values, values, 1, points, missing)
-        levels = self.overview.levels
-        level = next((each for each in reversed(levels) if (last - first) // each.per >= points), levels[0])
-        cycles, count, low, high = level.taken(columns, first, last)
-        if self.overview.share == 1.0:  # what is not there then is missing, not unknown
-            missing = int(np.sum(level.per - count[:-1]))
-            kept = count > 0
-            cycles, low, high = cycles[kept], low[:, kept], high[:, kept]
-        else:
-            missing = 0
-        return _decimated(cycles, low, high, level.per, points, missing)
 
     def _holding(self, cycle: int) -> int:
         """The piece in which the cycle is, or would be."""
@@ -119,11 +110,6 @@ class RecordedHistory:
         if len(self._known) > _KEPT:
             self._known.popitem(last=False)
         return known
-
-
-def _decimated(cycles: Cycles, low: Values, high: Values, per: int, points: int, missing: int) -> Window:
-    step = blocks_per_point(int(cycles[0]), int(cycles[-1]), per, points) if len(cycles) else 1
-    return decimated(cycles, low, high, per, step, missing)
 
 
 def _parted(window: Window, cycle: int) -> Window:

@@ -16,6 +16,7 @@ from micromanip.errors import CheckFailed, ConfigError, MicromanipError, Permiss
 
 from .echo import echo
 from .options import Answer, socket_option, subcommand
+from .parameters import brief
 
 if TYPE_CHECKING:
     from micromanip.settings.check import Prepared
@@ -24,8 +25,6 @@ _BACKUP = "before"
 _PATIENCE_S, _LOOK_S = 180.0, 0.1
 _STARTING = ("OFF", "STARTING")
 _AT_REST = ("READY", "FAULT")
-_SHOWN = 40
-"""Characters of a value; all of them are in the files."""
 
 
 @subcommand("apply", "micromanip apply tuned/tuned.yaml --service micromanip")
@@ -60,7 +59,7 @@ def command(tuned: Path | None, service: str | None, back: bool, yes: bool, sock
         raise ConfigError(str(problem).replace(f"{file}:", f"{new}:")) from problem
     changed, restarts = _changes(before, after)
     for each in changed:
-        echo(f"  {each['key']}: {_short(each['running'])} -> {_short(each['new'])}  ({each['change']})", err=True)
+        echo(f"  {each['key']}: {brief(each['running'])} -> {brief(each['new'])}  ({each['change']})", err=True)
     applied = Applied(file, after, socket_path, service if restarts else None)
     if changed:
         _require(changed, restarts, status["state"], service)
@@ -90,11 +89,6 @@ def _changes(before: Prepared, after: Prepared) -> tuple[list[dict[str, Any]], b
         if any(each is not None and each is not ABSENT for each in (old, new))  # a section is told by its keys
     ]
     return listed, any(each["change"] == RESTART for each in listed)
-
-
-def _short(value: object) -> str:
-    text = str(value)
-    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."
 
 
 def _require(changed: list[dict[str, Any]], restarts: bool, state: str, service: str | None) -> None:

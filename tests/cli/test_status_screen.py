@@ -1,7 +1,6 @@
 """The screen of ``micromanip status --watch`` before a played controller, driven by textual's own pilot."""
 
 import asyncio
-import threading
 
 import pytest
 
@@ -78,11 +77,6 @@ def test_a_controller_that_goes_is_said_and_found_again(played):
     played_on(played, script)
 
 
-def test_without_a_terminal_it_prints_a_line_a_time_until_the_controller_goes(played, capsys):
-    timer = threading.Timer(0.3, played.close)
-    timer.start()
-    assert code_of("status", "--watch", "--every", "0.1", "--socket", played.path) == 69
-    timer.join()
-    lines = capsys.readouterr().out.splitlines()
-    assert lines
-    assert all(line.startswith("TRACKING") and line.endswith("error rms x 0.50 y 0.50 um") for line in lines)
+def test_without_a_terminal_it_is_refused(played, capsys):
+    assert code_of("status", "--watch", "--socket", played.path) == 64
+    assert "`micromanip get --watch NAME...` prints a line a sample elsewhere" in capsys.readouterr().err

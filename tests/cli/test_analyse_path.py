@@ -61,9 +61,3 @@ def test_what_can_not_be_previewed_is_told(tmp_path):
         assert message in str(result.exception)
         assert result.exception.exit_code == (64 if kind is UsageError else 1)
     assert file.read_text(encoding="utf-8").startswith("t_s,")
-
-
-def test_the_configuration_must_be_given(tmp_path):
-    result = asked(path_file(tmp_path, 10.0))
-    assert result.exit_code == 2
-    assert "--config" in result.output

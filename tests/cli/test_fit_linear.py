@@ -164,8 +164,6 @@ REFUSED = {
     "a name twice": (("--input", "u1,u1", "--output", "y1"), 64, "the column u1 is named twice"),
     "nothing to judge by": ((*COLUMNS, "--split", "1"), 64, "--split 1"),
     "no split": ((*COLUMNS, "--split", "0"), 64, "from 0.1 to 1"),
-    "no order": ((*COLUMNS, "--order", "0"), 64, "1<=x<=60"),
-    "no output": (("--input", "u1"), 64, "--output"),
 }
 
 

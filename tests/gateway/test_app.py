@@ -285,9 +285,8 @@ def test_a_fault_that_was_reset_is_not_shown_once_more(played):
     assert played.cell.unseen is None
 
 
-@pytest.mark.parametrize("content", ["text/plain", "application/x-www-form-urlencoded", "multipart/form-data"])
-def test_a_form_of_another_page_orders_nothing(app, content):
-    code, _, text = ask(app, "/api/order", method="POST", body={"order": "arm"}, token=DO, content=content)
+def test_a_form_of_another_page_orders_nothing(app):
+    code, _, text = ask(app, "/api/order", method="POST", body={"order": "arm"}, token=DO, content="text/plain")
     assert (code, b"application/json" in text) == (400, True)
 
 

@@ -1,7 +1,7 @@
-"""Where a command puts its results: a folder that is tried before anything moves, and where nothing is replaced.
+"""Where a command puts its results: a folder that is tried before anything moves.
 
-What an earlier run has left under the same name is set aside, into a folder named for when it was written; only a file
-that another folder beside it holds already, byte for byte, is replaced.
+Pictures of the same name are drawn anew. What somebody has changed of an earlier commissioning is set aside, into a
+folder named for when it was written; a file that another folder beside it holds already, byte for byte, is replaced.
 """
 
 from __future__ import annotations
@@ -48,15 +48,15 @@ def require_room(folder: Path, what: str) -> None:
 
 
 @contextlib.contextmanager
-def results_folder(folder: Path, option: str = "--out") -> Iterator[None]:
+def results_folder(folder: Path) -> Iterator[None]:
     """`folder` is there and takes files, or an error is raised; one made for nothing is removed again."""
     made = [each for each in (folder, *folder.parents) if not each.exists()]
     try:
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as problem:
-            raise system_error(problem, f"{option} {folder}") from problem
-        require_room(folder, f"{option} {folder}")
+            raise system_error(problem, f"--out {folder}") from problem
+        require_room(folder, f"--out {folder}")
         yield
     finally:
         for each in made:

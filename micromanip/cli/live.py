@@ -36,7 +36,7 @@ def values(report: Status) -> RenderableType:
     reasons: dict[str, list[str]] = {}
     for name, axis in report["axes"].items():
         for said, value in _quantities(axis):
-            figures = (figure for over in ("second", "minute") for figure in _over(said, value[over]))  # type: ignore[literal-required]
+            figures = (figure for over in ("second", "minute") for figure in _over(said, value[over]))
             table.add_row(f"{name} {said}", _now(said, value), *figures)
             if value["unknown"] is not None:
                 reasons.setdefault(value["unknown"], []).append(f"{name} {said.partition(',')[0]}")

@@ -219,8 +219,8 @@ class History(Past):
     def _parts(self, first: int, last: int) -> list[NDArray[Any]]:
         """The rows from cycle `first` to `last`, in one or two arrays."""
         numbers, oldest = range(self.count), max(0, self.count - len(self._rows))
-        ends = (bisect.bisect_left(numbers, cycle, lo=oldest, key=self._cycle) for cycle in (first, last + 1))
-        return [self._rows[piece] for piece in places(*ends, len(self._rows))]
+        start, stop = (bisect.bisect_left(numbers, cycle, lo=oldest, key=self._cycle) for cycle in (first, last + 1))
+        return [self._rows[piece] for piece in places(start, stop, len(self._rows))]
 
     @property
     def newest(self) -> int:  # type: ignore[override]  # it moves on

@@ -66,8 +66,8 @@ class Gateway:
         `expiries` are those of `Metrics`.
         """
         self._cell, self._tokens, self._differs, self._beside = cell, tokens, differs, beside
-        self._saving = 0
-        """Recordings that are being saved or sent."""
+        self._saving = asyncio.Semaphore(_MOST_SAVING)
+        """Places for recordings that are being saved or sent."""
         routes = [
             *(Route(path, _page(home if path == "/" else name)) for name, path in PATHS.items()),
             Route("/api/status", self._status),
@@ -146,30 +146,16 @@ class Gateway:
         query = await _body(request)
         first, last = (round(number(query, name, 0, 2**53)) for name in ("first", "last"))
         source = self._source()
-        if self._saving >= _MOST_SAVING:
+        if self._saving.locked():
             raise DeviceUnavailable(f"{_MOST_SAVING} recordings are being saved already; try again in a moment")
-        self._saving += 1
-        try:
-            return await self._saved(source, token.name, first, last)
-        except BaseException:
-            self._saving -= 1
-            raise
-
-    async def _saved(self, source: Source, asker: str, first: int, last: int) -> Response:
-        """The recording as a file, which takes its place until it is sent."""
-        configuration = await self._cell.order("configuration", asker)
-        folder = tempfile.TemporaryDirectory(prefix="micromanip-gateway-")
-        try:
-            file = Path(folder.name) / f"scope-{last}.mcap"
+        with contextlib.ExitStack() as held:  # until it is sent
+            await self._saving.acquire()
+            held.callback(self._saving.release)
+            folder = held.enter_context(tempfile.TemporaryDirectory(prefix="micromanip-gateway-"))
+            configuration = await self._cell.order("configuration", token.name)
+            file = Path(folder) / f"scope-{last}.mcap"
             await save_recording(source, configuration, first, last, file)
-        except BaseException:
-            folder.cleanup()
-            raise
-        return _Sent(file, lambda: self._sent_away(folder))
-
-    def _sent_away(self, folder: tempfile.TemporaryDirectory[str]) -> None:
-        self._saving -= 1
-        folder.cleanup()
+            return _Sent(file, held.pop_all().close)
 
     async def _metrics(self, request: Request) -> Response:
         self._known(request)

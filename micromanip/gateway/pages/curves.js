@@ -7,8 +7,10 @@ const tall = () => Math.max(280, Math.min(720, window.innerHeight - 310));
 
 /** One plot in `place`. */
 class Curves {
-  constructor(place, height) {
-    Object.assign(this, { place, height, plot: null });
+  plot = null;
+
+  constructor(place) {
+    this.place = place;
   }
 
   get width() {
@@ -27,16 +29,11 @@ class Curves {
     const axis = { ...plotAxis(), values };
     this.plot = new uPlot({
       width: this.width,
-      height: this.height(),
+      height: tall(),
       axes: [{ ...axis, label: labels[0], size: 38 }, { ...axis, label: labels[1], size: 70 }],
       series: [{ label: labels[0] }, ...series.map((one) => ({ width: 1.25, points: { show: false }, ...one, stroke: () => colour(one.colour) }))],
       ...more,
     }, data, this.place);
-  }
-
-  /** On two logarithmic axes, over Hz. */
-  makeOverHz(data, series, label, more = {}) {
-    this.make(data, series, ["Hz", label], power, { scales: { x: { time: false, distr: 3 }, y: { distr: 3 } }, ...more });
   }
 
   redraw() {
@@ -48,11 +45,9 @@ class Curves {
   }
 }
 
+/** On two logarithmic axes, over Hz. */
 export class SpectrumView extends Curves {
-  constructor(place) {
-    super(place, tall);
-    this.key = "";
-  }
+  key = "";
 
   /** `header` and `arrays` as the gateway sends them; `fields` are {name, unit, colour}. */
   draw(arrays, fields) {
@@ -69,7 +64,8 @@ export class SpectrumView extends Curves {
     }
     this.key = key;
     const units = [...new Set(own.map((field) => unitText(field.unit) || "1"))].map((unit) => `${unit}/√Hz`).join(", ");
-    this.makeOverHz(data, own.map((field) => ({ label: field.name, colour: field.colour })), units, { legend: { show: false }, cursor: { drag: { x: true, y: false } } });
+    this.make(data, own.map((field) => ({ label: field.name, colour: field.colour })), ["Hz", units], power,
+      { legend: { show: false }, cursor: { drag: { x: true, y: false } }, scales: { x: { time: false, distr: 3 }, y: { distr: 3 } } });
   }
 
   /** The greatest lines of each trace, into `table`. */
@@ -88,10 +84,6 @@ export class SpectrumView extends Curves {
 
 /** One field over another, such as a hysteresis loop. */
 export class XyView extends Curves {
-  constructor(place) {
-    super(place, tall);
-  }
-
   draw(x, y, xField, yField) {
     const named = ({ name, unit }) => (unit ? `${name}, ${unitText(unit)}` : name);
     const facets = ["x", "y"].map((scale) => ({ scale, auto: true }));

@@ -129,7 +129,7 @@ export class Panels {
     ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
     ctx.clip();
     for (const [from, to, state] of this.bands ?? []) {
-      const left = Math.max(bbox.left, plot.valToPos(from, "x", true)), right = Math.min(bbox.left + bbox.width, plot.valToPos(to, "x", true));
+      const [left, right] = within(plot, from, to);
       ctx.fillStyle = STATE_TINT[state] ?? "#80808018";
       ctx.fillRect(left, bbox.top, right - left, bbox.height);
     }
@@ -138,10 +138,7 @@ export class Panels {
       ctx.setLineDash([6, 5]);
       for (const limit of this.limits ?? []) {
         const y = plot.valToPos(limit, "y", true);
-        ctx.beginPath();
-        ctx.moveTo(bbox.left, y);
-        ctx.lineTo(bbox.left + bbox.width, y);
-        ctx.stroke();
+        line(ctx, bbox.left, y, bbox.left + bbox.width, y);
       }
     }
     ctx.restore();
@@ -162,10 +159,7 @@ export class Panels {
       ctx.strokeStyle = ctx.fillStyle = colour(name === "T" ? "--bad" : "--text");
       ctx.setLineDash(name === "T" ? [2, 3] : [7, 4]);
       ctx.lineWidth = devicePixelRatio;
-      ctx.beginPath();
-      ctx.moveTo(x, bbox.top);
-      ctx.lineTo(x, bbox.top + bbox.height);
-      ctx.stroke();
+      line(ctx, x, bbox.top, x, bbox.top + bbox.height);
       ctx.fillText(name, x + 4 * devicePixelRatio, bbox.top + bbox.height - 6 * devicePixelRatio);
     }
     ctx.restore();
@@ -177,23 +171,20 @@ export class Panels {
     let free = -Infinity;
     for (const [at, kind, text] of this.marks) {
       if (!this.shown || at < this.shown[0] || at > this.shown[1]) continue;
-      const x = plot.valToPos(at, "x", true), line = 18 * devicePixelRatio;
+      const x = plot.valToPos(at, "x", true), tall = 18 * devicePixelRatio;
       ctx.strokeStyle = ctx.fillStyle = colour(kind === "mark" ? "--accent" : "--bad");
       ctx.setLineDash([]);
       ctx.lineWidth = 1.5 * devicePixelRatio;
-      ctx.beginPath();
-      ctx.moveTo(x, bbox.top);
-      ctx.lineTo(x, bbox.top + bbox.height);
-      ctx.stroke();
+      line(ctx, x, bbox.top, x, bbox.top + bbox.height);
       const width = ctx.measureText(text).width + 8;
       if (!isFirst || x < free || width > bbox.width / 2) continue;
       const left = x + width > bbox.left + bbox.width ? x - width - 2 : x + 2;
       if (left < free) continue;
       const ink = ctx.fillStyle;
       ctx.fillStyle = colour("--plot");
-      ctx.fillRect(left, bbox.top + 1.2 * line, width, line);
+      ctx.fillRect(left, bbox.top + 1.2 * tall, width, tall);
       ctx.fillStyle = ink;
-      ctx.fillText(text, left + 4, bbox.top + 2 * line);
+      ctx.fillText(text, left + 4, bbox.top + 2 * tall);
       free = x + width;
     }
   }
@@ -201,7 +192,7 @@ export class Panels {
   nameBands(plot) {
     const { ctx, bbox } = plot;
     for (const [from, to, state] of this.bands ?? []) {
-      const left = Math.max(bbox.left, plot.valToPos(from, "x", true)), right = Math.min(bbox.left + bbox.width, plot.valToPos(to, "x", true));
+      const [left, right] = within(plot, from, to);
       const width = ctx.measureText(state).width;
       if (right - left < width + 10) continue;
       ctx.fillStyle = colour("--plot");
@@ -218,6 +209,19 @@ export class Panels {
       if (plot.width !== width || plot.height !== height) plot.setSize({ width, height });
     });
   }
+}
+
+/** Where a band from one time (s) to another is in the plot. */
+function within(plot, from, to) {
+  const { left, width } = plot.bbox;
+  return [Math.max(left, plot.valToPos(from, "x", true)), Math.min(left + width, plot.valToPos(to, "x", true))];
+}
+
+function line(ctx, fromX, fromY, toX, toY) {
+  ctx.beginPath();
+  ctx.moveTo(fromX, fromY);
+  ctx.lineTo(toX, toY);
+  ctx.stroke();
 }
 
 function legend(fields) {

@@ -22,7 +22,7 @@ let frame = null;
 let growing = null;
 let newest = "A";
 let isLive = true;
-let askedMs = 0, readMs = 0, zoomMs = 0;
+let askedMs = 0, readMs = 0;
 window.scopeFrames = [];
 
 const panels = new Panels(by("plots"), {
@@ -50,7 +50,6 @@ function askView() {
   localStorage.setItem("fields", JSON.stringify(chosen));
   connection.send({ type: "view", fields: known(), span_s: view.span_s, points: panels.points, last: view.last });
   connection.send({ type: "trigger", trigger: view.last === null ? trigger.query : null });
-  zoomMs = performance.now();
   by("freeze").setAttribute("aria-pressed", String(view.last !== null));
   by("freeze").textContent = view.last === null ? "Freeze" : "Live";
   const value = SPANS.find((span) => Math.abs(span / view.span_s - 1) < 1e-6);
@@ -108,7 +107,7 @@ function show(header, arrays) {
   const shown = [(header.first - reference) * period(), (header.last - reference) * period()];
   frame = { header, ...traced(header, arrays, reference, period()), shown };
   if (tab === "time") draw();
-  window.scopeFrames.push({ ...header, ms: performance.now() - zoomMs });
+  window.scopeFrames.push(header);
   if (window.scopeFrames.length > 50) window.scopeFrames.shift();
   summarise(header);
   const now = performance.now();
@@ -288,35 +287,35 @@ async function save() {
   }
 }
 
+/** Another controller, or a recording. */
+function begin(cell) {
+  controller = cell;
+  view.last = null;
+  frame = null;
+  if (cell.recording) {
+    view = { span_s: wholeSpan(), last: cell.recording.last };
+    arrangeRecording(cell.recording);
+  }
+  chosen ??= ["setpoint_um", "strain_um", "voltage_V"].map((name) => `${cell.axes[0]}.${name}`);
+  offer();
+  askView();
+}
+
 const connection = new Connection((message) => {
   if (message instanceof ArrayBuffer) {
     const [header, arrays] = parsed(message);
     if (header.type === "frame") show(header, arrays);
     else showMore(header, arrays);
-    connection.drawn();
-  } else if (message.type === "hello" && message.cell) {
-    controller = message.cell;
-    view.last = null;
-    frame = null;
-    if (controller.recording) {
-      view = { span_s: wholeSpan(), last: controller.recording.last };
-      arrangeRecording(controller.recording);
-    }
-    chosen ??= [`${controller.axes[0]}.setpoint_um`, `${controller.axes[0]}.strain_um`, `${controller.axes[0]}.voltage_V`];
-    offer();
-    askView();
-  } else if (message.type === "status" && controller?.recording) {
-    connection.drawn();
-  } else if (message.type === "status") {
+  } else if (message.type === "hello") {
+    if (message.cell) begin(message.cell);
+    return;
+  } else if (message.type === "status" && !controller?.recording) {
     showStatus(message);
     const was = isLive;
     isLive = Boolean(message.status);
     if (frame && was !== isLive) summarise(frame.header);
-    connection.drawn();
-  } else if (message.type === "problem") {
-    notice(message.problem, true);
-    connection.drawn();
-  }
+  } else if (message.type === "problem") notice(message.problem, true);
+  connection.drawn();
 }, (why) => notice(why, true));
 
 for (const span of SPANS) by("span").append(element("option", { value: String(span) }, seconds(span)));

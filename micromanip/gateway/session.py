@@ -129,19 +129,16 @@ class Session:
             return hello
         if self._on_the_way >= _ON_THE_WAY + ("status" in self._wanted):
             return None
-        message = await self._next()
+        if "status" in self._wanted:  # there is no pause between it and traces
+            self._wanted.discard("status")
+            self._has_status.clear()
+            message: str | bytes | None = json.dumps(self._status())
+        else:
+            message = await self._traces()
         if message is not None:
             self._on_the_way += 1
             await self._send(message)
         return message
-
-    async def _next(self) -> str | bytes | None:
-        """What is to be said next: a status that is new, else traces; there is no pause between the two."""
-        if "status" not in self._wanted:
-            return await self._traces()
-        self._wanted.discard("status")
-        self._has_status.clear()
-        return json.dumps(self._status())
 
     async def _traces(self) -> str | bytes | None:
         if self._source is None:
@@ -159,20 +156,17 @@ class Session:
         """What the view shows now; None where nothing is new."""
         if "frame" not in self._wanted or not self._view.fields:
             return None
+        self._wanted.discard("frame")
         trigger, last, hit = self._trigger, self._view.last, None
         if self._view.follows and trigger is not None and not trigger.runs_free:
             if trigger.window is None:
-                self._wanted.discard("frame")
                 return None
             last, hit = trigger.window[1], trigger.cycle
-            if trigger.mode == "single":
-                if hit == self._shown:
-                    self._wanted.discard("frame")
-                    return None
-                self._shown = hit
-            else:
+            if trigger.mode != "single":
                 trigger.arm()
-        self._wanted.discard("frame")
+            elif hit == self._shown:
+                return None
+            self._shown = hit
         self._number += 1
         return frame_of(source, self._view, last, {"number": self._number, "trigger_cycle": hit})
 

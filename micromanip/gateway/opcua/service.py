@@ -45,7 +45,7 @@ class OpcUa:
 
         `say` hears who was sent away, and why.
         """
-        self._cell, self._url = cell, f"opc.tcp://{f'[{host}]' if ':' in host else host}:{port}/micromanip"
+        self._cell, self.url = cell, f"opc.tcp://{f'[{host}]' if ':' in host else host}:{port}/micromanip"
         self.own = prepared_folder(folder)
         self._users = Users(folder, RateLimitedLog(say), strangers_observe=is_local)
         self._is_local = is_local
@@ -55,11 +55,6 @@ class OpcUa:
         self._state: str | None = None
         self._faults: set[tuple[str, str | None, int | None]] = set()
 
-    @property
-    def url(self) -> str:
-        """Where clients find it."""
-        return self._url
-
     @contextlib.asynccontextmanager
     async def serving(self) -> AsyncIterator[None]:
         """Serve meanwhile."""
@@ -68,7 +63,7 @@ class OpcUa:
         server = Server(OwnedSessions(self._users))
         await server.init()
         server.iserver.max_connections = _MOST_CONNECTIONS
-        server.set_endpoint(self._url)
+        server.set_endpoint(self.url)
         server.set_server_name(_NAME)
         await server.set_application_uri(APPLICATION_URI)
         encrypted = ua.SecurityPolicyType.Aes256Sha256RsaPss_SignAndEncrypt

@@ -22,16 +22,12 @@ if TYPE_CHECKING:
 
 @subcommand("margins", "micromanip analyse margins config/simulated.yaml --axis x --out out/analyse")
 @config_argument
-@out_option("the figures", required=True)
+@out_option("the figures")
 @axis_option
 @click.option("--samples", type=click.IntRange(0, 1_000_000), default=100, help="Plants that are drawn, an axis.")
 @click.option("--seed", type=Quantity("Seed"), default=1, help="Seed of the first plant; the next follow.")
 @click.option("--jobs", type=click.IntRange(1, 1024), show_default="one a CPU", help="Processes that share the plants.")
-@click.option("--figures/--no-figures", default=True, help="Draw the figures.")
-def command(
-    config: Path, folder: Path, only: str, samples: int, seed: int, jobs: int | None,
-    figures: bool,
-) -> Answer:  # fmt: skip
+def command(config: Path, folder: Path | None, only: str, samples: int, seed: int, jobs: int | None) -> Answer:
     """Judge the control of each axis before it runs: is the inverse regular, are the loops stable, with what margin?
 
     A simulated cell's actuator is recorded in virtual time; on real hardware nothing moves, and the strain loop is
@@ -46,7 +42,7 @@ def command(
     shown = chosen_axes(prepared.configuration.axes, only, config)
     seeds = range(seed, seed + samples)
     analyses = []
-    with pictures_in(folder if figures else None) as pictures, steps() as bar:
+    with pictures_in(folder) as pictures, steps() as bar:
         for name in shown:
 
             def progress(what: str, axis: str = name) -> None:
@@ -61,7 +57,7 @@ def command(
                 progress=progress,
             )
             analyses.append(analysis)
-            if figures:
+            if folder is not None:
                 from micromanip.design.plots.loops import draw_analysis
 
                 progress("drawing")

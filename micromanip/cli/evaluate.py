@@ -21,11 +21,8 @@ from .results import out_option, pictures_in, provenance
 @config_argument
 @click.option("--axis", "only", help="Report and draw this axis only (all are simulated together).")
 @click.option("--seed", type=Quantity("Seed"), help="Seed of the simulation's noise, instead of the configuration's.")
-@out_option("the figures", default=Path("out/evaluate"))
-@click.option("--figures/--no-figures", default=True, help="Draw the figures.")
-def command(
-    config: Path, only: str | None, seed: int | None, folder: Path, figures: bool,
-) -> Answer:  # fmt: skip
+@out_option("the figures")
+def command(config: Path, only: str | None, seed: int | None, folder: Path | None) -> Answer:
     """Run configurations A (PID), B (+ affine inverse) and C (+ tanh inverse) at 1, 5 and 10 Hz.
 
     All three have the one PID that reproduces the paper; a commissioned cell is also run with its own, as D.
@@ -42,19 +39,19 @@ def command(
     if real:
         raise UsageError(f"evaluate runs in virtual time: driver {real[0]} of {config} can't, it has a time of its own")
     shown = [only] if only else names
-    with pictures_in(folder if figures else None) as pictures, steps() as bar:
+    with pictures_in(folder) as pictures, steps() as bar:
         show_compiling(bar.console.print)
         experiment = VirtualExperiment(prepared)
         configuration = with_models(prepared.configuration, experiment, bar.console.print)
         tuned = any(axis.commissioned or axis.actuator for axis in configuration.axes.values())
-        total = (12 if tuned else 9) + (3 * len(shown) if figures else 0)
+        total = (12 if tuned else 9) + (3 * len(shown) if folder is not None else 0)
         numbers = itertools.count(1)
 
         def progress() -> None:
             bar.say(f"experiment or figure {next(numbers)} of {total}")
 
         runs = evaluate(configuration, experiment, tuned=tuned, progress=progress)
-        if figures:
+        if folder is not None:
             from micromanip.design.plots.paper import draw_all
 
             for name in shown:

@@ -55,9 +55,8 @@ def test_verdicts_follow_from_the_figures(report):
     assert min(axis["strain"]["slopes"]) < 1.0 < max(axis["strain"]["slopes"])
 
 
-def test_an_untuned_cell_is_told_what_it_lacks(capsys, tmp_path):
-    options = ("--axis", "x", "--out", str(tmp_path), "--no-figures", "--samples", "0", "--jobs", "1")
-    code, out, err = run(capsys, FACTORY, *options)
+def test_an_untuned_cell_is_told_what_it_lacks(capsys):
+    code, out, err = run(capsys, FACTORY, "--axis", "x", "--samples", "0", "--jobs", "1")
     assert "axis x: no describing function: the hysteresis model is none" in out
     assert "axis x: no margins of the outer loop" in out
     assert "strain loop" in out
@@ -69,8 +68,7 @@ def test_too_much_gain_fails(capsys, tmp_path):
     text = PAPER_CELL.read_text(encoding="utf-8")
     file = tmp_path / "hot.yaml"
     file.write_text(text.replace("control_weight: 10.0", "control_weight: 0.01"), encoding="utf-8")
-    options = ("--axis", "y", "--out", str(tmp_path), "--no-figures", "--samples", "0")
-    code, report = analysed(capsys, str(file), *options)
+    code, report = analysed(capsys, str(file), "--axis", "y", "--samples", "0")
     assert code == 1
     failed = {c["name"] for c in report["axes"][0]["criteria"] if not c["passed"]}
     assert "outer loop: gain margin" in failed

@@ -64,11 +64,11 @@ def test_only_the_named_axis_is_changed_and_comments_stay(commissioned):
     assert y.hysteresis_affine is not None
 
 
-def test_evaluate_is_at_or_below_the_papers_sigma(commissioned, tmp_path, capsys, monkeypatch):
+def test_evaluate_is_at_or_below_the_papers_sigma(commissioned, capsys, monkeypatch):
     """Only what is judged here is played; all of it: test_evaluate.py."""
     monkeypatch.setattr(paper, "SIGMA_UM", {"C": paper.SIGMA_UM["C"]})
     tuned = commissioned.folder / "out" / "tuned.yaml"
-    assert code_of("evaluate", tuned, "--axis", "y", "--no-figures", "--out", tmp_path, "--json") == 0
+    assert code_of("evaluate", tuned, "--axis", "y", "--json") == 0
     rows = json.loads(capsys.readouterr().out)["rows"]
     judged = [row for row in rows if row["config"] in ("C", "D")]
     assert {(row["config"], row["frequency_hz"]) for row in judged} == {(c, f) for c in "CD" for f in (1.0, 5.0, 10.0)}

@@ -39,7 +39,7 @@ def evaluated(*options):
 
 @pytest.fixture(scope="module")
 def report():
-    return evaluated("--no-figures")
+    return evaluated()
 
 
 def test_every_row_is_there(report):
@@ -70,7 +70,7 @@ def test_a_pid_that_swings_on_its_actuator_is_told(few_sines, monkeypatch):
     strong = paper.ANCHOR_PID.model_copy(update={"K_V_per_um": 3.0 * paper.ANCHOR_PID.K_V_per_um})
     monkeypatch.setattr(paper, "ANCHOR_PID", strong)
     monkeypatch.setattr(paper, "FREQUENCIES_HZ", (10.0,))
-    result = CliRunner().invoke(cli, ["evaluate", CONFIG, "--axis", "x", "--no-figures"], catch_exceptions=False)
+    result = CliRunner().invoke(cli, ["evaluate", CONFIG, "--axis", "x"], catch_exceptions=False)
     assert "A, axis x: the strain loop swings by itself at 157" in result.stdout
     assert "D, axis x: the strain loop swings" not in result.stdout
 
@@ -78,8 +78,8 @@ def test_a_pid_that_swings_on_its_actuator_is_told(few_sines, monkeypatch):
 def test_the_same_seed_gives_the_same_numbers_and_another_one_does_not(report, few_sines, monkeypatch):
     monkeypatch.setattr(paper, "FREQUENCIES_HZ", (10.0,))
     played = [row for row in report["rows"] if row["frequency_hz"] in paper.FREQUENCIES_HZ]
-    assert evaluated("--no-figures")["rows"] == played
-    other = evaluated("--no-figures", "--seed", "7", "--axis", "x")["rows"]
+    assert evaluated()["rows"] == played
+    other = evaluated("--seed", "7", "--axis", "x")["rows"]
     assert [row["axis"] for row in other] == ["x"] * 4
     same = [row for row in played if row["axis"] == "x"]
     assert all(a["std_error_um"] != b["std_error_um"] for a, b in zip(other, same, strict=True))

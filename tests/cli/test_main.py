@@ -147,7 +147,6 @@ USAGE = [
     f"run {CONFIG} --duration -1",
     "completion",
     "get --watch",
-    f"analyse margins {CONFIG}",
     f"analyse margins {CONFIG} --out out --samples -1",
     f"analyse margins {CONFIG} --out out --jobs 0",
 ]

@@ -189,27 +189,39 @@ def test_the_first_fault_stays_and_a_graver_one_hardens_the_reaction():
     raise_fault(p, s, FOLLOWING_ERROR, 0, 6.0, 5.0, HOLDS)
     s["cycle"] = 1000  # the same cycle
     before = s.copy()
+    raise_fault(p, s, SATURATED, 1, 7.0, 8.0, HOLDS)
     raise_fault(p, s, SATURATED, 1, 7.0, 8.0, RAMPS)
-    expect(s, before, event(1, SATURATED, 1, 7.0, 8.0, RAMPS, HOLDING), ramping)
+    held_on = event(1, SATURATED, 1, 7.0, 8.0, HOLDS, HOLDING), entered(HOLDING)
+    expect(s, before, *held_on, event(2, SATURATED, 1, 7.0, 8.0, RAMPS, HOLDING), ramping)
     assert (s["fault"], s["fault_axis"], s["trips"]) == (FOLLOWING_ERROR, 0, 1)
 
 
 def test_the_fault_that_ends_the_run_is_a_trip_of_its_own():
     p, s = cell()
-    p["reaction"][HOST_DEAD] = HOLDS
-    raise_fault(p, s, FOLLOWING_ERROR, 0, 6.0, 5.0, HOLDS)
+    p["reaction"][HOST_DEAD] = RAMPS
+    raise_fault(p, s, FOLLOWING_ERROR, 2, 6.0, 5.0, HOLDS)
     before = s.copy()
     cell_fault(p, s, HOST_DEAD, True, 120.0, 100.0)
-    former = put(former=FOLLOWING_ERROR, former_axis=0, former_value=6.0, former_limit=5.0)
+    former = put(former=FOLLOWING_ERROR, former_axis=2, former_value=6.0, former_limit=5.0)
     expect(
         s,
         before,
         raised(HOST_DEAD),
-        event(1, HOST_DEAD, -1, 120.0, 100.0, HOLDS, HOLDING),
+        event(1, HOST_DEAD, -1, 120.0, 100.0, RAMPS, HOLDING),
         former,
         latch(HOST_DEAD, -1, 120.0, 100.0),
+        ramping,
     )
     assert s["trips"] == 2
+
+
+def test_without_a_fault_before_it_nothing_is_kept_beside_it():
+    p, s = cell(trips=3, fault_axis=1, fault_cycle=900, fault_value=1.0, fault_limit=2.0, former=SATURATED)
+    p["reaction"][HOST_DEAD] = RAMPS
+    before = s.copy()
+    cell_fault(p, s, HOST_DEAD, True, 120.0, 100.0)
+    event_of_it = event(0, HOST_DEAD, -1, 120.0, 100.0, RAMPS)
+    expect(s, before, raised(HOST_DEAD), event_of_it, latch(HOST_DEAD, -1, 120.0, 100.0), ramping)
 
 
 def test_after_a_reset_the_next_fault_is_latched():

@@ -25,18 +25,16 @@ given yet, it may replace in ``outputs`` by what is given: then the axis goes no
 from __future__ import annotations
 
 import ctypes
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from abc import abstractmethod
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel
 
-from .device_identity import real_because
-from .driver import Answer, Channel, Load
+from .driver import Channel, Driver, Load
 from .safe_state import SafeOutput
 
 CONTEXT_C = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)
@@ -76,11 +74,8 @@ class Wire:
     links: int
 
 
-class CyclicDriver(ABC):
-    """A driver whose ``exchange`` runs inside the loop, found by an entry point in ``micromanip.drivers``."""
-
-    Options: ClassVar[type[BaseModel]]
-    """Model of the driver's own keys in the configuration; unknown keys must be refused (extra="forbid")."""
+class CyclicDriver(Driver):
+    """A driver whose ``exchange`` runs inside the loop."""
 
     simulated: ClassVar[bool] = False
     """True where nothing real moves: only then is `arm_on_start` accepted."""
@@ -95,10 +90,7 @@ class CyclicDriver(ABC):
 
     @property
     def device(self) -> str | None:
-        """The hardware that it owns, e.g. "/dev/comedi0" (forms as of ``BusDriver.device``): a second owner is refused.
-
-        None where there is none. A driver that does not say counts as the owner of one device of its kind.
-        """
+        """One that is not simulated and does not say counts as the owner of one device of its kind."""
         return None if self.simulated else type(self).__name__
 
     @property
@@ -106,21 +98,11 @@ class CyclicDriver(ABC):
         """All that it owns: the device, and what else nobody may have beside it; each is locked."""
         return () if self.device is None else (self.device,)
 
-    @property
-    def real_because(self) -> str | None:
-        """Why the device may be a real one, though the driver calls itself simulated; None as far as is seen."""
-        return None if self.device is None else real_because(self.device)
-
     @abstractmethod
     def __init__(self, options: Any, period_ns: int) -> None:
         """`options` is a validated ``Options``; raises ConfigError for what only the driver can know."""
 
-    @property
-    def files(self) -> Sequence[Path]:
-        """Files that its options name, as seen from the configuration's folder."""
-        return ()
-
-    def check_files(self, folder: Path) -> None:  # noqa: B027 (most name none)
+    def check_files(self, folder: Path) -> None:
         """Hold the files that the options name, seen from `folder`, that of the configuration, against the options.
 
         Where a configuration is checked; raises ConfigError.
@@ -169,14 +151,14 @@ class CyclicDriver(ABC):
     def context(self) -> NDArray[np.uint8]:
         """First contents of the context, a block of bytes that the loop and the host share; no pointers in it."""
 
-    def adopt(self, context: NDArray[np.uint8], outputs: Sequence[SafeOutput]) -> None:  # noqa: B027 (most need none)
+    def adopt(self, context: NDArray[np.uint8], outputs: Sequence[SafeOutput]) -> None:
         """Take over the limits of the outputs, in the order of `outputs`, into the context.
 
         The host tells them before the loop begins and again when they have changed, which they do at rest only. The
         loop keeps to them by itself: they are for a driver whose commands may be lost on the way.
         """
 
-    def begin(self, context: NDArray[np.uint8]) -> None:  # noqa: B027 (most have nothing to do)
+    def begin(self, context: NDArray[np.uint8]) -> None:
         """Get ready in Python what ``open`` needs: called by the process that calls it, with its context, just before.
 
         May block for some seconds; must not move anything. Raises BusError, with a message for whoever starts the cell.
@@ -196,10 +178,6 @@ class CyclicDriver(ABC):
     def wire(self, context: NDArray[np.uint8]) -> Wire | None:  # noqa: ARG002 (most have none)
         """Where its wire stands, out of the context, while the loop runs; None where it has none."""
         return None
-
-    def probe(self, seconds: float) -> Iterator[Answer]:
-        """Look, without moving anything, what answers; what is found, as it is found. As ``BusDriver.probe``."""
-        raise NotImplementedError
 
     def without_process(self) -> CyclicDriver:
         """The driver for an experiment without machining: a simulation leaves its process force out."""

@@ -124,14 +124,48 @@ class Steady:
     """The descriptor to wait on for what comes, while the link is open."""
 
 
-class BusDriver(ABC):
-    """A driver that runs in a worker process, found by an entry point in ``micromanip.drivers``."""
+class Driver(ABC):
+    """What both kinds of driver have; each is found by an entry point in ``micromanip.drivers``."""
 
-    Options: ClassVar[type[BusOptions]]
-    """Model of the driver's own keys in the configuration."""
+    Options: ClassVar[type[BaseModel]]
+    """Model of the driver's own keys in the configuration; unknown keys must be refused (extra="forbid")."""
 
     version: ClassVar[str] = ""
     """Shown by ``micromanip device list``; the version of its package if empty."""
+
+    @property
+    @abstractmethod
+    def device(self) -> str | None:
+        """The hardware that it owns: a second owner of the same one is refused. None where there is none.
+
+        A path ("/dev/ttyUSB0"), "tcp HOST:PORT", "udp HOST:PORT" and "socketcan-INTERFACE" are followed to what they
+        lead to, however it was called (``device_identity.py``); any other text stands for itself.
+        """
+
+    @property
+    def files(self) -> Sequence[Path]:
+        """Files that its options name, as seen from the configuration's folder: message databases, say."""
+        return ()
+
+    @property
+    def real_because(self) -> str | None:
+        """Why the device may be a real one, though it may be called simulated; None as far as is seen."""
+        return None if self.device is None else real_because(self.device)
+
+    def probe(self, seconds: float) -> Iterator[Answer]:
+        """Look, without moving anything, what answers on the bus; what is found, as it is found.
+
+        Called instead of ``open``, on a driver that is not open, and followed by ``close`` if it is a bus': it connects
+        by itself, and shows the wrong device too. The newest Answer of a name replaces those before. Raises what
+        ``open`` does.
+        """
+        raise NotImplementedError
+
+
+class BusDriver(Driver):
+    """A driver that runs in a worker process."""
+
+    Options: ClassVar[type[BusOptions]]
 
     @abstractmethod
     def __init__(self, options: Any, folder: Path) -> None:
@@ -143,21 +177,7 @@ class BusDriver(ABC):
     @property
     @abstractmethod
     def device(self) -> str:
-        """The hardware that it owns: a second owner of the same one is refused.
-
-        A path ("/dev/ttyUSB0"), "tcp HOST:PORT", "udp HOST:PORT" and "socketcan-INTERFACE" are followed to what they
-        lead to, however it was called (``device_identity.py``); any other text stands for itself.
-        """
-
-    @property
-    def files(self) -> Sequence[Path]:
-        """Files that its options name and that say what goes over the wire: message databases."""
-        return ()
-
-    @property
-    def real_because(self) -> str | None:
-        """Why the device may be a real one, though the configuration may call it simulated; None as far as is seen."""
-        return real_because(self.device)
+        """Every bus has one."""
 
     @property
     def silence(self) -> Watchdog | None:
@@ -243,14 +263,6 @@ class BusDriver(ABC):
     def statistics(self) -> Mapping[str, int]:
         """Counters of its own, since ``__init__``: frames, errors, overflows."""
         return {}
-
-    def probe(self, seconds: float) -> Iterator[Answer]:
-        """Look, without moving anything, what answers on the bus; what is found, as it is found.
-
-        Called instead of ``open``, on a driver that is not open, and followed by ``close``: it connects by itself, and
-        shows the wrong device too. The newest Answer of a name replaces those before. Raises what ``open`` does.
-        """
-        raise NotImplementedError
 
     @classmethod
     def discover(cls, section: Mapping[str, Any], seconds: float) -> tuple[str, Iterator[Answer]]:

@@ -34,7 +34,7 @@ def driver_to_probe(file: Path, name: str) -> BusDriver | CyclicDriver:
         raise UsageError(f"{file} has no driver called {name}; {did_you_mean(name, entries)}")
     entry = validate_section(source, ("drivers", name), Driver, entries[name])
     kind = kind_of(source, ("drivers", name), entry)
-    if kind.probe is CyclicDriver.probe:
+    if issubclass(kind, CyclicDriver) and kind.probe is CyclicDriver.probe:
         raise UsageError(
             f"{name} is the cyclic driver {entry.driver}: it has no bus to look at; `micromanip run` and `status` show "
             "its signals"

@@ -94,7 +94,7 @@ def mark(text: str) -> Callable[[Client], Marked]:
 @click.argument("file", type=click.Path(path_type=Path), metavar="FILE")
 @click.option("--listen", default="127.0.0.1:8091", metavar="HOST:PORT", help="Where browsers find it.")
 def view(file: Path, listen: str) -> Answer:
-    """Show a recording of ours, MCAP or HDF5, as the scope shows a running cell.
+    """Show a recording of ours as the scope shows a running cell.
 
     Zoom from 1 ms to the whole file, spectrum, x-y, states, faults and remarks. Of a long file it makes an overview
     meanwhile; browsers of this computer need no token. It needs the extra `gateway`.

@@ -188,7 +188,7 @@ def _tried(bench, case):
     _watch(bench, case, outcome, begin_ns)
     bench.device.order(device="clear")
     report = bench.device.report()
-    outcome.late_ms = max(report["stalls"]["latest_ms"], _loop_late_ms(bench, begin_ns))
+    outcome.late_ms = max(report["stalls"]["longest_ms"], _loop_late_ms(bench, begin_ns))
     arrived = [each for each in report["outputs"].values() if each["samples"]]
     outcome.lowest_V = min((each["min"] for each in arrived), default=math.nan)
     outcome.highest_V = max((each["max"] for each in arrived), default=math.nan)

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
+from micromanip.rt.record import record
+
+from .compiled import compiled
 from .plant import PERIOD_NS, STALL_PERIODS, PlantInRealTime
 
 WATCHDOG_MS = 100.0
@@ -15,42 +19,34 @@ RAMP_NS = 200_000_000
 REST_TOLERANCE_V = 0.5
 """A tripped amplifier takes commands again once they are this close to rest: then nothing jumps."""
 
+ARRIVED = record(("samples", "i8"), ("minimum", "f8"), ("maximum", "f8"), ("largest_step", "f8"), ("last", "f8"))
+"""What came in for one output since the last report; `last` is not a number before the first command."""
 
-@dataclass
-class Arrived:
-    """What came in for one output."""
 
-    minimum: float = math.inf
-    maximum: float = -math.inf
-    largest_step: float = 0.0
-    samples: int = 0
-    last: float = math.nan
+@compiled
+def note(a: Any, value: float) -> None:
+    """One more command for an output."""
+    if a["samples"] == 0:
+        a["minimum"] = a["maximum"] = value
+    a["minimum"], a["maximum"] = min(a["minimum"], value), max(a["maximum"], value)
+    if math.isfinite(a["last"]):
+        a["largest_step"] = max(a["largest_step"], abs(value - a["last"]))
+    a["last"] = value
+    a["samples"] += 1
 
-    def add(self, value: float) -> None:
-        """One more command."""
-        self.minimum, self.maximum = min(self.minimum, value), max(self.maximum, value)
-        if self.last == self.last:
-            self.largest_step = max(self.largest_step, abs(value - self.last))
-        self.last = value
-        self.samples += 1
 
-    def merge(self, other: Arrived) -> None:
-        """What somebody else has counted since, from the same last command on."""
-        self.minimum, self.maximum = min(self.minimum, other.minimum), max(self.maximum, other.maximum)
-        self.largest_step = max(self.largest_step, other.largest_step)
-        self.samples += other.samples
-        self.last = other.last
+def _nothing() -> Any:
+    a = np.zeros(1, ARRIVED)[0]
+    a["last"] = math.nan
+    return a
 
-    def report(self) -> dict[str, Any]:
-        """The figures under their names in reports; None where nothing came."""
-        if not self.samples:
-            return {"min": None, "max": None, "largest_step_V": None, "samples": 0}
-        return {
-            "min": self.minimum,
-            "max": self.maximum,
-            "largest_step_V": self.largest_step,
-            "samples": self.samples,
-        }
+
+def _taken(a: Any) -> dict[str, Any]:
+    """The figures under their names in reports, None where nothing came; they begin anew."""
+    samples, some = int(a["samples"]), a["samples"] > 0
+    figures = {"min": a["minimum"], "max": a["maximum"], "largest_step_V": a["largest_step"]}
+    a["samples"], a["largest_step"] = 0, 0.0
+    return {name: float(value) if some else None for name, value in figures.items()} | {"samples": samples}
 
 
 class Amplifier:
@@ -70,9 +66,7 @@ class Amplifier:
         self.trips = 0
         self.refused = 0
         """Commands that were not finite."""
-        self.arrived = {name: Arrived() for name in rest_V}
-        self.switches: dict[str, Arrived] = {}
-        """What came in for digital outputs, where something has."""
+        self._arrived = {name: _nothing() for name in rest_V}
         self._plant = plant
         self._watchdog_ns = math.inf if watchdog_ms is None else watchdog_ms * 1e6
         self.in_force = dict(rest_V)
@@ -94,13 +88,11 @@ class Amplifier:
             self.refused += 1
             return
         self._commanded_ns = clock_ns
-        for name in values.keys() & self.arrived.keys():
-            self.arrived[name].add(values[name])
         if not self.ok:
             self.ok = not self._ramp_from and self._asks_for_rest(values)
         for name, value in values.items():
+            note(self._arrived.setdefault(name, _nothing()), value)
             if name not in self.rest_V:
-                self.switches.setdefault(name, Arrived()).add(value)
                 self._plant.write(name, value)
             elif self.ok:
                 self._put(name, value)
@@ -110,14 +102,16 @@ class Amplifier:
         """Whether it puts out what it is commanded."""
         return self.ok and not self._ramp_from
 
-    def has_taken(self, arrived: Mapping[str, Arrived], clock_ns: int) -> None:
-        """Commands that went to the plant another way while it `follows`, the last at `clock_ns`."""
+    def count_in(self, name: str, arrived: Any) -> None:
+        """Keep what arrives for an output in this record from now on, where compiled code counts too."""
+        arrived["last"], self._arrived[name] = math.nan, arrived
+
+    def has_taken(self, clock_ns: int) -> None:
+        """Commands went to the plant another way while it `follows`, the last at `clock_ns`, if that is news."""
+        if clock_ns <= (self._commanded_ns or 0):
+            return
         self._commanded_ns = clock_ns
-        for name, figures in arrived.items():
-            if name in self.rest_V:
-                self.in_force[name] = figures.last
-            kept = self.arrived if name in self.rest_V else self.switches
-            kept.setdefault(name, Arrived()).merge(figures)
+        self.in_force |= {name: float(self._arrived[name]["last"]) for name in self.rest_V}
 
     def tick(self, clock_ns: int, plant_ns: int) -> None:
         """Time passes, on the clock and in the plant: look after the watchdog and the ramp."""
@@ -137,11 +131,14 @@ class Amplifier:
         self.ok = False
         self._ramp_from, self._ramp_ns = dict(self.in_force), plant_ns
 
-    def take_report(self) -> tuple[dict[str, Arrived], dict[str, Arrived]]:
-        """What arrived for analog and digital outputs since the last call; a step from the last command counts too."""
-        report = self.arrived, self.switches
-        self.arrived, self.switches = {name: Arrived(last=before.last) for name, before in self.arrived.items()}, {}
-        return report
+    def take_report(self) -> tuple[dict[str, Any], dict[str, Any]]:
+        """What arrived for analog outputs, and for digital ones where anything did, since the last call.
+
+        A step from the last command before it counts too.
+        """
+        analog = {name: _taken(a) for name, a in self._arrived.items() if name in self.rest_V}
+        others = {name: a for name, a in self._arrived.items() if name not in self.rest_V}
+        return analog, {name: _taken(a) for name, a in others.items() if a["samples"] > 0}
 
     def _ramp(self, plant_ns: int) -> None:
         share = min(1.0, (plant_ns - self._ramp_ns) / RAMP_NS)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from .amplifier import Amplifier, Arrived
+from .amplifier import Amplifier
 from .path_error import PathError
 from .plant import PlantInRealTime
 
@@ -73,15 +73,19 @@ class EmulatedCell:
         return {name: volts for amplifier in self.amplifiers for name, volts in amplifier.in_force.items()}
 
     def report(self) -> dict[str, Any]:
-        """Outputs and switches since the last call, the rest since the start."""
-        arrived = [amplifier.take_report() for amplifier in self.amplifiers]
+        """Outputs, switches and stalls since the last call, the rest since the start."""
+        outputs: dict[str, Any] = {}
+        switches: dict[str, Any] = {}
+        for amplifier in self.amplifiers:
+            analog, digital = amplifier.take_report()
+            outputs, switches = outputs | analog, switches | digital
         return {
             "path_error_um": self.errors.report(),
-            "outputs": _figures(outputs for outputs, _ in arrived),
-            "switches": _figures(switches for _, switches in arrived),
+            "outputs": outputs,
+            "switches": switches,
             "amplifier_trips": sum(amplifier.trips for amplifier in self.amplifiers),
             "refused_commands": sum(amplifier.refused for amplifier in self.amplifiers),
-            "stalls": self.plant.stalls.report(),
+            "stalls": self.plant.stalls.take_report(),
         }
 
     def _amplifier_ok(self, signal: str) -> float:
@@ -89,10 +93,6 @@ class EmulatedCell:
         voltage = "voltage" + signal.removeprefix(_AMPLIFIER_OK)
         concerned = [amplifier for amplifier in self.amplifiers if voltage in amplifier.rest_V] or self.amplifiers
         return float(all(amplifier.ok for amplifier in concerned))
-
-
-def _figures(found: Iterable[Mapping[str, Arrived]]) -> dict[str, Any]:
-    return {name: arrived.report() for each in found for name, arrived in each.items()}
 
 
 @dataclass

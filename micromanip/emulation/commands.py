@@ -23,24 +23,17 @@ class Command(Settings):
     for_s: Seconds | None = Field(default=None, description="How long; null: until `clear`.")
 
 
-class Freeze(Command):
-    """The value stands still, the counter goes on."""
+class Spoilt(Command):
+    """The value stands still while the counter goes on; or it is NaN, the largest code where a frame has none."""
 
-    device: Literal["freeze"]
+    device: Literal["freeze", "nan"]
     signal: str | None = Field(default=None, description="Which one; null: all.")
 
 
-class StopCounter(Command):
-    """The counter stands still, the values go on."""
+class Message(Command):
+    """The counter stands still while the values go on; or a message does not come."""
 
-    device: Literal["stop_counter"]
-    message: str | None = Field(default=None, description="Of which message; null: of all.")
-
-
-class Silence(Command):
-    """A message does not come."""
-
-    device: Literal["silence"]
+    device: Literal["stop_counter", "silence"]
     message: str | None = Field(default=None, description="Which one; null: all.")
 
 
@@ -60,13 +53,6 @@ class Drift(Command):
     per_s: Real = Field(description="Added to the reading, in its unit a second.")
 
 
-class NotANumber(Command):
-    """A sensor says NaN, or the largest code where the frame has no NaN."""
-
-    device: Literal["nan"]
-    signal: str
-
-
 class Reboot(Settings):
     """Silent and deaf, then counters from 0 and outputs at rest."""
 
@@ -81,9 +67,7 @@ class Clear(Settings):
     device: Literal["clear"]
 
 
-DeviceCommand = Annotated[
-    Freeze | StopCounter | Silence | Offset | Drift | NotANumber | Reboot | Clear, Field(discriminator="device")
-]
+DeviceCommand = Annotated[Spoilt | Message | Offset | Drift | Reboot | Clear, Field(discriminator="device")]
 
 
 class _Holder(Settings):

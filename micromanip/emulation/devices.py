@@ -24,19 +24,7 @@ from micromanip.testbus.event_loop import EventLoop
 
 from .amplifier import WATCHDOG_MS
 from .cell import EmulatedCell
-from .commands import (
-    Clear,
-    DeviceCommand,
-    Drift,
-    Freeze,
-    NotANumber,
-    Offset,
-    Reboot,
-    Silence,
-    StopCounter,
-    device_command,
-    parsed,
-)
+from .commands import Clear, DeviceCommand, Drift, Message, Offset, Reboot, Spoilt, device_command, parsed
 from .emulated import Builder, EmulatedDevice, Surroundings
 from .plant import PERIOD_NS, PlantInRealTime
 
@@ -125,20 +113,16 @@ class Devices:
 
     def _do(self, command: DeviceCommand) -> None:
         match command:
-            case Freeze():
-                self._spoil(command.signal, "freeze", 0.0, command.for_s)
+            case Spoilt():
+                self._spoil(command.signal, command.device, 0.0, command.for_s)
             case Offset():
                 self._spoil(command.signal, "offset", command.value, command.for_s)
             case Drift():
                 self._spoil(command.signal, "drift", command.per_s, command.for_s)
-            case NotANumber():
-                self._spoil(command.signal, "nan", 0.0, command.for_s)
-            case StopCounter():
+            case Message():
                 for device, message in self._messages(command.message):
-                    device.stop_counter(message, command.for_s)
-            case Silence():
-                for device, message in self._messages(command.message):
-                    device.silence(message, command.for_s)
+                    does = device.stop_counter if command.device == "stop_counter" else device.silence
+                    does(message, command.for_s)
             case Reboot():
                 for device in self._devices(command.driver):
                     device.reboot(command.for_s)

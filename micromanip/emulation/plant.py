@@ -7,13 +7,17 @@ one. A sample carries the plant's own time, so it agrees with what a controller 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.bus.cyclic import EXCHANGE_C, CyclicDriver, call_context
 from micromanip.errors import CheckFailed
+from micromanip.rt.intrinsics import call_exchange
 from micromanip.rt.records import SIGNAL
+
+from .compiled import compiled
 
 PERIOD_NS = 100_000
 """The plant's own period: a stage moves the same, however fast the controller's loop is."""
@@ -40,9 +44,11 @@ class Stalls:
         if late:
             self.longest_ms = max(self.longest_ms, late_ms)
 
-    def report(self) -> dict[str, float]:
-        """For a document."""
-        return {"count": self.count, "longest_ms": self.longest_ms}
+    def take_report(self) -> dict[str, float]:
+        """For a document: those since the last call."""
+        report = {"count": self.count, "longest_ms": self.longest_ms}
+        self.count, self.longest_ms = 0, 0.0
+        return report
 
 
 class PlantInRealTime:
@@ -121,3 +127,23 @@ class PlantInRealTime:
     def _stalled(self, periods: int) -> None:
         self.stalls.count += 1
         self.stalls.longest_ms = max(self.stalls.longest_ms, periods * self._period_ns * 1e-6)
+
+
+PLANT = (("exchange", "i8"), ("context", "i8"), ("period_ns", "i8"), ("most_periods", "i8"), ("time_ns", "i8"))
+"""Fields of a device that compiled code serves: where the plant's function and context are, and how far its time has
+come."""
+
+
+def fill_plant(d: Any, plant: PlantInRealTime) -> None:
+    """Let compiled code find `plant`."""
+    d["exchange"], d["context"] = plant.addresses
+    d["period_ns"], d["most_periods"] = PERIOD_NS, MOST_PERIODS
+
+
+@compiled
+def advance(d: Any, now_ns: int, outputs: Any, signals: Any) -> None:
+    """Let the plant's periods up to now pass with what was in force, then put in force what is in `outputs`."""
+    periods = max(0, (now_ns - d["time_ns"]) // d["period_ns"])
+    d["time_ns"] += periods * d["period_ns"]
+    passed = min(periods, d["most_periods"])
+    call_exchange(d["exchange"], d["context"], outputs.ctypes.data, signals.ctypes.data, d["time_ns"], passed)

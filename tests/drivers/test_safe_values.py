@@ -27,7 +27,7 @@ VOLTAGE = re.compile(r"(voltage_x: \{(?!driver)[^}]*)\}")
         ("gcs.yaml", "piezo", "safe: 121", "safe 121 is outside of the range -20 to 120"),
         ("modbus.yaml", "modbus", "range: [-20, 150], safe: 151", "safe 151 is outside of the range -20 to 150"),
         ("modbus.yaml", "modbus", "safe: 164", "safe 164 can't be sent: the number holds -163.84 to 163.835"),
-        ("canopen.yaml", "can0", "safe: 164", "voltage_x is 164, its frame holds -20 to 150"),
+        ("canopen.yaml", "can0", "safe: 164", "voltage_x is 164, it may be -20 to 150"),
     ],
 )
 def test_a_safe_value_that_can_not_be_sent_is_refused_at_its_line(tmp_path, name, driver, keys, said):

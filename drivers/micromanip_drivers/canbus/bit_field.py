@@ -35,12 +35,6 @@ class BitField:
         """As many ones as it has bits."""
         return (1 << self.bits) - 1
 
-    @property
-    def range(self) -> tuple[float, float]:
-        """Lowest and highest value that may be sent."""
-        ends = (self.low * self.scale + self.offset, self.high * self.scale + self.offset)
-        return min(ends), max(ends)
-
 
 def bit_field(signal: Any, message_length: int) -> BitField:
     """Of a signal of cantools, in a message of so many bytes."""

@@ -27,9 +27,8 @@ from micromanip.driver import (
 
 from .database import Database, switches_bitrate
 from .link import CanLink, LinkOptions
+from .messages import ReceivedMessage, SentMessage
 from .options import CanBusOptions
-from .received_message import ReceivedMessage
-from .sent_message import SentMessage
 from .sniff import sniff
 from .tables import MessageTables
 
@@ -208,7 +207,7 @@ class CanBus(BusDriver):
         return any((frame.arbitration_id, frame.is_extended_id) in self._by_identity for frame, _ in frames)
 
     def _silent(self, for_ns: int) -> LinkError:
-        names = ", ".join(message.name for message in self._received)
+        names = ", ".join(message.title for message in self._received)
         return LinkError(
             f"{self.device}: nothing of {names} came for {for_ns * 1e-6:g} ms; is the device switched on, the cable "
             "plugged in, the bit rate right?"

@@ -5,14 +5,15 @@ cantools gives the layouts, and is what the tests compare with; it takes several
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from typing import Literal
+from typing import Any, Literal
 
 import can
+import numpy as np
 
-from micromanip.driver import OutputRefused
+from micromanip.driver import TransientError
 
+from ..sent_number import sent_number
 from .bit_field import BitField
 
 
@@ -27,18 +28,19 @@ class Layout:
 class Incoming(Layout):
     """A frame that is received: how old its values are then, and which input is its first signal."""
 
+    title: str
+    """For messages."""
     latency_ns: int
     first: int
+    short = 0
+    """How often it came with too few bytes."""
 
-
-class Outgoing(Layout):
-    """A frame that is sent, with the outputs that are its signals, one after the other."""
-
-    indices: tuple[int, ...]
-
-    def empty(self) -> can.Message:
-        """It, before anything is written into it."""
-        raise NotImplementedError
+    def whole(self, data: bytes | bytearray) -> bytes | bytearray:
+        """Its bytes. Raises TransientError for a frame that is too short."""
+        if len(data) < self.length:
+            self.short += 1
+            raise TransientError(f"{self.title} came with {len(data)} bytes instead of {self.length}")
+        return data[: self.length]
 
 
 class UnpackPlan:
@@ -92,15 +94,8 @@ class PackPlan:
         """
         big = little = 0
         for field, value in zip(self._fields, values, strict=True):
-            if not math.isfinite(value):
-                raise OutputRefused(f"{field.name} is {value}: nothing was sent")
-            code: float = (value - field.offset) / field.scale
-            floating = field.floating
-            if floating is None:
-                code = round(code)
-            if not field.low <= code <= field.high:
-                low, high = field.range
-                raise OutputRefused(f"{field.name} is {value:g}, its frame holds {low:g} to {high:g}: nothing was sent")
+            floating, held = field.floating, (field.low, field.high)
+            code = sent_number(field.name, value, field.scale, field.offset, held, whole=floating is None)
             bits = int(code) & field.mask if floating is None else int.from_bytes(floating.pack(code), "little")
             if field.big_endian:
                 big |= bits << field.shift
@@ -110,3 +105,48 @@ class PackPlan:
         if big:
             data = (big | int.from_bytes(data, "big")).to_bytes(self._length, "big")
         return data
+
+
+class Outgoing(Layout):
+    """A frame that is sent: `data`, or values of outputs in its `fields`, the first of them at index `first`."""
+
+    def __init__(
+        self,
+        identity: tuple[int, bool],
+        data: bytes,
+        fields: Sequence[BitField] = (),
+        first: int = 0,
+        counter: BitField | None = None,
+        **flags: bool,
+    ) -> None:
+        """`counter` is incremented with each; `flags` are python-can's."""
+        self.identity, self.length, self.fields, self.counter = identity, len(data), fields, counter
+        self.indices = tuple(range(first, first + len(fields)))
+        self._head: dict[str, Any] = {"arbitration_id": identity[0], "is_extended_id": identity[1], **flags}
+        self._data, self._own = data, slice(first, first + len(fields))
+        self._counting = np.zeros(1, [("count", "i8")])[0]
+        self._plan = PackPlan([*fields, *([counter] if counter else [])], len(data))
+
+    def frame(self, values: Sequence[float]) -> can.Message:
+        """The next frame, with `values` of all outputs of the driver. Raises OutputRefused.
+
+        Its counter stays until `was_sent`: a frame that the interface did not take leaves no gap.
+        """
+        own = values[self._own]
+        if self.counter is not None:
+            own = [*own, int(self._counting["count"])]
+        return can.Message(data=self._plan.data(own) if len(own) else self._data, **self._head)
+
+    def empty(self) -> can.Message:
+        """It, before anything is written into it."""
+        return can.Message(data=self._data, **self._head)
+
+    def count_in(self, record: Any) -> None:
+        """Keep the counter in `record` from now on, where compiled code goes on with it."""
+        record["count"] = self._counting["count"]
+        self._counting = record
+
+    def was_sent(self) -> None:
+        """The last frame is on its way: count on."""
+        if self.counter is not None:
+            self._counting["count"] = (int(self._counting["count"]) + 1) & self.counter.mask

@@ -15,10 +15,9 @@ from micromanip.driver.wire import FLOATING, MAX_BYTES, SIGNED, UNSIGNED, lend
 
 from .bit_field import BitField
 from .link import CanLink
+from .messages import ReceivedMessage, SentMessage
 from .plan import Incoming, Outgoing
-from .received_message import ReceivedMessage
 from .records import CONTEXT, MAX_FIELDS, MAX_GOOD, MAX_MESSAGES, MAX_WATCHED
-from .sent_message import SentMessage
 from .socketcan import EXTENDED, frame_of
 
 _EXACT_BITS = 53

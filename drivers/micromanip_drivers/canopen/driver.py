@@ -34,13 +34,13 @@ from micromanip.driver import (
 )
 
 from ..canbus.link import CanLink, LinkOptions
+from ..canbus.plan import Outgoing
 from ..canbus.tables import Tables
 from .boot import boot
 from .options import CanOpenOptions
-from .pdos import ReceivedPdo, SentFrame
 from .plan import SYNC, PdoPlan, plan_nodes
 from .probe import probe
-from .receiving import Receiver
+from .receiving import ReceivedPdo, Receiver
 from .records import CONTEXT
 from .sampling import SyncTimes
 from .timing import Timing
@@ -64,7 +64,7 @@ class CanOpen(BusDriver):
         self._link = CanLink(options, [(identifier, False) for identifier in self._receiver.identifiers])
         self._outputs: list[Channel] = []
         self._tasks: list[Task] = []
-        self._sent: list[SentFrame] = []
+        self._sent: list[Outgoing] = []
         self._sync_ns = round(self._timing.duration_s(0) * 1e9)
         self._tables: PdoTables | None = None
         self._found: dict[str, float] = {}
@@ -194,16 +194,16 @@ class CanOpen(BusDriver):
         options = self._options
         if options.sync_hz is not None:
             self._tasks.append(Task("SYNC", options.sync_hz, serves_outputs=True))
-            self._sent.append(SentFrame(SYNC, b""))
+            self._sent.append(Outgoing((SYNC, False), b""))
         for pdo in (pdo for plan in self._nodes for pdo in plan.rpdos):
             self._add_rpdo(pdo)
         if options.heartbeat_period_ms is not None:
             self._tasks.append(Task("heartbeat", 1e3 / options.heartbeat_period_ms, serves_outputs=True))
-            self._sent.append(SentFrame(_HEARTBEAT + options.own_node_id, bytes((OPERATIONAL,))))
+            self._sent.append(Outgoing((_HEARTBEAT + options.own_node_id, False), bytes((OPERATIONAL,))))
 
     def _add_rpdo(self, pdo: PdoPlan) -> None:
         latency_s = self._timing.output_latency_s(pdo)
-        sent = SentFrame(pdo.mapping.identifier, bytes(pdo.mapping.length), pdo.wires, len(self._outputs))
+        sent = Outgoing((pdo.mapping.identifier, False), bytes(pdo.mapping.length), pdo.wires, len(self._outputs))
         for wire, safe in zip(pdo.wires, pdo.safe, strict=True):
             self._outputs.append(Channel(wire.name, pdo.options.rate_hz, latency_s, safe))
         self._tasks.append(Task(pdo.title, pdo.options.rate_hz, sent.indices))
@@ -216,7 +216,7 @@ class PdoTables(Tables):
     def __init__(
         self,
         received: Sequence[ReceivedPdo],
-        sent: Sequence[SentFrame],
+        sent: Sequence[Outgoing],
         watched: Sequence[int],
         syncs: SyncTimes,
         sync: tuple[int, int],

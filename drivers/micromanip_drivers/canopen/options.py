@@ -1,39 +1,4 @@
-"""Keys of the configuration of the driver ``canopen``.
-
-    drivers:
-      can0:
-        driver: canopen
-        interface: socketcan
-        channel: can0
-        bitrate: 1000000
-        sync_hz: 1000                    # we send SYNC; without it nobody does
-        nodes:
-          sensor:
-            node_id: 5
-            eds: can/sensor.eds          # seen from the configuration's folder
-            heartbeat_ms: 150            # silent for so long: the link is lost
-            identity: {vendor_id: 0xFFFF0001, product_code: 0x404}
-            tpdo:                        # what the node transmits, by the EDS's number of the PDO
-              1:
-                rate_hz: 1000
-                signals:                 # value = scale x raw + offset, raw as the EDS types it
-                  strain_x: {scale: 1.0e-4}
-                  stage_x: {scale: 1.0e-4}
-          amplifier:
-            node_id: 6
-            eds: can/amplifier.eds
-            heartbeat_ms: 150
-            watchdog_ms: 20              # without outputs for so long the node makes them safe by itself
-            rpdo:                        # what the node receives
-              1:
-                rate_hz: 1000
-                signals:
-                  voltage_x: {scale: 0.005}
-                  voltage_y: {scale: 0.005}
-                  voltage_z: {scale: 0.005}
-
-Channels are called node.signal: "sensor.strain_x", "amplifier.voltage_x".
-"""
+"""Keys of the driver ``canopen``, in the words of ``config/canopen.yaml``; channels are called node.signal."""
 
 from __future__ import annotations
 

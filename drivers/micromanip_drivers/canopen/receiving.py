@@ -8,14 +8,43 @@ import can
 
 from micromanip.driver import Channel, Inbox, TransientError
 
+from ..canbus.plan import Incoming, UnpackPlan
 from .options import CanOpenOptions
-from .pdos import ReceivedPdo
 from .plan import SYNC, NodePlan, PdoPlan
 from .sampling import Sampling, SyncTimes
 from .timing import Timing
 from .watch import Watch
 
 _HEARTBEAT, _EMERGENCY, _SDO_ANSWER = 0x700, 0x080, 0x580
+
+
+class ReceivedPdo(Incoming):
+    """A TPDO of a node; its inputs begin at index `first`."""
+
+    def __init__(self, pdo: PdoPlan, first: int, latency_s: float, sampling: Sampling) -> None:
+        self.title, self.identity = pdo.title, (pdo.mapping.identifier, False)
+        self.length, self.fields, self.first = pdo.mapping.length, pdo.wires, first
+        self.latency_ns = 0  # that of each sampling is its own
+        self.channels = [Channel(field.name, pdo.options.rate_hz, latency_s) for field in self.fields]
+        self.sampling = sampling
+        self.pdos = self.lost = self.repeated = 0
+        self._plan = UnpackPlan(self.fields)
+
+    def take(self, data: bytes, time_ns: int, inbox: Inbox) -> None:
+        """Put the samples of a frame that was received at `time_ns` into `inbox`, if it is a fresh one.
+
+        Raises TransientError for one that is too short.
+        """
+        data = bytes(self.whole(data))
+        self.pdos += 1
+        taken = self.sampling.taken(time_ns, data)
+        if taken is None:
+            self.repeated += 1
+            return
+        taken_ns, lost = taken
+        self.lost += lost
+        inbox.put_all(self.first, self._plan.values(data), taken_ns, 0, lost)
+
 
 Taker = Callable[[bytes, int, Inbox], None]
 
@@ -54,7 +83,7 @@ class Receiver:
     @property
     def counters(self) -> Mapping[str, int]:
         """What came."""
-        summed = {name: sum(pdo.counters[name] for pdo in self.pdos) for name in ("pdos", "lost", "repeated", "short")}
+        summed = {name: sum(getattr(pdo, name) for pdo in self.pdos) for name in ("pdos", "lost", "repeated", "short")}
         return {**summed, **self._counters}
 
     def clear(self) -> None:

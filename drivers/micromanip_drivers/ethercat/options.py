@@ -1,38 +1,7 @@
 """Keys of the driver ``ethercat``: the terminals of a line, in their order from the master, and what they exchange.
 
-    drivers:
-      cell:
-        driver: ethercat
-        interface: eth1
-        silence_ms: 5
-        watchdog: {ms: 100, rest_ms: 250, after_power_on: rest}
-        terminals:
-          amplifier:
-            vendor: 0x4d4d
-            product: 0x1003
-            revision: 1
-            serial: 20417
-            settings:
-              range: {index: 0x8000, subindex: 1, type: uint16, value: 2}
-            outputs:
-              voltages:
-                pdo: 0x1600
-                fields:
-                  voltage_x: {index: 0x7000, subindex: 1, type: int32, scale: 1.0e-4, range: [-20, 150]}
-          tracker:
-            vendor: 0x4d4d
-            product: 0x1006
-            inputs:
-              deviations:
-                pdo: 0x1a00
-                counter: cycle
-                rate_hz: 1000
-                latency_us: 1000
-                fields:
-                  cycle: {index: 0x6000, subindex: 1, type: uint8}
-                  deviation_x: {index: 0x6001, subindex: 1, type: int32, scale: 1.0e-3}
-
-Fields stand in the order of the PDO's mapping; channels have their names.
+``config/ethercat.yaml`` and ``docs/ethercat.md`` have examples. Fields stand in the order of the PDO's mapping;
+channels have their names.
 """
 
 from __future__ import annotations

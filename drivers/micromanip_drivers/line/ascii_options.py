@@ -1,56 +1,7 @@
-r"""Keys of the framing ``ascii``: lines of text, a request and its reply.
+"""Keys of the framing ``ascii``: lines of text, a request and its reply (``docs/line.md``).
 
-A piezo controller that speaks GCS 2.0, by its preset: `command` and the axes' names on the device (`item`).
-
-    drivers:
-      piezo:
-        driver: line
-        tcp: {host: 192.168.0.10, port: 50000}          # or serial: {device: /dev/ttyUSB0, baud: 115200}
-        silence_ms: 500
-        ascii:
-          preset: gcs
-          identity: Physik Instrumente.*E-727           # regular expression, found in the reply to *IDN?
-          read:
-            strains:                                    # "POS? 1 2 3" -> "1=12.3 \n2=4.5 \n3=0.1\n"
-              command: POS?
-              rate_hz: 100
-              fields: {strain_x: {item: "1"}, strain_y: {item: "2"}, strain_z: {item: "3"}}
-          write:
-            voltages:                                   # "SVA 1 12.3000 2 4.5000 3 0.1000", then "ERR?" -> "0"
-              command: SVA
-              rate_hz: 100
-              cyclic_safe: true
-              fields:
-                voltage_x: {item: "1", range: [-20, 120], decimals: 4}
-                voltage_y: {item: "2", range: [-20, 120], decimals: 4}
-                voltage_z: {item: "3", range: [-20, 120], decimals: 4}
-
-An amplifier with commands such as "set,0,12.300", one value a line, by its preset:
-
-        ascii:
-          preset: command,value
-          identity: {request: ver, pattern: "^NV40/3"}  # the preset knows no request of its own
-          read:                                         # "rk,0" -> "rk,0,12.300"
-            monitor: {command: rk, rate_hz: 50, fields: {monitor_x: {item: "0"}, monitor_y: {item: "1"}}}
-          write:                                        # "set,0,12.300", not answered; "err,2" comes if it is bad
-            voltages:
-              command: set
-              rate_hz: 50
-              cyclic_safe: true
-              fields: {voltage_x: {item: "0", range: [-20, 150]}, voltage_y: {item: "1", range: [-20, 150]}}
-
-Any other device, by templates; what stands in braces is a field, blanks around a line's text do not matter:
-
-        ascii:
-          terminator: CRLF                              # of what is sent; what is received may end in any of them
-          identity: {request: "ID", pattern: "^AMP-3 "}
-          errors: {request: "STAT", reply: "STAT {code}", good: [0]}
-          read:
-            gauges: {request: "MEAS ALL", reply: ["X {strain_x} um", "Y {strain_y} um"], rate_hz: 100,
-                     fields: {strain_x: {}, strain_y: {}}}
-          write:
-            voltage: {request: "OUT {voltage_x};{voltage_y}", reply: ["OK"], rate_hz: 100, cyclic_safe: true,
-                      fields: {voltage_x: {}, voltage_y: {}}}
+`command` and the axes' names on the device (`item`) are for a preset; any other device is described by templates. What
+stands in braces is a field, blanks around a line's text do not matter.
 """
 
 from __future__ import annotations

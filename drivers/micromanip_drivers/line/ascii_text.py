@@ -6,8 +6,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 
-from micromanip.driver import OutputRefused
-
+from ..sent_number import ANY, sent_number
 from .ascii_options import AsciiOutput
 
 _PLACE = re.compile(r"\{(\w+)\}")
@@ -84,21 +83,15 @@ class Request:
     @property
     def longest(self) -> int:
         """Bytes that it has at most."""
-        texts = (max((_number(options, end) for end in options.range), key=len) for _, _, options in self._places)
+        texts = (
+            max((_text(name, options, end) for end in options.range), key=len) for name, _, options in self._places
+        )
         return len(self._format % tuple(texts)) + len(self._places)  # a sign that the ends of the range have not
 
 
 def _text(name: str, options: AsciiOutput, value: float) -> str:
-    if not math.isfinite(value):
-        raise OutputRefused(f"{name} is {value}: nothing was sent")
-    low, high = options.range
-    if not low <= value <= high:
-        raise OutputRefused(f"{name} is {value:g}, it may be {low:g} to {high:g}: nothing was sent")
-    return _number(options, value)
-
-
-def _number(options: AsciiOutput, value: float) -> str:
-    return f"{(value - options.offset) / options.scale:.{options.decimals}f}"
+    number = sent_number(name, value, options.scale, options.offset, ANY, options.range, whole=False)
+    return f"{number:.{options.decimals}f}"
 
 
 def _value(text: str) -> float:

@@ -1,44 +1,8 @@
 """Keys of the framing ``binary``: frames with sync bytes, length, kind, counter and CRC, in both directions.
 
-    drivers:
-      board:
-        driver: line
-        serial: {device: /dev/ttyUSB0, baud: 4000000}
-        silence_ms: 200
-        watchdog: {ms: 10, rest_ms: 5, after_power_on: rest}
-        binary:
-          sync: aa 55                                   # bytes 0 and 1 of every frame
-          length: {at: 2, type: uint8, plus: 5}         # counts the payload: 2 sync, length, kind, 1 CRC are not in it
-          kind: {at: 3, type: uint8}
-          crc: {name: crc8.smbus, first: 2}             # the last byte; covers all behind the sync bytes
-          identity:
-            request: aa 55 00 01                        # whole but for its CRC, which is added
-            kind: 0x81                                  # of the frame that answers
-            numbers: {serial_number: {at: 4, type: uint32, byte_order: little, value: 1234}}
-          receive:
-            strains:
-              kind: 0x10
-              rate_hz: 2000                             # comes by itself, so often
-              counter: {at: 4, type: uint16, byte_order: little}
-              status: {at: 6, type: uint8, good: [0]}
-              fields:
-                strain_x: {at: 7, type: int32, byte_order: little, scale: 1.0e-4}
-                strain_y: {at: 11, type: int32, byte_order: little, scale: 1.0e-4}
-                strain_z: {at: 15, type: int32, byte_order: little, scale: 1.0e-4}
-          send:
-            voltages:
-              kind: 0x20
-              rate_hz: 2000
-              cyclic_safe: true                         # the manual says that it may be written for ever
-              counter: {at: 4, type: uint16, byte_order: little}
-              fields:
-                voltage_x: {at: 6, type: int16, byte_order: little, scale: 0.005, range: [-20, 150]}
-                voltage_y: {at: 8, type: int16, byte_order: little, scale: 0.005, range: [-20, 150]}
-                voltage_z: {at: 10, type: int16, byte_order: little, scale: 0.005, range: [-20, 150]}
-
-On a line where a device speaks only when it is asked, a message of `send` names its answer: ``reply: strains``; one
-without fields only asks. Channels have the fields' names. A frame is as long as its last part, and its CRC, unless
-`bytes` says that it is longer; bytes that nothing covers are sent as 0.
+``docs/line.md`` has an example. On a line where a device speaks only when it is asked, a message of `send` names its
+answer: ``reply: strains``; one without fields only asks. Channels have the fields' names. A frame is as long as its
+last part, and its CRC, unless `bytes` says that it is longer; bytes that nothing covers are sent as 0.
 """
 
 from __future__ import annotations

@@ -1,9 +1,5 @@
 """Keys of frames: a number in one and how its bytes become a value, checksum, length, counter. Nothing is guessed.
 
-    fields:
-      strain_x: {at: 4, type: int32, byte_order: little, scale: 1.0e-4}
-      strain_y: {at: 8, type: int32, byte_order: little, scale: 1.0e-4, offset: -2.5}
-
 `at` counts bytes from the first of the frame (of the block, in a stream's blocks), beginning with 0.
 value = scale x number + offset.
 """

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from micromanip.driver import ConfigError, OutputRefused
+from micromanip.driver import ConfigError
 from micromanip.driver.wire import DeviceCounter, NumberCodec
 
+from ..sent_number import sent_number
 from .frame_options import InputField, Number, OutputField, Status, overlap
 
 Part = tuple[str, int, int]
@@ -69,24 +69,15 @@ class OutputNumber:
     """A value as a number of a frame, with the range that it may have."""
 
     def __init__(self, name: str, options: OutputField) -> None:
-        self._name = name
-        self._codec = NumberCodec(options)
-        self._scale, self._offset = options.scale, options.offset
-        ends = sorted(end * options.scale + options.offset for end in (self._codec.low, self._codec.high))
-        self._low, self._high = ends if options.range is None else options.range
+        self._name, self._options, self._codec = name, options, NumberCodec(options)
 
     def put(self, data: bytearray, value: float) -> None:
         """Write `value`, rounded to the nearest number. Raises OutputRefused."""
-        if not math.isfinite(value):
-            raise OutputRefused(f"{self._name} is {value}: nothing was sent")
-        number = (value - self._offset) / self._scale
-        if not self._codec.floating and math.isfinite(number):  # a small scale may make it infinite
-            number = round(number)
-        if not (self._low <= value <= self._high and self._codec.low <= number <= self._codec.high):
-            raise OutputRefused(
-                f"{self._name} is {value:g}, it may be {self._low:g} to {self._high:g}: nothing was sent"
-            )
-        self._codec.write(data, number)
+        options, codec = self._options, self._codec
+        held, whole = (codec.low, codec.high), not codec.floating
+        codec.write(
+            data, sent_number(self._name, value, options.scale, options.offset, held, options.range, whole=whole)
+        )
 
 
 def mismatches(numbers: Mapping[str, tuple[NumberCodec, int]], data: bytes) -> Sequence[str]:

@@ -1,10 +1,4 @@
-"""Keys that say which port: a serial line, a TCP connection, or UDP datagrams.
-
-serial: {device: /dev/ttyUSB0, baud: 4000000, low_latency: true}
-serial: {device: /dev/ttyS1, baud: 115200, parity: even, rs485: {turnaround_us: 300, echo: true}}
-tcp: {host: 192.168.0.10, port: 50000}
-udp: {host: 192.168.0.20, port: 700, listen: 7000}
-"""
+"""Keys that say which port: a serial line, a TCP connection, or UDP datagrams."""
 
 from __future__ import annotations
 

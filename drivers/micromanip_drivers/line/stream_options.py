@@ -1,45 +1,6 @@
 """Keys of the framing ``stream``: packets with a header, a counter and blocks of samples, that come by themselves.
 
-A capacitive sensor with three channels, over TCP (all numbers little-endian, as its manual says):
-
-    drivers:
-      gap:
-        driver: line
-        tcp: {host: 192.168.0.30, port: 10001}
-        silence_ms: 100
-        stream:
-          magic: 4d 45 41 53                            # "MEAS"
-          header_bytes: 32
-          identity: {serial_number: {at: 8, type: int32, byte_order: little, value: 4711}}
-          status: {at: 20, type: uint32, byte_order: little, good: [0]}
-          blocks: {at: 24, type: uint16, byte_order: little, most: 8}   # samples in this packet
-          counter: {at: 28, type: uint32, byte_order: little, counts: samples}
-          rate_hz: 4000                                 # samples per second
-          block_bytes: 12
-          fields:                                       # places in the block
-            strain_x: {at: 0, type: int32, byte_order: little, scale: 5.96e-6}
-            strain_y: {at: 4, type: int32, byte_order: little, scale: 5.96e-6}
-            strain_z: {at: 8, type: int32, byte_order: little, scale: 5.96e-6}
-
-A laser tracker, over UDP, one sample per datagram, with its own time stamps:
-
-    drivers:
-      tracker:
-        driver: line
-        udp: {host: 192.168.0.40, port: 5000, listen: 7000}
-        silence_ms: 100
-        stream:
-          magic: 4c 54
-          header_bytes: 16
-          counter: {at: 4, type: uint32, byte_order: big, counts: packets}
-          time: {at: 8, type: uint64, byte_order: big, unit_s: 1.0e-6}
-          rate_hz: 1000
-          block_bytes: 24
-          crc: {name: crc32.iso_hdlc, byte_order: big}  # behind the last block
-          fields:
-            stage_x: {at: 0, type: float64, byte_order: big, scale: 1000.0}
-            stage_y: {at: 8, type: float64, byte_order: big, scale: 1000.0}
-            stage_z: {at: 16, type: float64, byte_order: big, scale: 1000.0}
+``docs/line.md`` has an example.
 """
 
 from __future__ import annotations

@@ -6,14 +6,12 @@ in registers (or coils) from the first one of the transaction.
 
 from __future__ import annotations
 
-import math
 import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from operator import itemgetter
 
-from micromanip.driver import OutputRefused
-
+from ..sent_number import sent_number
 from .task_options import REGISTERS, Input, Output, Register, code_range
 
 FORMATS = {"int16": "h", "uint16": "H", "int32": "i", "uint32": "I", "int64": "q", "uint64": "Q"} | {
@@ -89,55 +87,30 @@ class WritePlan:
         self._coils = any(field.register.type == "coil" for field in fields)
         self.length = (count + 7) // 8 if self._coils else 2 * count
         """Bytes."""
-        self._fields = [_Written(field) for field in fields]
+        self._fields = [(field, _written(field.register), field.bytes_of()) for field in fields]
 
     def data(self, values: Mapping[str, float]) -> bytes:
         """What goes over the wire. Raises OutputRefused for a value that its register does not hold."""
         data = bytearray(self.length)
-        for field in self._fields:
-            code = field.code(values[field.name])
+        for field, register, places in self._fields:
+            whole, held = not register.type.startswith("float"), code_range(register)
+            number = sent_number(
+                *(field.name, values[field.name], register.scale, register.offset, held, register.range), whole=whole
+            )
             if self._coils:
-                data[field.place >> 3] |= int(code) << (field.place & 7)
+                data[field.place >> 3] |= int(number) << (field.place & 7)
                 continue
-            for place, byte in zip(field.places, field.pack(code), strict=True):
+            sent = struct.pack(
+                ">" + FORMATS[register.type], int(number) << (register.first_bit or 0) if whole else number
+            )
+            for place, byte in zip(places, sent, strict=True):
                 data[place] |= byte
         return bytes(data)
 
 
-class _Written:
-    """A field that is written: its number, within its range."""
-
-    def __init__(self, field: Field) -> None:
-        register = field.register
-        assert isinstance(register, Output)
-        self.name, self.place, self.places = field.name, field.place, field.bytes_of()
-        self._register, self._shift = register, register.first_bit or 0
-        self._struct = struct.Struct(">" + FORMATS.get(register.type, "H"))
-        self._whole = not register.type.startswith("float")
-        self._low, self._high = code_range(register)
-        self._range = register.range or (-math.inf, math.inf)
-
-    def pack(self, code: float) -> bytes:
-        """Its registers, highest byte first, with nothing in the bits that are not its own."""
-        return self._struct.pack(int(code) << self._shift if self._whole else code)
-
-    def code(self, value: float) -> float:
-        """The number that stands for a value, rounded to the nearest; OutputRefused where there is none."""
-        register = self._register
-        if not math.isfinite(value):
-            raise OutputRefused(f"{self.name} is {value}: nothing was sent")
-        if not self._range[0] <= value <= self._range[1]:
-            low, high = self._range
-            raise OutputRefused(f"{self.name} is {value:g}, outside of its range {low:g} to {high:g}: nothing was sent")
-        code: float = (value - register.offset) / register.scale
-        if math.isfinite(code):
-            code = round(code) if self._whole else code
-            if self._low <= code <= self._high:
-                return code
-        ends = sorted(register.scale * end + register.offset for end in (self._low, self._high))
-        raise OutputRefused(
-            f"{self.name} is {value:g}, its {register.type} holds {ends[0]:g} to {ends[1]:g}: nothing was sent"
-        )
+def _written(register: Register) -> Output:
+    assert isinstance(register, Output)
+    return register
 
 
 def _shift_and_mask(register: Register) -> tuple[int, int] | None:

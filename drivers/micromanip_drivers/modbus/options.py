@@ -1,27 +1,6 @@
-"""Keys of the driver `modbus`.
+"""Keys of the driver `modbus` (``docs/modbus.md``); channels are called unit.register: "gauge.strain_x".
 
-    drivers:
-      line:
-        driver: modbus
-        serial: {device: /dev/ttyUSB0, baud: 115200, parity: even}     # or tcp: {host: 192.168.0.20, port: 502}
-        timeout_ms: 30               # an answer that is not complete by then is a time-out
-        response_ms: 2               # the longest that a device takes to begin its answer
-        units:
-          gauge:
-            unit_id: 3
-            address_base: 40001      # the manual's number of the register that goes as 0 over the wire
-            byte_order: big
-            word_order: little
-            tasks:
-              strain:
-                function: 3
-                rate_hz: 100
-                read:                # value = scale x number + offset
-                  strain_x: {address: 40064, type: float32}
-                  strain_y: {address: 40066, type: float32}
-
-Channels are called unit.register: "gauge.strain_x". Nothing of a register is guessed: `device probe` shows each one
-under every order.
+Nothing of a register is guessed: `device probe` shows each one under every order.
 """
 
 from __future__ import annotations

@@ -1,43 +1,7 @@
 """Keys of the driver ``udp``: a device that gets a datagram in every cycle of the loop, and answers with one.
 
-    drivers:
-      cell:
-        driver: udp
-        host: 192.168.0.30
-        port: 4840
-        listen: 4841
-        silence_ms: 20
-        watchdog: {ms: 100, rest_ms: 250, after_power_on: rest}
-        crc: {name: crc32.iso_hdlc}                       # the last four of every datagram
-        identity:
-          request: a5 01                                  # whole but for its CRC
-          head: a5 81
-          numbers: {serial_number: {at: 2, type: uint32, byte_order: little, value: 20417}}
-        receive:
-          head: a5 10
-          counter: {at: 2, type: uint16, byte_order: little}
-          acknowledges: {at: 4, type: uint16, byte_order: little}
-          clock: {at: 6, type: uint32, byte_order: little, unit_us: 1}
-          status: {at: 10, type: uint8, good: [0]}
-          fields:
-            strain_x: {at: 11, type: int32, byte_order: little, scale: 1.0e-4}
-          slow:
-            tracker:
-              rate_hz: 1000
-              counter: {at: 15, type: uint8}
-              latency_us: 1050
-              fields:
-                deviation_x: {at: 16, type: int32, byte_order: little, scale: 1.0e-3}
-        send:
-          head: a5 20
-          counter: {at: 2, type: uint16, byte_order: little}
-          cyclic_safe: true
-          fields:
-            voltage_x: {at: 4, type: int32, byte_order: little, scale: 1.0e-4, range: [-20, 150]}
-            feed_hold: {at: 8, type: uint8, switch: true, safe: 1}
-
-Channels have the fields' names. A datagram is as long as its last part, and its CRC, unless `bytes` says that it is
-longer; bytes that nothing covers are sent as 0.
+``config/udp.yaml`` is an example. Channels have the fields' names. A datagram is as long as its last part, and its CRC,
+unless `bytes` says that it is longer; bytes that nothing covers are sent as 0.
 """
 
 from __future__ import annotations

@@ -72,6 +72,8 @@ class EthercatDevice(ServedDevice):
         self.slaves.relinked = self._relinked
         self._faults = TerminalFaults(loop, self._names, self.slaves, self._left_op)
         self._terminals = wire(self._served[0], self.slaves, keys.terminals, cell, wires)
+        for terminal, arrived in zip(self._terminals, self._served[0]["arrived"], strict=False):
+            self.count_in(terminal.outputs, arrived)
         self.signals = [name for each in self._terminals for name, counts in each.inputs if not counts]
         self._polled = PollTable()
         loop.serve_by(self._serve_on)
@@ -233,8 +235,7 @@ class EthercatDevice(ServedDevice):
         self._ports[NEAR].carried(frames, int(d["bytes"]))
         d["frames"] = d["bytes"] = 0
         self._heard_ns = max(self._heard_ns, int(d["heard_ns"]))
-        outputs = [terminal.outputs for terminal in self._terminals]
-        self.has_taken(d, list(zip(outputs, d["arrived"], strict=False)))
+        self.has_taken(d)
 
     def _hear(self, end: int, data: bytes, peer: Peer) -> None:
         """One frame that came in at an end, through Python."""
@@ -271,9 +272,6 @@ class EthercatDevice(ServedDevice):
         }
         if self._amplifier is not None:
             self._amplifier.take(values, now_ns)
-            for k, terminal in enumerate(self._terminals):
-                wired = len(terminal.outputs)
-                d["arrived"][k]["last"][:wired] = d["value"][k][:wired]
         self._cell.advance_to(now_ns)
 
     def _read(self) -> None:

@@ -22,10 +22,10 @@ from micromanip.rt.record import record
 from micromanip.rt.records import MAX_SIGNALS, SIGNAL
 from micromanip.rt.signatures import array_of
 
-from ..arrivals import ARRIVED, note
+from ..amplifier import ARRIVED, note
 from ..compiled import compiled
-from ..compiled_plant import PLANT, advance
 from ..path_error import PATH_ERRORS, note_errors
+from ..plant import PLANT, advance
 from .controller import ESC, has_events
 from .frame import NOT_ETHERCAT, pass_frame
 from .sm_watchdog import watch

@@ -1,13 +1,5 @@
 """What befalls the terminals themselves: ``{"inject": "power", "terminal": "gauge", "for_s": 1}``.
 
-    power       a terminal is without power for a time, and with it all behind it; then it begins with INIT
-    left_op     it falls back to SAFEOP, with an AL status ``code``
-    absent      it takes no part in the process data: the working counter is wrong
-    mailbox     its mailbox takes mails and gives none
-    order       it has changed places with the one behind it
-    clock       its clock gains `ppm` from now on
-    cut         the cable is cut behind the first `behind` terminals, 0: in front of them all; has no `terminal`
-
 Whatever befalls frames is of any line (``emulation/line/faults.py``), but for wrong bits: a network card drops such a
 frame, so say ``drop``.
 """

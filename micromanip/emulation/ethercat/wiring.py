@@ -6,13 +6,11 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from micromanip.bus.ethercat.process_data import PackedNumber, packed_numbers
 from micromanip.bus.frame_plan import FramePlan, GroupPlan
 from micromanip.emulation.cell import EmulatedCell
-from micromanip.emulation.compiled_plant import fill_plant
 from micromanip.emulation.emulated import Wires
+from micromanip.emulation.plant import fill_plant
 
 from .line import Line
 from .serving import COUNTS, NOBODYS
@@ -32,7 +30,6 @@ def wire(d: Any, line: Line, terminals: Mapping[str, Any], cell: EmulatedCell, w
     """Fill the record `d` for compiled code; `terminals` are the options of each, in the order of `line`."""
     fill_plant(d, cell.plant)
     d["output"] = -1
-    d["arrived"]["last"] = np.nan
     wired = []
     for k, keys in enumerate(terminals.values()):
         areas = line.applications[k].terminal

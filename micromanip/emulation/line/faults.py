@@ -1,29 +1,6 @@
 """Faults of a line, injected while it runs, each for a time: ``{"inject": "drop", "share": 0.1, "for_s": 2}``.
 
-What strikes single messages, with ``share`` and ``direction`` (``sent`` by the device, or ``received``):
-
-    drop        lost                                        a reply that is missing, a datagram that never comes
-    delay       comes ``ms`` late
-    duplicate   comes twice
-    reorder     comes after the one that follows it
-    split       comes in two parts, ``gap_ms`` apart
-    join        comes together with the next, ``count`` at a time
-    garbage     comes behind ``count`` random bytes
-    flip        comes with ``bits`` wrong bits               its CRC doesn't fit
-    short       breaks off                                  a short read
-
-What befalls the line as a whole:
-
-    hang        the device says nothing and hears nothing; a TCP connection stays open
-    unplug      the port has gone: a pseudo terminal's link, a TCP port with its connections; it is back after ``for_s``
-    disconnect  TCP connections are reset, and may be made anew
-    echo        what is sent to the device comes back to the sender
-    stranger    each datagram comes again, as it was when this began, from an address that is not the device's
-
-What the device itself does, where it can (``device_line.py``):
-
-    identity    it says that it is another one
-    gcs_error   a GCS controller refuses commands with ``code``
+``docs/buses.md`` has a table of them. What the device itself does, where it can, it asks for (``DeviceLine.active``).
 """
 
 from __future__ import annotations

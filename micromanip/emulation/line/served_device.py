@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import Any
 
 from micromanip.emulation.amplifier import Amplifier
-from micromanip.emulation.arrivals import gathered
 from micromanip.emulation.cell import EmulatedCell
 from micromanip.emulation.messages import MessageFigures
 from micromanip.emulation.upkeep import Upkeep
@@ -70,16 +69,21 @@ class ServedDevice:
             self._cell.plant.begin(now_ns - _PHASE_NS)
         self._heard_ns = now_ns
 
-    def has_taken(self, d: Any, arrived: Sequence[tuple[Sequence[str | None], Any]]) -> None:
-        """Tell the amplifier what compiled code has refused and taken: names of outputs, and their records."""
+    def count_in(self, names: Sequence[str | None], arrived: Any) -> None:
+        """Let the amplifier and compiled code count what arrives in one place: records in the order of outputs."""
+        for name, a in zip(names, arrived, strict=False):
+            if name is not None and self._amplifier is not None:
+                self._amplifier.count_in(name, a)
+
+    def has_taken(self, d: Any) -> None:
+        """Tell the amplifier what compiled code has refused and taken."""
         self._cell.plant.is_at(self._cell.plant.time_ns)
         if self._amplifier is None:
             return
         self._amplifier.refused += int(d["refused"])
         d["refused"] = 0
-        for names, records in arrived:
-            if taken := dict(gathered(names, records)):
-                self._amplifier.has_taken(taken, self._heard_ns)
+        if self._amplifier.follows:
+            self._amplifier.has_taken(self._heard_ns)
 
     def _look_after(self) -> None:
         """Watchdogs, amplifier and plant go on also while nobody asks."""

@@ -14,7 +14,6 @@ import numpy as np
 
 from micromanip.emulation.amplifier import Amplifier
 from micromanip.emulation.cell import EmulatedCell
-from micromanip.emulation.compiled_plant import fill_plant
 from micromanip.emulation.emulated import EmulatedDevice, Surroundings, Wires
 from micromanip.emulation.line.device_line import DeviceLine
 from micromanip.emulation.line.faults import parsed
@@ -22,6 +21,7 @@ from micromanip.emulation.line.number import LineNumber
 from micromanip.emulation.line.port import Hear, Peer
 from micromanip.emulation.line.served_device import ServedDevice
 from micromanip.emulation.line.udp_port import UdpPort
+from micromanip.emulation.plant import fill_plant
 from micromanip.errors import UsageError
 from micromanip.rt.io.counting import OLD
 from micromanip.rt.io.frames import MAX_BYTES
@@ -72,7 +72,7 @@ class UdpDevice(ServedDevice):
         d["output"][: len(self._outputs)] = [plant.outputs.get(name or "", -1) for name in self._outputs]
         d["signal"][: len(self.signals)] = [plant.inputs.get(signal, -1) for signal in self.signals]
         d["group_signal"][: len(self._groups)] = [plant.inputs.get(group[0], -1) for group in self._groups]
-        d["arrived"]["last"] = np.nan
+        self.count_in(self._outputs, d["arrived"])
 
     @property
     def ready(self) -> str:
@@ -140,7 +140,7 @@ class UdpDevice(ServedDevice):
         self._port.carried(sent, lengths[0], received, lengths[1])
         d["received"] = d["sent"] = d["not_understood"] = 0
         self._heard_ns = int(d["heard_ns"])
-        self.has_taken(d, [(self._outputs, d["arrived"])])
+        self.has_taken(d)
 
     def _hear(self, data: bytes, peer: Peer) -> None:
         """One datagram, through Python."""
@@ -159,7 +159,6 @@ class UdpDevice(ServedDevice):
             values = d["value"].tolist()
             named = zip(self._outputs, values, strict=False)
             self._amplifier.take({name: value for name, value in named if name is not None}, now_ns)
-            d["arrived"]["last"] = d["value"]
         self._cell.advance_to(now_ns)  # up to now with what was in force, from now on with the command
         self._say(now_ns, peer)
 

@@ -20,9 +20,9 @@ from micromanip.rt.record import record
 from micromanip.rt.records import MAX_OUTPUTS, MAX_SIGNALS, SIGNAL
 from micromanip.rt.signatures import array_of
 
-from ..arrivals import ARRIVED, note
+from ..amplifier import ARRIVED, note
 from ..compiled import compiled
-from ..compiled_plant import PLANT, advance
+from ..plant import PLANT, advance
 
 BAD = -1000
 """What ``understand`` returns for what is no command."""

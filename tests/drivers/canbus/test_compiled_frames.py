@@ -9,9 +9,8 @@ from can.interfaces.socketcan.socketcan import build_can_frame
 from cantools.database.can import Message, Signal
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from micromanip_drivers.canbus.messages import ReceivedMessage, SentMessage
 from micromanip_drivers.canbus.options import Received, Sent
-from micromanip_drivers.canbus.received_message import ReceivedMessage
-from micromanip_drivers.canbus.sent_message import SentMessage
 
 from micromanip.bus.inbox import Inbox
 from micromanip.errors import ConfigError

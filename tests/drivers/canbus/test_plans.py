@@ -47,7 +47,8 @@ def test_any_values_are_packed_as_cantools_does(message, seed):
         data = pack.data(values)
     except OutputRefused:
         fields = [bit_field(signal, message.length) for signal in message.signals]
-        assert any(not field.range[0] <= value <= field.range[1] for field, value in zip(fields, values, strict=True))
+        codes = [(value - field.offset) / field.scale for field, value in zip(fields, values, strict=True)]
+        assert any(not field.low <= code <= field.high for field, code in zip(fields, codes, strict=True))
         return
     theirs = message.encode(dict(zip((signal.name for signal in message.signals), values, strict=True)), strict=False)
     assert data == theirs

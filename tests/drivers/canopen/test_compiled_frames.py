@@ -13,11 +13,12 @@ from can.interfaces.socketcan.socketcan import build_can_frame
 from canopen.objectdictionary import datatypes
 from hypothesis import example, given
 from hypothesis import strategies as st
+from micromanip_drivers.canbus.plan import Outgoing
 from micromanip_drivers.canopen import exchange
 from micromanip_drivers.canopen.driver import PdoTables
 from micromanip_drivers.canopen.mapping import Mapped
-from micromanip_drivers.canopen.pdos import ReceivedPdo, SentFrame
 from micromanip_drivers.canopen.plan import SYNC, wire
+from micromanip_drivers.canopen.receiving import ReceivedPdo
 from micromanip_drivers.canopen.sampling import Sampling, SyncTimes
 
 from micromanip.bus.driver import Steady
@@ -124,12 +125,12 @@ def test_a_pdo_is_dated_and_counted_the_same_whoever_takes_it(every, events):
             assert int(at.inbox[0]["missing"][0]) - missing == (sample.lost if sample else 0)
             assert sample is None or int(at.signal[0]["time_ns"]) == sample.time_ns
         for name in ("pdos", "lost", "repeated"):
-            assert shared.counters[name] + at.tables.counted(name) == reference.counters[name]
+            assert getattr(shared, name) + at.tables.counted(name) == getattr(reference, name)
 
 
 def test_a_sync_that_compiled_code_sent_dates_the_answer():
     pdo, syncs = received(FIELDS, every=1)
-    with compiled(pdo, syncs, sent=[SentFrame(SYNC, b"")]) as at:
+    with compiled(pdo, syncs, sent=[Outgoing((SYNC, False), b"")]) as at:
         before_ns = time.monotonic_ns()
         assert at.send() == 0
         after_ns = time.monotonic_ns()

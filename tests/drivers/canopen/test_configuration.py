@@ -5,10 +5,8 @@ import shutil
 
 import canopen
 import pytest
-import yaml
 from canopen.objectdictionary import ODVariable, import_od
 from micromanip_drivers.canbus.plan import PackPlan, UnpackPlan
-from micromanip_drivers.canopen import options as module
 from micromanip_drivers.canopen.dictionary import Dictionary
 from micromanip_drivers.canopen.driver import CanOpen
 from pydantic import ValidationError
@@ -40,14 +38,6 @@ def edit(folder, name, pattern, replacement):
 
 def section(folder, name, head, key, value):
     edit(folder, name, rf"(\[{head}\]\n[^\[]*?{key}=)[^\n]*", rf"\g<1>{value}")
-
-
-def test_the_example_in_the_keys_own_words_works():
-    example = yaml.safe_load(module.__doc__.partition("\n\n")[2].rpartition("\n\n")[0])["drivers"]["can0"]
-    cell = CanOpen(CanOpen.Options.model_validate(example), CONFIG)
-    assert [channel.name for channel in cell.inputs] == ["sensor.strain_x", "sensor.stage_x"]
-    assert [channel.name for channel in cell.outputs] == [f"amplifier.voltage_{axis}" for axis in "xyz"]
-    assert cell.watchdog == "RPDO event timer of amplifier, 20 ms"
 
 
 def test_layout_is_the_librarys():

@@ -5,7 +5,7 @@ import struct
 
 import numpy as np
 import pytest
-from micromanip_drivers.canopen.pdos import SentFrame
+from micromanip_drivers.canbus.plan import Outgoing
 from micromanip_drivers.canopen.plan import SYNC
 
 from tests.bus.test_esi import mutated
@@ -37,7 +37,7 @@ def test_garbage_at_the_compiled_half(request):
     """
     chance, came, left = random.Random(1), 0, 0
     pdo, syncs = received(FIELDS, every=1)
-    with compiled(pdo, syncs, sent=[SentFrame(SYNC, b""), SentFrame(0x206, bytes(8), FIELDS, 0)]) as at:
+    with compiled(pdo, syncs, sent=[Outgoing((SYNC, False), b""), Outgoing((0x206, False), bytes(8), FIELDS, 0)]) as at:
         tables = at.tables.record[0]
         before = {name: tables[name].tobytes() for name in ("received", "sent", "field", "watched")}
         for _ in range(request.config.getoption("--garbage") // _AT_ONCE):

@@ -2,12 +2,10 @@
 
 import copy
 import re
-import textwrap
 from pathlib import Path
 
 import pytest
 import yaml
-from micromanip_drivers.modbus import options as options_module
 from micromanip_drivers.modbus.driver import Modbus
 
 from micromanip.errors import ConfigError
@@ -50,9 +48,9 @@ def told(tmp_path, keys):
     return said
 
 
-def test_the_example_in_the_keys_own_words_works():
-    text = textwrap.dedent(options_module.__doc__.split("\n\n")[1])
-    keys = entry(text)
+def test_the_example_of_the_documentation_works():
+    page = Path(__file__).parents[3] / "docs" / "modbus.md"
+    keys = entry(page.read_text(encoding="utf-8").split("```yaml\n")[1].split("```")[0])
     del keys["driver"]
     driver = Modbus(Modbus.Options.model_validate(keys), None)
     assert [channel.name for channel in driver.inputs] == ["gauge.strain_x", "gauge.strain_y"]

@@ -10,25 +10,15 @@ import json
 import select
 import socket
 import time
-from typing import Any, NoReturn
+from typing import NoReturn
 
 import can
 
 from micromanip.bus.can_bits import CLASSIC_LENGTHS, FD_LENGTHS, fd_length
 
 from .client_port import address
-from .error_frames import Controller, ErrorClass
-from .frame import (
-    BITRATE_SWITCH_FLAG,
-    CLASSIC,
-    ERROR_FLAG,
-    EXTENDED_FLAG,
-    EXTENDED_MASK,
-    FD,
-    FD_FLAG,
-    REMOTE_FLAG,
-    STAMP,
-)
+from .error_frames import ErrorClass
+from .frame import FD, STAMP, Frame, pack, unpack
 
 _GREETING_S = 0.5
 _GREETING_BYTES = 4096
@@ -69,7 +59,6 @@ class HubBus(can.BusABC):
         self.channel_info = f"micromanip channel {channel!r}"
         self.fd = fd
         self._can_protocol = can.CanProtocol.CAN_FD if fd else can.CanProtocol.CAN_20
-        self._state = can.BusState.ACTIVE
         self._bus_off = False
         self._sock = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         try:
@@ -131,19 +120,17 @@ class HubBus(can.BusABC):
         raise can.CanOperationError(f"{self.channel_info}: the transmit queue is full", errno.ENOBUFS)
 
     def _packed(self, msg: can.Message) -> bytes:
-        word, length = msg.arbitration_id, msg.dlc
-        if msg.is_extended_id:
-            word |= EXTENDED_FLAG
-        if length > (FD_LENGTHS if msg.is_fd else CLASSIC_LENGTHS)[-1]:
-            raise can.CanOperationError(f"no {'CAN FD' if msg.is_fd else 'CAN'} frame has {length} bytes", errno.EINVAL)
-        if msg.is_remote_frame:
-            return CLASSIC.pack(word | REMOTE_FLAG, length, b"")
-        if not msg.is_fd:
-            return CLASSIC.pack(word, length, msg.data)
-        if not self.fd:
-            raise can.CanOperationError(f"{self.channel_info} was opened without fd: no CAN FD frames", errno.EINVAL)
-        length = fd_length(length)  # filled up with zeros
-        return FD.pack(word, length, FD_FLAG | BITRATE_SWITCH_FLAG if msg.bitrate_switch else FD_FLAG, msg.data)
+        data = bytes(msg.dlc if msg.is_remote_frame else msg.data)
+        if len(data) > (FD_LENGTHS if msg.is_fd else CLASSIC_LENGTHS)[-1]:
+            kind = "CAN FD" if msg.is_fd else "CAN"
+            raise can.CanOperationError(f"no {kind} frame has {len(data)} bytes", errno.EINVAL)
+        if msg.is_fd:
+            if not self.fd:
+                why = f"{self.channel_info} was opened without fd: no CAN FD frames"
+                raise can.CanOperationError(why, errno.EINVAL)
+            data = data.ljust(fd_length(len(data)), b"\0")
+        flags = msg.is_extended_id, msg.is_fd, msg.bitrate_switch, msg.is_remote_frame
+        return pack(Frame(msg.arbitration_id, data, *flags))
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         while True:
@@ -165,50 +152,28 @@ class HubBus(can.BusABC):
                 return message, False
 
     def _message(self, packet: bytes) -> can.Message:
-        time_ns = STAMP.unpack_from(packet)[0]
-        is_fd = len(packet) == _PACKET_BYTES
-        flags = 0
-        if is_fd:
-            word, length, flags, data = FD.unpack_from(packet, STAMP.size)
-        else:
-            word, length, data = CLASSIC.unpack_from(packet, STAMP.size)
+        time_ns, frame = STAMP.unpack_from(packet)[0], unpack(packet[STAMP.size :])
         return can.Message(
             timestamp=time_ns * 1e-9,
-            arbitration_id=word & EXTENDED_MASK,
-            is_extended_id=bool(word & EXTENDED_FLAG),
-            is_remote_frame=bool(word & REMOTE_FLAG),
-            is_error_frame=bool(word & ERROR_FLAG),
+            arbitration_id=frame.identifier,
+            is_extended_id=frame.extended,
+            is_remote_frame=frame.remote,
+            is_error_frame=frame.error,
             channel=self.channel,
-            dlc=length,
-            data=None if word & REMOTE_FLAG else data[:length],
-            is_fd=is_fd,
+            dlc=len(frame.data),
+            data=None if frame.remote else frame.data,
+            is_fd=frame.fd,
             is_rx=True,
-            bitrate_switch=bool(flags & BITRATE_SWITCH_FLAG),
+            bitrate_switch=frame.bitrate_switch,
         )
 
     def _note(self, message: can.Message) -> None:
-        """Follow the controller's state by its error frames."""
-        classes, status = message.arbitration_id, message.data[1]
-        if classes & ErrorClass.BUS_OFF:
-            self._bus_off, self._state = True, can.BusState.ERROR
-        elif classes & ErrorClass.RESTARTED:
-            self._bus_off, self._state = False, can.BusState.ACTIVE
-        elif classes & ErrorClass.CONTROLLER and status & (Controller.RX_PASSIVE | Controller.TX_PASSIVE):
-            self._state = can.BusState.PASSIVE
-        elif classes & ErrorClass.CONTROLLER and status != Controller.RX_OVERFLOW:
-            self._state = can.BusState.ACTIVE
+        """Follow the controller by its error frames."""
+        if message.arbitration_id & (ErrorClass.BUS_OFF | ErrorClass.RESTARTED):
+            self._bus_off = bool(message.arbitration_id & ErrorClass.BUS_OFF)
 
     def _lost(self, error: OSError | None) -> NoReturn:
         raise can.CanOperationError(f"{self.channel_info} is down: its hub is gone", errno.ENETDOWN) from error
-
-    @property
-    def state(self) -> can.BusState:
-        """As told by the error frames that were received so far; can't be set."""
-        return self._state
-
-    @state.setter
-    def state(self, new_state: can.BusState) -> None:
-        raise NotImplementedError("the state of a simulated controller follows from its error counters")
 
     def fileno(self) -> int:
         """Descriptor to wait on for messages; -1 after ``shutdown``."""
@@ -217,14 +182,3 @@ class HubBus(can.BusABC):
     def shutdown(self) -> None:
         super().shutdown()
         self._sock.close()
-
-    @staticmethod
-    def _detect_available_configs() -> list[Any]:
-        with open("/proc/net/unix", encoding="utf-8") as sockets:  # noqa: PTH123
-            names = {line.split()[-1] for line in sockets}
-        prefix = address("").replace("\0", "@")
-        return [
-            {"interface": "micromanip", "channel": name.removeprefix(prefix)}
-            for name in sorted(names)
-            if name.startswith(prefix)
-        ]

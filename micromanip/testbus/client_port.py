@@ -32,10 +32,10 @@ class ClientPort(Port):
     frame as soon as there is room.
     """
 
-    def __init__(self, sock: socket.socket, loop: EventLoop, queue_frames: int, restart_ns: int | None) -> None:
+    def __init__(self, sock: socket.socket, loop: EventLoop, queue_frames: int) -> None:
         peer = sock.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
         self.process_id: int = _CREDENTIALS.unpack(peer)[0]
-        super().__init__(f"process {self.process_id}", queue_frames, restart_ns)
+        super().__init__(f"process {self.process_id}", queue_frames)
         self.dropped = 0
         """Frames that it didn't take in time."""
         self._overflown = False

@@ -34,13 +34,12 @@ class CanHub:
         data_bitrate: int | None = None,
         *,
         queue_frames: int = QUEUE_FRAMES,
-        restart_s: float | None = None,
         seed: int = 0,
     ) -> None:
         """A bus at `bitrate`, with `data_bitrate` one for CAN FD.
 
-        A node of this process that goes bus-off recovers by itself; a client after `restart_s`, or not before it
-        connects again. `seed` is that of the injected faults. Raises DeviceUnavailable if `channel` has a hub already.
+        A node of this process that goes bus-off recovers by itself, a client when it connects again. `seed` is that of
+        the injected faults. Raises DeviceUnavailable if `channel` has a hub already.
         """
         self.channel = channel
         self.bitrate = bitrate
@@ -49,7 +48,6 @@ class CanHub:
         self._loop = loop
         self._wire = Wire(loop, bitrate, data_bitrate, self.faults)
         self._queue_frames = queue_frames
-        self._client_restart_ns = None if restart_s is None else round(restart_s * 1e9)
         self._node_restart_ns = round(_RECOVERY_BITS / bitrate * 1e9)
         self._nodes: dict[int, NodePort] = {}
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET | socket.SOCK_NONBLOCK)
@@ -89,10 +87,6 @@ class CanHub:
     def transmission(self, frame: Frame) -> Transmission:
         """A frame for the queue of a participant of one's own making, as of now."""
         return self._wire.transmission(frame, pack(frame), self.now_ns())
-
-    def state(self, node: Node) -> State:
-        """Error state of an attached node's controller."""
-        return self._nodes[id(node)].state
 
     @property
     def statistics(self) -> Statistics:
@@ -134,7 +128,7 @@ class CanHub:
             sock = self._listener.accept()[0]
         except OSError:
             return  # it changed its mind
-        client = ClientPort(sock, self._loop, self._queue_frames, self._client_restart_ns)
+        client = ClientPort(sock, self._loop, self._queue_frames)
         client.listen(self._on_packet, self._on_gone)
         self.join(client)
         client.greet(bitrate=self.bitrate, data_bitrate=self.data_bitrate)

@@ -6,7 +6,6 @@ import pytest
 from micromanip.bus.can_bits import classic_bits
 from micromanip.testbus.faults import BusOff, Corrupt, ErrorPassive
 from micromanip.testbus.frame import Frame
-from micromanip.testbus.port import State
 
 from .virtual_bus import message, received
 
@@ -40,17 +39,15 @@ def test_a_destroyed_frame_is_sent_again_until_it_arrives(bus):
 
 
 def test_who_never_gets_through_becomes_passive_then_bus_off(bus):
-    sender, listener, node = bus.client(), bus.client(), bus.node()
+    sender, listener = bus.client(), bus.client()
     bus.hub.faults.inject(Corrupt(share=1.0))
     sender.send(message())
     bus.run(0.01)
     assert told(received(sender)[1]) == [TX_WARNING, TX_PASSIVE, "bus-off"]
     assert bus.hub.statistics.destroyed == 32  # 8 for each: 256
-    assert sender.state is can.BusState.ERROR
     with pytest.raises(can.CanOperationError, match="bus-off"):
         sender.send(message())
     assert told(received(listener)[1]) == []  # 32 receive errors don't make a warning
-    assert bus.hub.state(node) is State.ACTIVE
 
 
 def test_receivers_count_single_errors_and_recover_by_what_they_receive(bus):
@@ -61,12 +58,10 @@ def test_receivers_count_single_errors_and_recover_by_what_they_receive(bus):
         sender.send(message())
     bus.run(0.02)
     assert told(received(listener)[1]) == [RX_WARNING, RX_PASSIVE]
-    assert listener.state is can.BusState.PASSIVE
     node = bus.node()
     bus.hub.send(node, Frame(1))
     bus.run(0.001)
     assert told(received(listener)[1]) == [RX_WARNING]
-    assert listener.state is can.BusState.ACTIVE
 
 
 def test_a_bus_off_client_neither_hears_nor_sends_until_it_connects_again(bus):
@@ -89,18 +84,6 @@ def test_a_bus_off_client_neither_hears_nor_sends_until_it_connects_again(bus):
     assert len(list(bus.hub.clients)) == 1
 
 
-def test_a_hub_that_restarts_its_clients_does_so_after_that_time(make_bus):
-    bus = make_bus(restart_s=0.1)
-    client = bus.client()
-    bus.hub.faults.inject(Corrupt(share=1.0, for_s=0.05))
-    client.send(message())
-    bus.run(0.09)
-    assert told(received(client)[1])[-1] == "bus-off"
-    bus.run(0.1)
-    assert told(received(client)[1]) == ["restarted"]
-    assert client.state is can.BusState.ACTIVE
-
-
 def test_error_passive_lasts_as_long_as_it_is_told_and_then_wears_off_with_what_is_sent(bus):
     client, node = bus.client(), bus.node()
     bus.hub.faults.inject(ErrorPassive(for_s=0.002))
@@ -108,7 +91,6 @@ def test_error_passive_lasts_as_long_as_it_is_told_and_then_wears_off_with_what_
         client.send(message())
     bus.run(0.001)
     assert told(received(client)[1]) == [TX_PASSIVE]
-    assert client.state is can.BusState.PASSIVE
     bus.run(0.002)
     for _ in range(40):
         client.send(message())

@@ -12,8 +12,7 @@ from typing import Any
 
 import numpy as np
 from micromanip_drivers.simulated.driver import SimulatedCell
-from micromanip_drivers.simulated.noise import normal
-from micromanip_drivers.simulated.sample import put
+from micromanip_drivers.simulated.samples import normal, put
 from numpy.typing import NDArray
 from scipy.linalg import block_diag, expm
 

@@ -10,13 +10,12 @@ ANY = (-math.inf, math.inf)
 
 
 def sent_number(
-    name: str,
     value: float,
+    name: str,
     scale: float,
     offset: float,
     numbers: tuple[float, float],
-    limits: tuple[float, float] | None = None,
-    *,
+    limits: tuple[float, float] | None,
     whole: bool,
 ) -> float:
     """The number that stands for `value` (value = scale x number + offset), rounded where it must be `whole`.

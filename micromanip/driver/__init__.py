@@ -2,7 +2,7 @@
 
     CyclicDriver, Functions, SIGNAL                    a driver that the loop calls (docs/write-a-driver.md)
     SafeOutput, Wire                                   limits of one of its outputs; where its wire stands
-    Compiler, entries, *_SIGNATURE, now_ns             what it needs if numba compiles it
+    Compiler, entries, now_ns                          what it needs if numba compiles it
     BusDriver, BusOptions, Channel, Task, Load,        a driver in a worker process (docs/write-a-driver.md)
     Inbox, Sample, Outcome, Answer, Steady
     Watchdog                                           what a device does without commands, and when it is switched on
@@ -53,12 +53,10 @@ from micromanip.rt.records import SIGNAL
 if TYPE_CHECKING:
     from micromanip.recordings.path_deviation import read_path_deviation
     from micromanip.rt.entries import entries
-    from micromanip.rt.intrinsics import CONTEXT_SIGNATURE, EXCHANGE_SIGNATURE, now_ns
+    from micromanip.rt.intrinsics import now_ns
     from micromanip.rt.jit import Compiler
 
 _LATE = {
-    "CONTEXT_SIGNATURE": "micromanip.rt.intrinsics",
-    "EXCHANGE_SIGNATURE": "micromanip.rt.intrinsics",
     "Compiler": "micromanip.rt.jit",
     "entries": "micromanip.rt.entries",
     "now_ns": "micromanip.rt.intrinsics",

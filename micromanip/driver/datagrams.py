@@ -4,9 +4,7 @@ from micromanip.rt.io.clock_lock import forget_clock, hear_clock, steer, taken_n
 from micromanip.rt.io.context import BATCH
 from micromanip.rt.io.counting import OLD, RESTARTED, missing_before
 from micromanip.rt.io.frames import (
-    BAD_STATUS,
     GOOD,
-    NOT_THIS_FRAME,
     WRONG_CHECKSUM,
     WRONG_LENGTH,
     begin_frame,
@@ -19,7 +17,7 @@ from micromanip.rt.io.frames import (
     status_of,
     value_of,
 )
-from micromanip.rt.io.link_gate import acknowledge, has_sent, on_link_lost, reset_to_safe, turn
+from micromanip.rt.io.link_gate import acknowledge, has_sent, on_link_lost, turn
 from micromanip.rt.io.link_loop import NOT_OPEN, begin, end, give, rest, send_due, take, wait_for_answer
 from micromanip.rt.io.numbers import find_code, value_of_code
 from micromanip.rt.io.sockets import close, is_from_peer, length_of, receive, received_ns, send

@@ -1,4 +1,4 @@
 """For a bus driver that is compiled (``BusDriver.steady``): its functions, what they are called with and return."""
 
 from micromanip.rt.entries import steady_entries
-from micromanip.rt.io.worker_records import INBOX, NOTHING_SENT, SENT_IN_DOUBT, UNCONFIRMED
+from micromanip.rt.io.worker_records import NOTHING_SENT, SENT_IN_DOUBT, UNCONFIRMED

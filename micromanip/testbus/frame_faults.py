@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from pydantic import Field, PrivateAttr
 
-from .fault import Delivery, Disturbed, FrameFault, Share, Verdict
+from .fault import Delivery, FrameFault, Share, Verdict
+
+if TYPE_CHECKING:
+    from .hub import CanHub
 
 
 class Drop(FrameFault):
@@ -58,7 +61,7 @@ class Reorder(FrameFault):
             return ()
         return (delivery,)
 
-    def end(self, bus: Disturbed) -> None:
+    def end(self, bus: CanHub) -> None:
         if self._held is not None:
             bus.hand_over(self._held.put_off(bus.now_ns()))
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from micromanip.driver.datagrams import find_code, value_of_code
 
-from .compiled import compiled
+from .records import compiled
 
 _U0, _BYTE = np.uint64(0), np.uint64(255)
 

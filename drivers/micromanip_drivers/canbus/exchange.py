@@ -15,8 +15,7 @@ from micromanip.driver.datagrams import BATCH, OLD, length_of, missing_before, r
 from micromanip.driver.steady import NOTHING_SENT, SENT_IN_DOUBT, steady_entries
 
 from .bit_codec import code_bits, put_value, value_of
-from .compiled import compiled
-from .records import CONTEXT
+from .records import CONTEXT, compiled
 
 _HEADER_BYTES, _CLASSIC_BYTES, _FD_BYTES = 8, 16, 72
 _NOT_PLAIN = 0x60000000

@@ -95,7 +95,7 @@ class PackPlan:
         big = little = 0
         for field, value in zip(self._fields, values, strict=True):
             floating, held = field.floating, (field.low, field.high)
-            code = sent_number(field.name, value, field.scale, field.offset, held, whole=floating is None)
+            code = sent_number(value, field.name, field.scale, field.offset, held, None, floating is None)
             bits = int(code) & field.mask if floating is None else int.from_bytes(floating.pack(code), "little")
             if field.big_endian:
                 big |= bits << field.shift

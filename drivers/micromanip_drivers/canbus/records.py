@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from micromanip.driver import Compiler
 from micromanip.driver.wire import BATCH, CODE, COUNTED, SOCKET, record
+
+compiled = Compiler(__file__)
 
 MAX_MESSAGES, MAX_FIELDS, MAX_GOOD = 32, 192, 8
 """Of each direction; of both together; values of a status that mean good."""

@@ -13,8 +13,7 @@ from micromanip.driver.steady import steady_entries
 
 from ..canbus.bit_codec import low_bytes
 from ..canbus.exchange import GONE, give, needs_python, put_samples, take_all
-from .compiled import compiled
-from .records import CONTEXT
+from .records import CONTEXT, compiled
 from .sampling import REPEATED, note_sync, sampled
 
 

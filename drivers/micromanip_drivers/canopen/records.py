@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
+from micromanip.driver import Compiler
 from micromanip.driver.wire import record
 
 from ..canbus.records import FRAMES, MAX_MESSAGES
+
+compiled = Compiler(__file__, also=(Path(__file__).parents[1] / "canbus",))
 
 REMEMBERED = 16
 """So many of our last SYNCs are."""

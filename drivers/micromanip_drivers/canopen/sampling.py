@@ -8,8 +8,7 @@ import numpy as np
 
 from micromanip.driver.wire import move
 
-from .compiled import compiled
-from .records import REMEMBERED, SAMPLING, SYNCS
+from .records import REMEMBERED, SAMPLING, SYNCS, compiled
 
 REPEATED = -1
 """What ``sampled`` says instead of what is missing where a PDO is no fresh sample."""

@@ -39,8 +39,7 @@ from micromanip.driver.datagrams import (
 from micromanip.driver.ethercat import OP, STATUS_BYTES, STATUS_MASK, WKC_BYTES
 from micromanip.driver.wire import FOLLOWING, RECENT
 
-from .compiled import compiled
-from .records import CONTEXT
+from .records import CONTEXT, compiled
 from .ring import send_at_far_end, take_half, take_ring
 
 _TIME_BYTES = 8

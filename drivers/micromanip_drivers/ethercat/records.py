@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from micromanip.driver import Compiler
 from micromanip.driver.wire import CLOCK_LOCK, MAX_BYTES, SOCKET, WIRE, record
+
+compiled = Compiler(__file__)
 
 BAD = ("wrong_length", "not_this_frame", "wrong_working_counter", "not_operating", "not_sent")
 """Two kinds of bad frames; those that a slave did not take part in, or that told of a slave which has left OP; frames

@@ -24,9 +24,8 @@ from micromanip.driver.datagrams import (
 )
 from micromanip.driver.ethercat import PROCESSED, STATUS_BYTES, WKC_BYTES
 
-from .compiled import compiled
 from .link import FAR_BIT, LAST_OF_SENDER, LOOP_SENDERS, SENDER
-from .records import WHOLE
+from .records import WHOLE, compiled
 
 _NEAR, _FAR = 0, 1
 _NEAR_SENDER = LOOP_SENDERS[_NEAR][-1]

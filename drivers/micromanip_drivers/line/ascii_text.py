@@ -90,7 +90,7 @@ class Request:
 
 
 def _text(name: str, options: AsciiOutput, value: float) -> str:
-    number = sent_number(name, value, options.scale, options.offset, ANY, options.range, whole=False)
+    number = sent_number(value, name, options.scale, options.offset, ANY, options.range, whole=False)
     return f"{number:.{options.decimals}f}"
 
 

@@ -9,9 +9,7 @@ from micromanip.driver import (
     Answer,
     Channel,
     ConfigError,
-    IdentityMismatch,
     Inbox,
-    LinkError,
     Load,
     Outcome,
     Steady,
@@ -21,17 +19,11 @@ from micromanip.driver import (
 
 from .binary_messages import FrameKinds, Frames, IdentityFrame, ReceivedFrame, SentFrame
 from .binary_options import Binary
-from .binary_probe import found
 from .frame_reader import FrameReader, FrameSearch
 from .framing import Framing, Silence
 from .line_time import LineTime, Traffic
 from .port import Port
 from .steady_line import SteadyLine
-
-_ASK_NS = 150_000_000
-"""So long the device has to say who it is, before it is asked again."""
-_STRANGE = 2
-"""So many frames must say that it is another device: one may be noise that looked like a frame."""
 
 
 class BinaryFraming(Framing):
@@ -69,10 +61,11 @@ class BinaryFraming(Framing):
 
     def begin(self, deadline_ns: int) -> None:
         self._forget()
-        if self._identity is not None:
-            self._ask_who(self._identity, deadline_ns)
+        if self._asking:
+            self._reader.first(deadline_ns, self._is_another, "does not say who it is", self._asking)
         elif self._by_itself:
-            self._hear(deadline_ns)
+            heard = lambda frame: () if self._kinds.message(frame) else None  # noqa: E731
+            self._reader.first(deadline_ns, heard, "sends nothing")
         self._reader.pardon()
         self._silence.heard(time.monotonic_ns(), more=bool(self._by_itself))
         self._line.lend()
@@ -126,7 +119,7 @@ class BinaryFraming(Framing):
         for sent, answer in zip(self._sent, self._answers, strict=True):
             if answer is not None and not sent.indices:
                 asking.append(sent.frame([0.0] * len(self.outputs)))
-        return found(self._port, self._reader, self._kinds, asking, seconds)
+        return self._reader.all_of(self._described, asking, seconds)
 
     @property
     def counters(self) -> Mapping[str, int]:
@@ -217,32 +210,26 @@ class BinaryFraming(Framing):
             f"{self._port.name}: {answer.name}, the answer to {sent.name}, {how} within {self._reply_ns * 1e-6:g} ms"
         )
 
-    def _ask_who(self, identity: IdentityFrame, deadline_ns: int) -> None:
-        before, strange = self._reader.received, 0
-        while (now_ns := time.monotonic_ns()) < deadline_ns:
-            self._port.send(identity.request)
-            until_ns = min(deadline_ns, now_ns + _ASK_NS)
-            while time.monotonic_ns() < until_ns:
-                for frame, _ in self._reader.frames(until_ns):
-                    if self._kinds.kind(frame) != identity.kind:
-                        continue
-                    if not (differences := identity.mismatches(frame)):
-                        return
-                    strange += 1
-                    if strange >= _STRANGE:
-                        raise IdentityMismatch(f"{self._port.name} has {' and '.join(differences)}")
-                self._reader.pardon()
-                if strange:
-                    break
-        raise LinkError(f"{self._port.name} {self._reader.unheard(before, 'does not say who it is')}")
+    def _is_another(self, frame: bytes) -> Sequence[str] | None:
+        """What a frame says of another device; None where it does not say who it is."""
+        identity = self._identity
+        if identity is None or self._kinds.kind(frame) != identity.kind:
+            return None
+        return identity.mismatches(frame)
 
-    def _hear(self, deadline_ns: int) -> None:
-        before = self._reader.received
-        while time.monotonic_ns() < deadline_ns:
-            if any(self._kinds.message(frame) for frame, _ in self._reader.frames(deadline_ns)):
-                return
-            self._reader.pardon()
-        raise LinkError(f"{self._port.name} {self._reader.unheard(before, 'sends nothing')}")
+    def _described(self, frame: bytes) -> Answer:
+        message, kind = self._kinds.message(frame), self._kinds.kind(frame)
+        values: dict[str, object] = {} if kind is None else {"kind": f"{kind:#04x}"}
+        values["data"] = frame.hex(" ")
+        note, another = "", self._is_another(frame)
+        if self._identity is not None and another is not None:
+            note = " and ".join(another) or "the device of the configuration"
+            values |= self._identity.values(frame)
+        if message is not None:
+            return Answer(message.name, {**values, "status": message.status(frame), **message.values(frame)}, note)
+        if note:
+            return Answer("identity", values, note)
+        return Answer(f"frame of kind {kind}", values, "not in the configuration", is_value=False)
 
     def _traffic(self, line_time: LineTime, turnaround_s: float) -> Iterator[Traffic]:
         for message in self._by_itself:

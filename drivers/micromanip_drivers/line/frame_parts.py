@@ -69,15 +69,14 @@ class OutputNumber:
     """A value as a number of a frame, with the range that it may have."""
 
     def __init__(self, name: str, options: OutputField) -> None:
-        self._name, self._options, self._codec = name, options, NumberCodec(options)
+        self._codec = codec = NumberCodec(options)
+        low, high = sorted(end * options.scale + options.offset for end in (codec.low, codec.high))
+        limits = options.range or (low, high)
+        self._law = name, options.scale, options.offset, (codec.low, codec.high), limits, not codec.floating
 
     def put(self, data: bytearray, value: float) -> None:
         """Write `value`, rounded to the nearest number. Raises OutputRefused."""
-        options, codec = self._options, self._codec
-        held, whole = (codec.low, codec.high), not codec.floating
-        codec.write(
-            data, sent_number(self._name, value, options.scale, options.offset, held, options.range, whole=whole)
-        )
+        self._codec.write(data, sent_number(value, *self._law))
 
 
 def mismatches(numbers: Mapping[str, tuple[NumberCodec, int]], data: bytes) -> Sequence[str]:

@@ -9,15 +9,22 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from itertools import cycle
 
-from micromanip.driver import TransientError
+from micromanip.driver import Answer, IdentityMismatch, LinkError, TransientError
 
 from .frame_options import Crc
 from .port import Port
 
 STALE_NS = 50_000_000
 """A frame that stands still for so long in its middle will not go on."""
+
+_ASK_NS, _AGAIN_NS = 150_000_000, 50_000_000
+"""So long the device has to say who it is, before it is asked again; and what a probe asks."""
+_STRANGE = 2
+"""So many frames must say that it is another device: one may be noise that looked like a frame."""
 
 Chunk = tuple[bytes, int]
 """Bytes that came together, and when."""
@@ -197,6 +204,52 @@ class FrameReader:
             if search.bad != self._told or time.monotonic_ns() >= until_ns:
                 break
         return frames
+
+    def first(
+        self, deadline_ns: int, against: Callable[[bytes], Sequence[str] | None], otherwise: str, asking: bytes = b""
+    ) -> int:
+        """When the first frame came of the device that is meant; `asking` is sent now and then until it does.
+
+        `against` says what speaks against a frame, in words; None for one that says nothing about that. Raises
+        IdentityMismatch for another device, LinkError, for which `otherwise` is what it does not do.
+        """
+        before, strange = self.received, 0
+        while (now_ns := time.monotonic_ns()) < deadline_ns:
+            if asking:
+                self._port.send(asking)
+            until_ns, asks_again = min(deadline_ns, now_ns + _ASK_NS), False
+            while time.monotonic_ns() < until_ns and not asks_again:
+                for frame, time_ns in self.frames(until_ns):
+                    found = against(frame)
+                    if found is not None and not found:
+                        self.pardon()
+                        return time_ns
+                    if found:
+                        strange, asks_again = strange + 1, True
+                        if strange >= _STRANGE:
+                            raise IdentityMismatch(f"{self._port.name} has {' and '.join(found)}")
+                self.pardon()
+        raise LinkError(f"{self._port.name} {self.unheard(before, otherwise)}")
+
+    def all_of(self, describe: Callable[[bytes], Answer], asking: Sequence[bytes], seconds: float) -> Iterator[Answer]:
+        """For a probe, each frame as it comes, described; `asking` are frames that move nothing, sent in turns."""
+        before, begin_ns = self.received, time.monotonic_ns()
+        end_ns, turns = begin_ns + round(seconds * 1e9), cycle(asking)
+        seen: dict[str, int] = {}
+        while (now_ns := time.monotonic_ns()) < end_ns:
+            if asking:
+                self._port.send(next(turns))
+            until_ns = min(end_ns, now_ns + _AGAIN_NS)
+            while time.monotonic_ns() < until_ns:
+                for frame, time_ns in self.frames(until_ns):
+                    answer = describe(frame)
+                    seen[answer.name] = seen.get(answer.name, 0) + 1
+                    rate_hz = round(seen[answer.name] / max(1e-3, (time_ns - begin_ns) * 1e-9), 1)
+                    yield replace(answer, values={"frames_per_s": rate_hz, **answer.values})
+                self.pardon()
+        if not seen and self.received > before:
+            unheard = self.unheard(before, "sends nothing")
+            yield Answer(self._port.name, {"bytes": self.received - before}, unheard, is_value=False)
 
     def _frames_in(self, chunks: list[Chunk]) -> list[tuple[bytes, int]]:
         take = self._search.whole if self._port.datagrams else self._search.feed

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,9 +15,7 @@ from micromanip.driver import (
     Answer,
     Channel,
     ConfigError,
-    IdentityMismatch,
     Inbox,
-    LinkError,
     Load,
     Steady,
     Task,
@@ -43,8 +42,6 @@ from .stream_options import Blocks, Stream
 
 NOT_FINITE = -1
 """Status of a sample that is no number."""
-_STRANGE = 2
-"""So many packets must say that they are of another device: one may be noise that looked like a packet."""
 
 
 class StreamFraming(Framing):
@@ -87,19 +84,9 @@ class StreamFraming(Framing):
         self._forget()
         if self._options.start:
             self._port.send(bytes.fromhex(self._options.start))
-        before, strange = self._reader.received, 0
-        while time.monotonic_ns() < deadline_ns:
-            for packet, time_ns in self._reader.frames(deadline_ns):
-                if not (found := mismatches(self._identity, packet)):
-                    self._silence.heard(time_ns, more=True)
-                    self._reader.pardon()
-                    self._line.lend()
-                    return
-                strange += 1
-                if strange >= _STRANGE:
-                    raise IdentityMismatch(f"{self._port.name} has {' and '.join(found)}")
-            self._reader.pardon()
-        raise LinkError(f"{self._port.name} {self._reader.unheard(before, 'sends nothing')}")
+        another = partial(mismatches, self._identity)
+        self._silence.heard(self._reader.first(deadline_ns, another, "sends nothing"), more=True)
+        self._line.lend()
 
     def perform(self, task: int, values: Sequence[float], inbox: Inbox) -> None:  # noqa: ARG002
         raise AssertionError("a stream has no tasks")
@@ -140,21 +127,7 @@ class StreamFraming(Framing):
         self._forget()
         if self._options.start:
             self._port.send(bytes.fromhex(self._options.start))
-        before, begin_ns = self._reader.received, time.monotonic_ns()
-        end_ns = begin_ns + round(seconds * 1e9)
-        count, inbox = 0, Inbox()
-        while (now_ns := time.monotonic_ns()) < end_ns:
-            for packet, time_ns in self._reader.frames(min(end_ns, now_ns + 200_000_000)):
-                count += 1
-                found = mismatches(self._identity, packet)
-                self._take(packet, time_ns, inbox)
-                passed_s = max(1e-3, (time_ns - begin_ns) * 1e-9)
-                yield Answer(self._port.name, self._described(packet, inbox, count / passed_s), "; ".join(found))
-                inbox.clear()
-        if not count and self._reader.received > before:
-            heard = self._reader.received - before
-            unheard = self._reader.unheard(before, "sends nothing")
-            yield Answer(self._port.name, {"bytes": heard}, unheard, is_value=False)
+        return self._reader.all_of(self._described, (), seconds)
 
     @property
     def counters(self) -> Mapping[str, int]:
@@ -214,13 +187,16 @@ class StreamFraming(Framing):
         shortest = options.header_bytes + options.block_bytes + self._crc_size  # a packet for each sample costs most
         return Traffic("packets", options.rate_hz, line_time.seconds(shortest), "in")
 
-    def _described(self, packet: bytes, inbox: Inbox, rate_hz: float) -> dict[str, Any]:
-        values: dict[str, Any] = {"packets_per_s": round(rate_hz, 1), "bytes": len(packet)}
+    def _described(self, packet: bytes) -> Answer:
+        inbox = Inbox()
+        self._take(packet, time.monotonic_ns(), inbox)
+        values: dict[str, Any] = {"bytes": len(packet)}
         values |= {name: codec.read(packet) for name, (codec, _) in self._identity.items()}
         if self._status:
             values["status"] = self._status.of(packet)
         values["lost"] = self._counter.lost if self._counter else 0
-        return values | {self.inputs[sample.channel].name: sample.value for sample in inbox}
+        values |= {self.inputs[sample.channel].name: sample.value for sample in inbox}
+        return Answer(self._port.name, values, "; ".join(mismatches(self._identity, packet)))
 
 
 def _must_fit(options: Stream) -> None:

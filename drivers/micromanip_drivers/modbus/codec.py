@@ -93,10 +93,8 @@ class WritePlan:
         """What goes over the wire. Raises OutputRefused for a value that its register does not hold."""
         data = bytearray(self.length)
         for field, register, places in self._fields:
-            whole, held = not register.type.startswith("float"), code_range(register)
-            number = sent_number(
-                *(field.name, values[field.name], register.scale, register.offset, held, register.range), whole=whole
-            )
+            whole, scaling = not register.type.startswith("float"), (register.scale, register.offset)
+            number = sent_number(values[field.name], field.name, *scaling, code_range(register), register.range, whole)
             if self._coils:
                 data[field.place >> 3] |= int(number) << (field.place & 7)
                 continue

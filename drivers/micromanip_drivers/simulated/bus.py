@@ -10,9 +10,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from .compiled import compiled
-from .records import CARRIED, CHANNELS, IN_FLIGHT
-from .sample import put
+from .records import CARRIED, CHANNELS, IN_FLIGHT, compiled
+from .samples import put
 
 _CHANNELS = len(CHANNELS)
 _CARRIED = tuple(CHANNELS.index(name) for name in CARRIED)

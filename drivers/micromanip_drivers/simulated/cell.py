@@ -7,7 +7,6 @@ from typing import Any
 from micromanip.driver import entries
 
 from .bus import receive_samples, send_outputs, send_samples, write
-from .compiled import compiled
 from .faults import disturb, exchange_error, remember
 from .lines import (
     advance_lines,
@@ -21,7 +20,7 @@ from .lines import (
 )
 from .plant import drive, machining_force, move, push, quantised
 from .preisach import preisach_step, reset_memory
-from .records import CONTEXT, CREEP_OPERATORS, MECHANICAL_STATES, SUBSTEPS
+from .records import CONTEXT, CREEP_OPERATORS, MECHANICAL_STATES, SUBSTEPS, compiled
 from .sensors import read
 
 

@@ -9,8 +9,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from .compiled import compiled
-from .records import FAULT_KINDS
+from .records import FAULT_KINDS, compiled
 
 _VALUE, _OFFSET, _SCALE, _FREEZE, _NAN, _STATUS, _DROP, _THIN, _SPIKE, _DRIFT, _ERROR = range(len(FAULT_KINDS))
 FLAGGED = 2

@@ -13,9 +13,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from .compiled import compiled
-from .records import CELL_LINES
-from .sample import put
+from .records import CELL_LINES, compiled
+from .samples import put
 
 _CELL_LINES = len(CELL_LINES)
 

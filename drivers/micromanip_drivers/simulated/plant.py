@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from .compiled import compiled
-from .noise import normal
 from .played_path import played
 from .preisach import bouc_wen_step, preisach_step
-from .records import CREEP_OPERATORS, DEVIATION_SINES, HARMONICS, MECHANICAL_STATES, SUBSTEPS
+from .records import CREEP_OPERATORS, DEVIATION_SINES, HARMONICS, MECHANICAL_STATES, SUBSTEPS, compiled
+from .samples import normal
 
 
 @compiled

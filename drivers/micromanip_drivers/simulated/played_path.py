@@ -11,9 +11,8 @@ from typing import Any
 
 from micromanip.driver import CheckFailed, ConfigError
 
-from .compiled import compiled
 from .options import Deviation
-from .records import MOST_ROWS
+from .records import MOST_ROWS, compiled
 
 
 def fill_path(path: Any, options: Deviation, axes: tuple[str, ...]) -> None:

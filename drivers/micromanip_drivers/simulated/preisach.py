@@ -10,8 +10,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from .compiled import compiled
-from .records import STACK
+from .records import STACK, compiled
 
 _CENTRE_V, _WIDTH_V = 60.0, 75.0
 SATURATION_V = -20.0

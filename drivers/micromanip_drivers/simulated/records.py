@@ -6,7 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from micromanip.driver import SIGNAL
+from micromanip.driver import SIGNAL, Compiler
+
+compiled = Compiler(__file__)
 
 MAX_AXES = 3
 STACK = 64

@@ -6,11 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from .compiled import compiled
-from .noise import normal
 from .plant import deviation, quantised
-from .records import CHANNELS, MECHANICAL_STATES
-from .sample import put
+from .records import CHANNELS, MECHANICAL_STATES, compiled
+from .samples import normal, put
 
 _CHANNELS = len(CHANNELS)
 SATURATED = 1

@@ -43,7 +43,6 @@ class Udp(LoopWire):
                 "may count as a new one"
             )
         self._opening = Opening(options, self._datagrams, self.device)
-        self._tables = self._datagrams.received_plan.record(), self._datagrams.sent_plan.record()
 
     @property
     def device(self) -> str:
@@ -72,7 +71,7 @@ class Udp(LoopWire):
         return loads
 
     def fill(self, c: Any) -> None:
-        c["receive"], c["send"] = self._tables[0][0], self._tables[1][0]
+        c["receive"], c["send"] = self._datagrams.received, self._datagrams.sent
         c["gate"]["patient_cycles"] = max(_LEAST_CYCLES, round(1e6 * self.options.restart_ms / self.period_ns))
         c["counts"], c["counted"]["counts"] = self._counts, 1 << 8 * self.options.receive.counter.size
         if clock := self.options.receive.clock:

@@ -38,8 +38,7 @@ from micromanip.driver.datagrams import (
     wait_for_answer,
 )
 
-from .compiled import compiled
-from .records import CONTEXT
+from .records import CONTEXT, compiled
 
 
 @compiled

@@ -1,13 +1,26 @@
-"""The datagrams of a configuration: how long they are, as tables for the loop, and as plain Python for all else."""
+"""The datagrams of a configuration: how long they are, and as tables, by which loop and Python read and write them."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
 
+import numpy as np
+
 from micromanip.driver import ConfigError
-from micromanip.driver.wire import FramePlan, GroupPlan, NumberCodec
-from micromanip_drivers.line.frame_parts import InputNumber, OutputNumber, StatusWord, laid_out, mismatches, part
+from micromanip.driver.wire import (
+    GOOD,
+    FramePlan,
+    GroupPlan,
+    NumberCodec,
+    begin_frame,
+    judged,
+    put_value,
+    seal,
+    status_of,
+    value_of,
+)
+from micromanip_drivers.line.frame_parts import laid_out, mismatches, part
 
 from .options import Identity, Received, Sent, UdpOptions
 
@@ -36,72 +49,53 @@ class Datagrams:
         }
         if len(self.inputs) < len(received.fields) + sum(len(slow.fields) for slow in received.slow.values()):
             raise ConfigError("receive.slow: a field of it has the name of another field")
-        self._values = {name: InputNumber(field) for name, field in self.inputs.items()}
-        self._outputs = [OutputNumber(name, field) for name, field in sent.fields.items()]
-        self._counter = NumberCodec(sent.counter)
-        self._status = StatusWord(received.status) if received.status is not None else None
-
-    @property
-    def received_plan(self) -> FramePlan:
-        """For the loop."""
-        received = self._options.receive
         own = GroupPlan(received.fields, latency_ns=round(received.latency_us * 1e3))
         slow = [
             GroupPlan(group.fields, group.counter, round(1e3 * (group.latency_us + received.latency_us)))
             for group in received.slow.values()
         ]
-        return FramePlan(
-            self.received_bytes,
-            [own, *slow],
-            bytes.fromhex(received.head),
-            self._options.crc,
-            received.counter,
-            received.clock,
-            received.status,
-            received.acknowledges,
-        )
-
-    @property
-    def sent_plan(self) -> FramePlan:
-        """For the loop."""
-        sent = self._options.send
+        head, crc = bytes.fromhex(received.head), options.crc
+        counted = received.counter, received.clock, received.status, received.acknowledges
+        self.received = FramePlan(self.received_bytes, [own, *slow], head, crc, *counted).record()[0]
         head = bytes.fromhex(sent.head)
-        return FramePlan(self.sent_bytes, [GroupPlan(sent.fields)], head, self._options.crc, sent.counter)
+        self.sent = FramePlan(self.sent_bytes, [GroupPlan(sent.fields)], head, crc, sent.counter).record()[0]
+        """Both as tables, for the loop too."""
 
     @property
     def request(self) -> bytes:
         """What asks who it is."""
         assert self._options.identity is not None
         asked = bytes.fromhex(self._options.identity.request)
-        return self._sealed(bytearray(asked + bytes(self._options.crc.size if self._options.crc else 0)))
+        return asked + (self._options.crc.of(asked) if self._options.crc else b"")
 
     def frame(self, values: Sequence[float], count: int) -> bytes:
-        """A datagram with `values` of all outputs. Raises OutputRefused."""
-        data = bytearray(self.sent_bytes)
-        head = bytes.fromhex(self._options.send.head)
-        data[: len(head)] = head
-        self._counter.write(data, count)
-        for number, value in zip(self._outputs, values, strict=True):
-            number.put(data, value)
-        return self._sealed(data)
+        """A datagram with `values` of all outputs, which must be such as can be sent."""
+        data = np.zeros(self.sent_bytes, np.uint8)
+        begin_frame(self.sent, data, count)
+        for number, value in zip(self.sent["number"], values, strict=False):
+            put_value(self.sent, number, data, value)
+        seal(self.sent, data)
+        return data.tobytes()
 
     def is_answer(self, data: bytes) -> bool:
         """Whether it is the datagram that answers, undamaged."""
-        return self._is(data, self.received_bytes, self._options.receive.head)
+        return judged(self.received, data, len(data)) == GOOD
 
     def values(self, data: bytes) -> Mapping[str, float]:
         """What an answer says, by channel."""
-        return {name: number.value(data) for name, number in self._values.items()}
+        numbers = zip(self.inputs, self.received["number"], strict=False)
+        return {name: float(value_of(self.received, number, data)) for name, number in numbers}
 
     def status(self, data: bytes) -> int:
         """0, or the device's word for what is wrong; -1 for a value that is no number."""
-        word = self._status.of(data) if self._status is not None else 0
-        return word or (0 if all(map(math.isfinite, self.values(data).values())) else -1)
+        return int(status_of(self.received, data)) or -int(not all(map(math.isfinite, self.values(data).values())))
 
     def says_who(self, data: bytes) -> bool:
         """Whether it is the datagram that answers the request for an identity."""
-        identity = self._options.identity
-        return identity is not None and self._is(data, self.identity_bytes, identity.head)
+        identity, crc = self._options.identity, self._options.crc
+        if identity is None or len(data) != self.identity_bytes or not data.startswith(bytes.fromhex(identity.head)):
+            return False
+        return crc is None or crc.fits(data)
 
     def mismatches(self, data: bytes) -> Sequence[str]:
         """What it says of its identity that is not as configured, in words."""
@@ -126,15 +120,6 @@ class Datagrams:
                 f"crc.first: {crc.first} is behind the {length - crc.size} bytes of `{key}` that it can cover"
             )
         return length
-
-    def _is(self, data: bytes, length: int, head: str) -> bool:
-        return len(data) == length and data.startswith(bytes.fromhex(head)) and self._sealed(bytearray(data)) == data
-
-    def _sealed(self, data: bytearray) -> bytes:
-        crc = self._options.crc
-        if crc is not None:
-            data[-crc.size :] = crc.of(bytes(data[: -crc.size]))
-        return bytes(data)
 
 
 def _received_parts(received: Received) -> list[tuple[str, int, int]]:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from micromanip.driver import Compiler
 from micromanip.driver.wire import WIRE, record
+
+compiled = Compiler(__file__)
 
 BAD = ("wrong_length", "wrong_checksum", "not_this_datagram", "not_sent")
 """Three kinds of bad datagrams; those that the system did not take."""

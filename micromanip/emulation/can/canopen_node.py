@@ -1,6 +1,6 @@
 """A CANopen device for tests: sensor, amplifier, or whatever its EDS file describes.
 
-It boots, obeys NMT, sends heartbeats, answers expedited SDO, sends its TPDOs at SYNC or by their event timer, takes
+It boots, obeys NMT, sends heartbeats, answers SDO, sends its TPDOs at SYNC or by their event timer, takes
 RPDOs, and watches who commands it: by the event timer of an RPDO and by the consumer heartbeat time. Its measured
 values come from a callable and its outputs go to one, by the objects' names in the EDS and in the units of their
 `Factor`. Like many a real device it keeps its outputs when it is told to go to PRE-OPERATIONAL, and makes them safe
@@ -19,7 +19,7 @@ from micromanip.testbus.hub import CanHub
 
 from .can_bus import PythonCanBus
 from .canopen_exchange import Exchange, TooShort
-from .canopen_objects import Abort, Objects
+from .canopen_objects import Objects
 
 INITIALISING, STOPPED, OPERATIONAL, PRE_OPERATIONAL = 0, 4, 5, 127
 """States of NMT."""
@@ -30,7 +30,8 @@ _NMT, _SYNC, _EMERGENCY, _SDO_ANSWER, _SDO_REQUEST, _HEARTBEAT = 0x000, 0x080, 0
 _START, _STOP, _ENTER_PRE_OPERATIONAL, _RESET_NODE, _RESET_COMMUNICATION = 1, 2, 128, 129, 130
 _GENERIC_ERROR, _COMMUNICATION_ERROR = 0x01, 0x11
 """Bits of the error register; an error of any kind sets the generic one too."""
-_UNKNOWN_COMMAND = 0x05040001
+_DOWNLOAD = 1
+"""Command specifier of an SDO client that writes."""
 _MS = 1_000_000
 
 
@@ -49,7 +50,7 @@ class CanOpenNode:
         """`read` gives the value of a measured object by its name, `write` takes that of an output."""
         self.node_id = node_id
         self.state = INITIALISING
-        self.objects = Objects(eds, node_id)
+        self.objects = Objects(eds, node_id, lambda data: self._send(_SDO_ANSWER, data))
         self._bus, self._loop = bus, loop
         self._exchange = Exchange(
             loop, self.objects, read, write, lambda frame: bus.send(self, frame), lambda: self._left_alone(NO_OUTPUTS)
@@ -151,30 +152,16 @@ class CanOpenNode:
             self._enter(PRE_OPERATIONAL)
 
     def _on_request(self, request: bytes) -> None:
-        index, subindex = int.from_bytes(request[1:3], "little"), request[3]
-        if request[0] >> 5 == 4:
-            return  # the client gave up
-        try:
-            head, data = self._served(request, index, subindex)
-        except Abort as refused:
-            head, data = 0x80, refused.code.to_bytes(4, "little")
-        self._send(_SDO_ANSWER, bytes((head, *request[1:4])) + data.ljust(4, b"\0"))
-
-    def _served(self, request: bytes, index: int, subindex: int) -> tuple[int, bytes]:
-        """First byte and data of the answer. Raises Abort."""
-        if request[0] >> 5 == 2:
-            data = self.objects.upload(index, subindex)
-            return 0x43 | (4 - len(data)) << 2, data
-        if request[0] & 0xE3 != 0x23:  # an expedited download with its size
-            raise Abort(_UNKNOWN_COMMAND)
-        self.objects.download(index, subindex, request[4 : 8 - (request[0] >> 2 & 3)])
+        self.objects.serve(request)
+        index = int.from_bytes(request[1:3], "little")
+        if request[0] >> 5 != _DOWNLOAD:
+            return
         if index == 0x1017:
             self._set_heartbeat()
         elif index == 0x1016:
             self._set_consumer()
         elif 0x1400 <= index < 0x1C00:
             self._exchange.set_up()
-        return 0x60, b""
 
     def _set_heartbeat(self) -> None:
         """Send the heartbeat by the producer heartbeat time from now on."""

@@ -137,20 +137,11 @@ class EthercatDevice(ServedDevice):
         self._faults.clear()
 
     def report(self) -> dict[str, Any]:
-        self._gather()
-        return {
-            "frames": self.figures.sent + self.figures.received,
-            **vars(self.figures),
-            **{name: sum(getattr(port.figures, name) for port in self._ports) for name in vars(self._ports[0].figures)},
-            "clock": self._clock(),
-            "states": {n: a.state for n, a in zip(self._names, self.slaves.applications, strict=True)},
-            "bus_load_percent": self.load_percent(self._ports[0].figures.busy_ns),
-        }
-
-    def _clock(self) -> dict[str, int]:
-        """The first terminal's, at a time of this machine (CLOCK_MONOTONIC)."""
+        """With the first terminal's clock at a time of this machine (CLOCK_MONOTONIC)."""
         first, now_ns = self.slaves.controllers[0], time.monotonic_ns()
-        return {"monotonic_ns": now_ns, "system_ns": int(system_ns(first, now_ns)), "ppb": int(first["clock_ppb"])}
+        clock = {"monotonic_ns": now_ns, "system_ns": int(system_ns(first, now_ns)), "ppb": int(first["clock_ppb"])}
+        states = {n: a.state for n, a in zip(self._names, self.slaves.applications, strict=True)}
+        return {**super().report(), "clock": clock, "states": states}
 
     def _left_op(self) -> None:
         self._gather()
@@ -223,7 +214,6 @@ class EthercatDevice(ServedDevice):
         return super().is_plain(now_ns)
 
     def _gather(self) -> None:
-        """Take over what compiled code has done since the last time."""
         d = self._served[0]
         frames = int(d["frames"])
         self.figures.not_understood += int(d["strange"])

@@ -12,7 +12,7 @@ from micromanip.emulation.messages import Due, Periodic, Sender
 from micromanip.errors import UsageError
 from micromanip.testbus.event_loop import EventLoop
 
-from .device_line import DeviceLine
+from .device_line import DeviceLine, report_of
 from .faults import parsed
 from .port import Peer
 
@@ -116,14 +116,7 @@ class LineDevice(Sender):
         super().clear()
 
     def report(self) -> dict[str, Any]:
-        figures, port = self.figures, self._line.port.figures
-        elapsed_ns = max(1, self._loop.now_ns() - self._began_ns)
-        return {
-            "frames": figures.sent + figures.received,
-            **vars(figures),
-            **vars(port),
-            "bus_load_percent": round(100 * port.busy_ns / elapsed_ns, 2),
-        }
+        return report_of(self.figures, [self._line], self._loop.now_ns() - self._began_ns)
 
     def close(self) -> None:
         self._line.close()

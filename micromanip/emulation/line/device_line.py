@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+from micromanip.emulation.messages import MessageFigures
 from micromanip.errors import UsageError
 from micromanip.testbus.event_loop import EventLoop
 
@@ -124,6 +125,17 @@ class DeviceLine(Peer):
 
     def _echo_as_before(self) -> None:
         self.port.echo = self._echoes
+
+
+def report_of(figures: MessageFigures, lines: Sequence[DeviceLine], elapsed_ns: int) -> dict[str, Any]:
+    """Messages, bytes and load of a device on these lines, in so much time."""
+    ports = [line.port.figures for line in lines]
+    return {
+        "frames": figures.sent + figures.received,
+        **vars(figures),
+        **{name: sum(getattr(port, name) for port in ports) for name in vars(ports[0])},
+        "bus_load_percent": round(100 * ports[0].busy_ns / max(1, elapsed_ns), 2),
+    }
 
 
 def port_maker(keys: Any, loop: EventLoop, *, half_duplex: bool = False) -> Callable[[Hear], LinePort]:

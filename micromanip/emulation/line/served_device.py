@@ -11,7 +11,7 @@ from micromanip.emulation.messages import MessageFigures
 from micromanip.emulation.upkeep import Upkeep
 from micromanip.testbus.event_loop import EventLoop
 
-from .device_line import DeviceLine
+from .device_line import DeviceLine, report_of
 
 PAUSE_NS = 50_000_000
 """Who has said nothing for so long begins anew."""
@@ -49,9 +49,9 @@ class ServedDevice:
         for line in self._lines:
             line.close()
 
-    def load_percent(self, busy_ns: int) -> float:
-        """Of a line that was busy for so long."""
-        return round(100 * busy_ns / max(1, self._loop.now_ns() - self._began_ns), 2)
+    def report(self) -> dict[str, Any]:
+        self._gather()
+        return report_of(self.figures, self._lines, self._loop.now_ns() - self._began_ns)
 
     def is_plain(self, now_ns: int) -> bool:
         """Whether a conversation is under way, and nothing is amiss."""
@@ -84,6 +84,10 @@ class ServedDevice:
         d["refused"] = 0
         if self._amplifier.follows:
             self._amplifier.has_taken(self._heard_ns)
+
+    def _gather(self) -> None:
+        """Take over what compiled code has done since the last time."""
+        raise NotImplementedError
 
     def _look_after(self) -> None:
         """Watchdogs, amplifier and plant go on also while nobody asks."""

@@ -103,15 +103,8 @@ class UdpDevice(ServedDevice):
         self._counts_from_ns = 0.0
 
     def report(self) -> dict[str, Any]:
-        self._gather()
-        figures, port = self.figures, self._port.figures
-        return {
-            "frames": figures.sent + figures.received,
-            **vars(figures),
-            **vars(port),
-            **{name: int(self._served[0]["counted"][name]) for name in ("lost", "doubled", "late", "restarts")},
-            "bus_load_percent": self.load_percent(port.busy_ns),
-        }
+        report, counted = super().report(), self._served[0]["counted"]
+        return report | {name: int(counted[name]) for name in ("lost", "doubled", "late", "restarts")}
 
     def _readable(self) -> None:
         plant = self._cell.plant
@@ -128,7 +121,6 @@ class UdpDevice(ServedDevice):
         return now_ns >= max(self._off_until_ns, self._counts_from_ns) and super().is_plain(now_ns)
 
     def _gather(self) -> None:
-        """Take over what compiled code has done since the last time."""
         d = self._served[0]
         received, sent = int(d["received"]), int(d["sent"])
         if received == 0:

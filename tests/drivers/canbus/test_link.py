@@ -48,7 +48,7 @@ def later_ns(seconds):
 )
 def test_an_interface_that_is_not_there(interface, channel, words):
     with pytest.raises(LinkError, match=words):
-        CanLink(options(interface, channel)).open()
+        CanLink(options(interface, channel)).open_fully()
 
 
 class FailingBus:

@@ -3,11 +3,12 @@
 import time
 
 import pytest
+from canopen import SdoAbortedError
 
 from micromanip.bus.errors import DeviceFault, IdentityMismatch, LinkError
 from micromanip.bus.inbox import Inbox
 from micromanip.emulation.can.canopen_node import OPERATIONAL, PRE_OPERATIONAL
-from micromanip.emulation.can.canopen_objects import WRONG_VALUE, Abort
+from micromanip.emulation.can.canopen_objects import WRONG_VALUE
 
 from .cell import AMPLIFIER, EDS, SENSOR, cell, run, wait_for
 
@@ -180,15 +181,14 @@ def test_nothing_is_ever_stored(at, opened):
 
 def test_a_node_that_answers_no_remote_frames_keeps_that_bit(at):
     objects = at.nodes["sensor"].objects
-    has, no_remote, download = objects.raw(0x1800, 1), 0x40000000, objects.download
+    has, no_remote = objects.raw(0x1800, 1), 0x40000000
     objects.put(0x1800, 1, has | no_remote)
 
-    def refusing(index, subindex, data):
+    def refusing(index, subindex, od, data):
         if index == 0x1800 and subindex == 1 and not int.from_bytes(data, "little") & no_remote:
-            raise Abort(WRONG_VALUE)
-        download(index, subindex, data)
+            raise SdoAbortedError(WRONG_VALUE)
 
-    objects.download = refusing
+    objects.node.add_write_callback(refusing)
     bus = at.driver(
         nodes__sensor__tpdo={1: {"rate_hz": 200.0, "transmission": "event", "signals": {"strain_x": {"scale": 1e-4}}}}
     )

@@ -1,4 +1,7 @@
-"""Seeded noise whose whole state lies in the context: xoroshiro128+ and the polar method."""
+"""A sample as the driver leaves it in the process image, and seeded noise: xoroshiro128+ and the polar method.
+
+The noise has its whole state in the context.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from .compiled import compiled
+from .records import compiled
 
 _SCALE = 1.0 / 9007199254740992.0
 
@@ -40,3 +43,12 @@ def normal(s: Any) -> float:
     s["spare"] = v * factor
     s["has_spare"] = 1
     return u * factor
+
+
+@compiled
+def put(signal: Any, value: float, time_ns: int) -> None:
+    """Leave a fresh, good sample."""
+    signal["value"] = value
+    signal["time_ns"] = time_ns
+    signal["sequence"] += 1
+    signal["status"] = 0

@@ -30,7 +30,7 @@ from micromanip.driver import BusError, LinkError, Load, StillOpening, Transient
 
 from ..line.serial_port import no_such_device
 from . import socketcan, threaded_bus
-from .link_options import LinkOptions
+from .options import LinkOptions
 from .threaded_bus import Stuck, ThreadedBus
 
 TRANSMIT_TIMEOUT = 0x001

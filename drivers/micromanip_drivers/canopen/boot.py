@@ -21,8 +21,8 @@ from .dictionary import number
 from .mapping import INVALID
 from .options import CanOpenOptions
 from .plan import NodePlan, PdoPlan
+from .receiving import Watch, blames_bus, emergency_text
 from .sdo import Sdo
-from .watch import Watch, blames_bus, emergency_text
 
 _NMT = 0x000
 _START = 1

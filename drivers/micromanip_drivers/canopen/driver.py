@@ -40,11 +40,9 @@ from .boot import boot
 from .options import CanOpenOptions
 from .plan import SYNC, PdoPlan, plan_nodes
 from .probe import probe
-from .receiving import ReceivedPdo, Receiver
-from .records import CONTEXT
-from .sampling import SyncTimes
+from .receiving import OPERATIONAL, ReceivedPdo, Receiver
+from .sampling import CONTEXT, SyncTimes
 from .timing import Timing
-from .watch import OPERATIONAL
 
 _HEARTBEAT = 0x700
 _OPEN_NS = 900_000_000

@@ -13,8 +13,7 @@ from micromanip.driver.steady import steady_entries
 
 from ..canbus.bit_codec import low_bytes
 from ..canbus.exchange import GONE, give, needs_python, put_samples, take_all
-from .records import CONTEXT, compiled
-from .sampling import REPEATED, note_sync, sampled
+from .sampling import CONTEXT, REPEATED, compiled, note_sync, sampled
 
 
 @compiled

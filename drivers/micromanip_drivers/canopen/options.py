@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 from micromanip.driver import Scaled, Section, Watchdog
 from micromanip.driver.quantities import Latency, Real, SampleRate, Scale
 
-from ..canbus.link_options import LinkOptions
+from ..canbus.options import LinkOptions
 
 _LONGEST_MS = 6_500
 """Without outputs for so long nothing is watched (``Watchdog``)."""

@@ -6,8 +6,11 @@ what lies where in its memory, and in the process image.
 
 from __future__ import annotations
 
+import contextlib
 import struct
 import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 from micromanip.driver import DeviceFault, IdentityMismatch, LinkError
 from micromanip.driver.ethercat import (
@@ -22,13 +25,118 @@ from micromanip.driver.ethercat import (
     state_name,
 )
 
-from .clocks import SYNC0_BEGINS_IN_S, Clocks, begin_sync0, require_clocks, set_clocks
 from .image import Image, Placed
 from .link import Link
-from .mailbox import Mailbox
-from .mapping import apply_mapping, require_mapping
+from .mailbox import Mailbox, apply_mapping, require_mapping
 from .options import EthercatOptions
 from .scan import FIRST_STATION, Slave, require, reset
+
+_SINCE_2000_S = 946_684_800
+"""EtherCAT counts from the year 2000."""
+_DC = 0x04
+"""Feature bit of a slave that has a clock."""
+_LONGEST_NS = 1_000_000
+"""A line that takes longer has a slave that says rubbish."""
+_WHOLE_AGAIN_S = 2.0
+"""A port that was closed for a second is surely open again."""
+SYNC0_BEGINS_IN_S = 0.2
+"""Surely later than the last of its registers is written, and SAFEOP reached."""
+
+
+@dataclass(frozen=True)
+class Clocks:
+    """Of all slaves that have one, by their stations: the way (ns) to each from the first of them.
+
+    `turn_ns` is how long a frame takes from there to the last slave and back, 0 where that isn't known.
+    """
+
+    delay_ns: dict[int, int]
+    turn_ns: int
+
+    def follow(self, link: Link, stations: Sequence[int]) -> None:
+        """Let these follow the first of them, which is told by nobody: the way to each counts from there."""
+        first_ns = self.delay_ns[stations[0]]
+        for station in stations:
+            link.station_write(station, registers.DC_DELAY, struct.pack("<I", self.delay_ns[station] - first_ns))
+
+
+def set_clocks(link: Link, stations: Sequence[int]) -> Clocks:
+    """Write offset and delay of each slave that has a clock, and empty the filters of its drift compensation.
+
+    The first slave passes a frame on at its port 1 and gets it back there: what lies between is twice the way to the
+    last. For slave k, delay = (what lies between at the reference - the same at slave k) / 2, which holds for a line
+    without branches. A ring is one for as long as that takes.
+    """
+    with_clock = [station for station in stations if link.station_read(station, registers.FEATURES, 1)[0] & _DC]
+    if not with_clock:
+        return Clocks({}, 0)
+    with _turned_back(link, stations[-1]):
+        now_ns = time.time_ns() - _SINCE_2000_S * 1_000_000_000
+        link.write(registers.BWR, 0, registers.DC_PORTS, bytes(4))
+    latched = [struct.unpack("<II", link.station_read(station, registers.DC_PORTS, 8)) for station in with_clock]
+    local = [struct.unpack("<q", link.station_read(station, registers.DC_UNIT, 8))[0] for station in with_clock]
+    delays = [max(0, (_between(latched[0]) - _between(ports)) // 2) for ports in latched]
+    for station, delay_ns, local_ns in zip(with_clock, delays, local, strict=True):
+        link.station_write(station, registers.DC_OFFSET, struct.pack("<q", now_ns + delay_ns - local_ns))
+        link.station_write(station, registers.DC_DELAY, struct.pack("<I", delay_ns))
+        begin = link.station_read(station, registers.DC_SPEED_START, 2)
+        link.station_write(station, registers.DC_SPEED_START, begin)
+    turn_ns = _between(latched[0])
+    return Clocks(dict(zip(with_clock, delays, strict=True)), turn_ns if turn_ns < _LONGEST_NS else 0)
+
+
+@contextlib.contextmanager
+def _turned_back(link: Link, last: int) -> Iterator[None]:
+    """Let the last slave of a ring turn frames back: only so its slaves see at port 1 how long they take.
+
+    It closes its port for a second only, so that a ring whose master died meanwhile is whole again by itself.
+    """
+    if not link.is_ring:
+        yield
+        return
+    loops = link.station_read(last, registers.DL_CONTROL + 1, 1)[0]
+    closed = bytes((registers.DL_RULES | registers.DL_FOR_A_SECOND, loops & ~registers.PORT1 | registers.PORT1_CLOSED))
+    link.station_write(last, registers.DL_CONTROL, closed)
+    try:
+        yield
+    finally:
+        link.station_write(last, registers.DL_CONTROL, bytes((registers.DL_RULES, loops)))
+        end = time.monotonic() + _WHOLE_AGAIN_S
+        while link.read(registers.BRD, 0, registers.ESC_TYPE, 1) and link.open_behind is not None:
+            if time.monotonic() > end:
+                raise LinkError(f"{link.name}: the last slave does not open its port again, closed to measure the ring")
+
+
+def require_clocks(link: Link, clocks: Clocks, stations: Sequence[int], names: Sequence[str]) -> None:
+    """Raises DeviceFault where the first terminal has no clock, which all that have one are told by; of a ring, any."""
+    needed = stations if link.is_ring else stations[:1]
+    for name, station in zip(names, needed, strict=False):
+        if station not in clocks.delay_ns:
+            why = "a ring's clocks need one in each" if link.is_ring else "the first, which the others would follow,"
+            raise DeviceFault(f"{link.name}: terminal {name} has no clock: {why}: say clocks: false")
+
+
+def begin_sync0(link: Link, station: int, name: str, period_ns: int, shift_ns: int) -> None:
+    """Let a terminal, whose clock is set, make SYNC0 `shift_ns` after each whole period of the clocks' time.
+
+    Raises DeviceFault where it has no clock.
+    """
+    if not link.station_read(station, registers.FEATURES, 1)[0] & _DC:
+        raise DeviceFault(f"{link.name}: terminal {name} has no clock, so no SYNC0: sync0_shift_us: null")
+    link.station_write(station, registers.DC_ACTIVATE, b"\0")
+    link.station_write(station, registers.DC_CONTROL, b"\0")
+    (now_ns,) = struct.unpack("<q", link.station_read(station, registers.DC_SYSTEM, 8))
+    start_ns = (now_ns + round(1e9 * SYNC0_BEGINS_IN_S)) // period_ns * period_ns + shift_ns
+    link.station_write(station, registers.DC_START, struct.pack("<q", start_ns))
+    link.station_write(station, registers.DC_SYNC0_CYCLE, struct.pack("<I", period_ns))
+    link.station_write(station, registers.DC_ACTIVATE, bytes([registers.SYNC_ON | registers.SYNC0_ON]))
+
+
+def _between(ports: tuple[int, int]) -> int:
+    """Ns from passing a frame on to getting it back; 0 at the last slave, which has nothing at port 1."""
+    there, back = ports
+    return (back - there) % 2**32 if back else 0
+
 
 _MAILBOX_OUT, _MAILBOX_IN = 0x26, 0x22
 """Control bytes of the sync managers."""

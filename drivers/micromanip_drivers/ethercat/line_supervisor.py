@@ -15,8 +15,7 @@ from typing import Any
 from micromanip.driver import BusError
 from micromanip.driver.wire import ANSWERS, RESTING
 
-from .bring_up import bring_to_op, bring_to_safeop
-from .clocks import Clocks
+from .bring_up import Clocks, bring_to_op, bring_to_safeop
 from .image import Image
 from .link import Link
 from .options import EthercatOptions

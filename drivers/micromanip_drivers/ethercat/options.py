@@ -13,7 +13,7 @@ from pydantic import Field, field_validator, model_validator
 from micromanip.driver import BITS, PACKED, Scaled, Section, Typed, Written, did_you_mean, number_range
 from micromanip.driver.quantities import Latency, SampleRate
 from micromanip.driver.wire import LoopOutput, LoopWireOptions
-from micromanip_drivers.line.section import Name, Whole
+from micromanip_drivers.line.frame_options import Name, Whole
 
 from .records import MOST_TERMINALS
 

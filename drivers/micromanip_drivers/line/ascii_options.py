@@ -14,7 +14,7 @@ from pydantic import AfterValidator, Field, field_validator, model_validator
 from micromanip.driver import Commanded, Scaled, Section, Written
 from micromanip.driver.quantities import Latency, Range, SampleRate
 
-from .section import Name
+from .frame_options import Name
 
 
 def _printable(text: str) -> str:

@@ -23,7 +23,7 @@ from .frame_reader import FrameReader, FrameSearch
 from .framing import Framing, Silence
 from .line_time import LineTime, Traffic
 from .port import Port
-from .steady_line import SteadyLine
+from .steady_line import Heading, SteadyLine
 
 
 class BinaryFraming(Framing):
@@ -107,11 +107,9 @@ class BinaryFraming(Framing):
         says_who = {self._identity_kind} if self._asking else set()  # frames of that kind have no samples
         if any(self._answers) or any(one.kind in says_who for one in self._messages):
             return None
-        from .tables import Heading, Tables  # not needed by who only describes the line
-
         options = self._options
         heading = Heading(bytes.fromhex(options.sync), self._kinds.header, options.kind, options.length, options.crc)
-        return self._line.begin(lambda: Tables(heading, self._messages, self._sent, self._silence))
+        return self._line.begin(heading, self._messages, self._sent)
 
     def probe(self, seconds: float) -> Iterator[Answer]:
         self._forget()

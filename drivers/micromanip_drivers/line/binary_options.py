@@ -14,8 +14,19 @@ from pydantic import Field, model_validator
 from micromanip.driver import Section, Written
 from micromanip.driver.quantities import Latency, SampleRate
 
-from .frame_options import Counter, Crc, InputField, Known, Length, OutputField, Status, WholeNumber
-from .section import Count, HexBytes, Name
+from .frame_options import (
+    Count,
+    Counter,
+    Crc,
+    HexBytes,
+    InputField,
+    Known,
+    Length,
+    Name,
+    OutputField,
+    Status,
+    WholeNumber,
+)
 
 Kind = Annotated[int, Field(strict=True, ge=0)]
 

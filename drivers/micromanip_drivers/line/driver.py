@@ -32,8 +32,7 @@ from .options import LineOptions
 from .port import Port
 from .serial_port import SerialLine
 from .stream import StreamFraming
-from .tcp_port import TcpConnection
-from .udp_port import UdpDatagrams
+from .tcp_port import TcpConnection, UdpDatagrams
 
 _OPEN_NS = 900_000_000
 

@@ -11,11 +11,26 @@ from collections.abc import Callable, Iterable
 from typing import Annotated, Literal
 
 import fastcrc
-from pydantic import Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from micromanip.driver import Commanded, Scaled, Section, Typed, number_range
 
-from .section import Place, Whole
+
+def _hexadecimal(text: str) -> str:
+    try:
+        bytes.fromhex(text)
+    except ValueError:
+        raise ValueError(f'"{text}" is not hexadecimal: two digits a byte, for example "aa 55"') from None
+    return text
+
+
+HexBytes = Annotated[str, AfterValidator(_hexadecimal)]
+"""Bytes as hexadecimal text, blanks between them or not."""
+Name = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$")]
+Place = Annotated[int, Field(strict=True, ge=0, le=65_535)]
+Count = Annotated[int, Field(strict=True, ge=1, le=65_535)]
+Whole = Annotated[int, Field(strict=True, ge=-(2**63), le=2**64 - 1)]
+
 
 ByteOrder = Literal["little", "big"]
 _WIDTHS = {"crc8": 1, "crc16": 2, "crc32": 4, "crc64": 8}

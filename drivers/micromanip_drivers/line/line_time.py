@@ -9,7 +9,7 @@ from typing import Literal
 
 from micromanip.driver import Load
 
-from .port_options import SerialPort, TcpPort, UdpPort
+from .options import SerialPort, TcpPort, UdpPort
 
 _ETHERNET_BYTES, _SHORTEST, _LONGEST = 38, 84, 1538
 """Preamble, header, check sequence and gap; the shortest and the longest packet, with these."""

@@ -15,8 +15,8 @@ from pathlib import Path
 
 import serial
 
+from .options import SerialPort
 from .port import Port
-from .port_options import SerialPort
 
 _PARITIES = {"none": serial.PARITY_NONE, "even": serial.PARITY_EVEN, "odd": serial.PARITY_ODD}
 

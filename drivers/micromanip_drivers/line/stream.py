@@ -37,7 +37,7 @@ from .frame_reader import FrameReader, FrameSearch
 from .framing import Framing, Silence
 from .line_time import LineTime, Traffic
 from .port import Port
-from .steady_line import SteadyLine
+from .steady_line import Heading, SteadyLine
 from .stream_options import Blocks, Stream
 
 NOT_FINITE = -1
@@ -98,13 +98,11 @@ class StreamFraming(Framing):
         options = self._options
         if options.time is not None:  # its clock is followed in Python
             return None
-        from .tables import Heading, Tables  # not needed by who only describes the line
-
         blocks = options.blocks if isinstance(options.blocks, Blocks) else None
         counts = range(1, options.most_blocks + 1) if blocks else [options.most_blocks]
         packets = [StreamPacket(options, count, self._latency_ns, self._counter) for count in counts]
         heading = Heading(self._magic, options.header_bytes, blocks, None, options.crc)
-        return self._line.begin(lambda: Tables(heading, packets, (), self._silence))
+        return self._line.begin(heading, packets, ())
 
     def receive(self, inbox: Inbox, until_ns: int) -> None:
         with self._line.in_python("receive_error", "reading"):

@@ -12,8 +12,7 @@ from pydantic import Field, model_validator
 from micromanip.driver import Section
 from micromanip.driver.quantities import Latency, SampleRate
 
-from .frame_options import Counter, Crc, InputField, Known, Status, WholeNumber
-from .section import Count, HexBytes, Name
+from .frame_options import Count, Counter, Crc, HexBytes, InputField, Known, Name, Status, WholeNumber
 
 
 class Blocks(WholeNumber):

@@ -25,7 +25,7 @@ from ..line.tcp_port import TcpConnection
 from .exchange import Exchange
 from .framing import EXCEPTION_BYTES, BadFrame, DamagedFrame, Framing, RtuFraming, TcpFraming, exception_error
 from .options import ModbusOptions
-from .timing import Timing
+from .plan import Timing
 
 _TIMEOUTS = 3
 """So many in a row are a lost link."""

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from operator import itemgetter
 
 from ..sent_number import sent_number
-from .task_options import REGISTERS, Input, Output, Register, code_range
+from .options import REGISTERS, Input, Output, Register, code_range
 
 FORMATS = {"int16": "h", "uint16": "H", "int32": "i", "uint32": "I", "int64": "q", "uint64": "Q"} | {
     "float32": "f",

@@ -13,9 +13,19 @@ from pydantic import Field, model_validator
 from micromanip.driver import Section, Written
 from micromanip.driver.quantities import Latency, SampleRate
 from micromanip.driver.wire import LoopOutput, LoopWireOptions, Milliseconds
-from micromanip_drivers.line.frame_options import Counter, Crc, InputField, Known, OutputField, Status, WholeNumber
-from micromanip_drivers.line.port_options import UdpPort
-from micromanip_drivers.line.section import Count, HexBytes, Name
+from micromanip_drivers.line.frame_options import (
+    Count,
+    Counter,
+    Crc,
+    HexBytes,
+    InputField,
+    Known,
+    Name,
+    OutputField,
+    Status,
+    WholeNumber,
+)
+from micromanip_drivers.line.options import UdpPort
 
 
 class Clock(WholeNumber):

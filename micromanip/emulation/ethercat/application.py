@@ -76,14 +76,12 @@ from .controller import (
     SII_ASKED,
     SM_CHANGED,
     WATCHDOG_TURNED,
+    has_run_out,
     local_ns,
     system_ns,
 )
-from .eeprom import eeprom_of
-from .mailbox import Mailbox
-from .objects import Objects
-from .sm_watchdog import has_run_out
-from .terminal import DIGITAL_OUTPUTS, MAILBOX_BYTES, MAILBOX_IN, MAILBOX_OUT, Area, Terminal
+from .mailbox import Mailbox, Objects
+from .terminal import DIGITAL_OUTPUTS, MAILBOX_BYTES, MAILBOX_IN, MAILBOX_OUT, Area, Terminal, eeprom_of
 
 _ESC_KIND, _RAM_KB, _PORTS = 0x11, 8, 0x0F
 _WITH_CLOCK = 0x000C

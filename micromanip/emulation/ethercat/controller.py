@@ -15,6 +15,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numba import types
 
 from micromanip.bus.ethercat.registers import (
     AL_CONTROL,
@@ -34,13 +35,20 @@ from micromanip.bus.ethercat.registers import (
     SM,
     SM_ACTIVATE,
     SM_BYTES,
+    SM_CONTROL,
     SM_FROM_MASTER,
     SM_FULL,
     SM_MAILBOX,
     SM_PDI,
     SM_STATUS,
+    SM_WATCHDOG,
+    WATCHDOG_DIVIDER,
+    WATCHDOG_SM,
+    WATCHDOG_STATUS,
+    WATCHDOG_TICK_NS,
 )
 from micromanip.rt.record import record
+from micromanip.rt.signatures import array_of
 
 from ..compiled import compiled
 
@@ -287,3 +295,34 @@ def map_logical(s: Any, command: int, logical: int, data: Any, at: int, length: 
             else:
                 taken |= write(s, physical + low - first, data, at + low - logical, high - low, now_ns)
     return put + (2 if command == LRW else 1) * taken
+
+
+_STOOD_NS = 10_000_000
+
+
+@compiled
+def has_run_out(s: Any, now_ns: int) -> bool:
+    """Whether its sync manager is watched and has had no outputs for longer than the registers say."""
+    m = s["memory"]
+    unit_ns = (number(m, WATCHDOG_DIVIDER, 2) + 2) * WATCHDOG_TICK_NS
+    patience_ns = number(m, WATCHDOG_SM, 2) * unit_ns
+    watched = m[SM + s["output_manager"] * SM_BYTES + SM_CONTROL] & SM_WATCHDOG
+    return watched != 0 and patience_ns > 0 and now_ns - s["outputs_ns"] > patience_ns
+
+
+@compiled
+def watch(slaves: Any, awake_ns: int, now_ns: int) -> None:
+    """Tell each application whose watchdog runs out, or no longer has. This process went on last at `awake_ns`."""
+    stood_ns = now_ns - awake_ns if now_ns - awake_ns > _STOOD_NS else 0
+    for k in range(len(slaves)):
+        s = slaves[k]
+        s["outputs_ns"] += stood_ns
+        if s["powered"] != 0 and has_run_out(s, now_ns) == (s["memory"][WATCHDOG_STATUS] & 1 != 0):
+            s["events"] |= WATCHDOG_TURNED
+
+
+@compiled.entry(types.boolean(array_of(ESC), types.int64, types.int64))
+def pass_time(slaves: Any, awake_ns: int, now_ns: int) -> bool:
+    """Watchdogs while no frame comes: whether any application has something to do."""
+    watch(slaves, awake_ns, now_ns)
+    return has_events(slaves)

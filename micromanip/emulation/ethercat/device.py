@@ -16,10 +16,10 @@ import numpy as np
 from micromanip.emulation.amplifier import Amplifier
 from micromanip.emulation.cell import EmulatedCell
 from micromanip.emulation.emulated import EmulatedDevice, Surroundings, Wires
+from micromanip.emulation.line.device import PAUSE_NS, ServedDevice
 from micromanip.emulation.line.device_line import DeviceLine
 from micromanip.emulation.line.faults import parsed as line_fault
 from micromanip.emulation.line.port import Hear, Peer
-from micromanip.emulation.line.served_device import PAUSE_NS, ServedDevice
 from micromanip.errors import UsageError
 from micromanip.rt.io.sockets import POLLIN
 from micromanip.rt.jit import prepare

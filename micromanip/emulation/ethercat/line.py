@@ -10,9 +10,8 @@ import numpy as np
 from micromanip.rt.jit import prepare
 
 from .application import Application
-from .controller import ESC
+from .controller import ESC, pass_time
 from .frame import NOT_ETHERCAT, passed
-from .sm_watchdog import pass_time
 from .terminal import Terminal
 
 _HOP_NS = 750

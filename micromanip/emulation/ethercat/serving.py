@@ -26,9 +26,8 @@ from ..amplifier import ARRIVED, note
 from ..compiled import compiled
 from ..path_error import PATH_ERRORS, note_errors
 from ..plant import PLANT, advance
-from .controller import ESC, has_events
+from .controller import ESC, has_events, watch
 from .frame import NOT_ETHERCAT, pass_frame
-from .sm_watchdog import watch
 
 MOST_TERMINALS = 8
 NOBODYS, COUNTS = -1, 1000

@@ -37,6 +37,7 @@ class MessageFault(LineFault):
         default="sent", description="Those that the device sends, or those that it receives."
     )
     _random: Random = PrivateAttr(default_factory=Random)
+    _kept: list[bytes] = PrivateAttr(default_factory=list)
 
     def draw_from(self, random: Random) -> None:
         """Use this source of chance."""
@@ -51,117 +52,56 @@ class MessageFault(LineFault):
         return [(0, message)]
 
     def held(self) -> bytes:
-        """What it still holds back when it ends."""
-        return b""
-
-
-class Drop(MessageFault):
-    """The message is lost: a datagram that never comes, a reply that is missing."""
-
-    kind: Literal["drop"]
-
-    def through(self, message: bytes) -> Parts:  # noqa: ARG002
-        return []
-
-
-class Delay(MessageFault):
-    """The message comes late. On a line nothing overtakes it: those that follow wait."""
-
-    kind: Literal["delay"]
-    ms: Milliseconds = 100.0
-
-    def through(self, message: bytes) -> Parts:
-        return [(round(self.ms * 1e6), message)]
-
-
-class Duplicate(MessageFault):
-    """The message comes twice."""
-
-    kind: Literal["duplicate"]
-
-    def through(self, message: bytes) -> Parts:
-        return [(0, message), (0, message)]
-
-
-class Reorder(MessageFault):
-    """The message comes after the one that follows it."""
-
-    kind: Literal["reorder"]
-    _kept: bytes = PrivateAttr(default=b"")
-
-    def through(self, message: bytes) -> Parts:
-        if not self._kept:
-            self._kept = message
-            return []
-        kept, self._kept = self._kept, b""
-        return [(0, message), (0, kept)]
-
-    def held(self) -> bytes:
-        return self._kept
-
-
-class Split(MessageFault):
-    """The message comes in two parts, the second after a gap."""
-
-    kind: Literal["split"]
-    gap_ms: Milliseconds = 2.0
-
-    def through(self, message: bytes) -> Parts:
-        if len(message) < 2:
-            return [(0, message)]
-        cut = self._random.randrange(1, len(message))
-        return [(0, message[:cut]), (round(self.gap_ms * 1e6), message[cut:])]
-
-
-class Join(MessageFault):
-    """Messages come so many at a time, at once, as a buffer on the way hands them over."""
-
-    kind: Literal["join"]
-    count: Annotated[int, Field(ge=2, le=100)] = 2
-    _kept: list[bytes] = PrivateAttr(default_factory=list)
-
-    def through(self, message: bytes) -> Parts:
-        self._kept.append(message)
-        if len(self._kept) < self.count:
-            return []
-        return [(0, self.held())]
-
-    def held(self) -> bytes:
-        joined = b"".join(self._kept)
+        """What it holds back, let go."""
+        held = b"".join(self._kept)
         self._kept.clear()
-        return joined
+        return held
 
 
-class Garbage(MessageFault):
-    """So many random bytes come before the message, as when a plug is pushed in."""
+class Disturbed(MessageFault):
+    """Messages are lost, late, doubled, or overtaken by the next; come in parts, joined, behind rubbish, damaged, cut.
 
-    kind: Literal["garbage"]
-    count: Annotated[int, Field(ge=1, le=4096)] = 16
+    On a line nothing overtakes one that is late: those that follow wait.
+    """
 
-    def through(self, message: bytes) -> Parts:
-        return [(0, self._random.randbytes(self.count) + message)]
-
-
-class Flip(MessageFault):
-    """Bits of the message are wrong, so that its checksum, if it has one, is too."""
-
-    kind: Literal["flip"]
-    bits: Annotated[int, Field(ge=1, le=64)] = 1
+    kind: Literal["drop", "delay", "duplicate", "reorder", "split", "join", "garbage", "flip", "short"]
+    ms: Milliseconds = Field(default=100.0, description="Of `delay`.")
+    gap_ms: Milliseconds = Field(default=2.0, description="Of `split`: until the second part comes.")
+    count: Annotated[int, Field(ge=2, le=4096)] = Field(
+        default=2, description="Of `join`: messages at once; of `garbage`: eight times as many bytes before one."
+    )
+    bits: Annotated[int, Field(ge=1, le=64)] = Field(default=1, description="Wrong ones, of `flip`.")
 
     def through(self, message: bytes) -> Parts:
-        flipped = bytearray(message)
-        for place in self._random.sample(range(8 * len(message)), min(self.bits, 8 * len(message))):
-            flipped[place // 8] ^= 1 << place % 8
-        return [(0, bytes(flipped))]
-
-
-class Short(MessageFault):
-    """The message breaks off, and its rest never comes."""
-
-    kind: Literal["short"]
-
-    def through(self, message: bytes) -> Parts:
-        return [(0, message[: self._random.randrange(len(message))])]
+        random = self._random
+        match self.kind:
+            case "drop":
+                return []
+            case "delay":
+                return [(round(self.ms * 1e6), message)]
+            case "duplicate":
+                return [(0, message), (0, message)]
+            case "reorder":
+                if not self._kept:
+                    self._kept.append(message)
+                    return []
+                return [(0, message), (0, self.held())]
+            case "split" if len(message) > 1:
+                cut = random.randrange(1, len(message))
+                return [(0, message[:cut]), (round(self.gap_ms * 1e6), message[cut:])]
+            case "join":
+                self._kept.append(message)
+                return [] if len(self._kept) < self.count else [(0, self.held())]
+            case "garbage":
+                return [(0, random.randbytes(8 * self.count) + message)]
+            case "flip":
+                flipped = bytearray(message)
+                for place in random.sample(range(8 * len(message)), min(self.bits, 8 * len(message))):
+                    flipped[place // 8] ^= 1 << place % 8
+                return [(0, bytes(flipped))]
+            case "short":
+                return [(0, message[: random.randrange(len(message))])]
+        return [(0, message)]
 
 
 class PortFault(LineFault):
@@ -177,8 +117,7 @@ class GcsError(LineFault):
     code: Annotated[int, Field(ge=1, le=1000)] = 5
 
 
-_OfMessages = Drop | Delay | Duplicate | Reorder | Split | Join | Garbage | Flip | Short
-_ANY: TypeAdapter[LineFault] = TypeAdapter(Annotated[_OfMessages | PortFault | GcsError, Field(discriminator="kind")])
+_ANY: TypeAdapter[LineFault] = TypeAdapter(Annotated[Disturbed | PortFault | GcsError, Field(discriminator="kind")])
 
 
 def parsed(document: object) -> LineFault:

@@ -1,20 +1,63 @@
-"""The devices of a driver `modbus`: units on a serial line, or behind one TCP address."""
+"""The devices of a driver `modbus`: units on a serial line, or behind one TCP address; and their own faults.
+
+exception    requests are answered with exception ``code``: {"inject": "exception", "code": 6, "share": 0.1}
+transaction  answers carry the number of another request; Modbus TCP only
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, TypeAdapter
 
 from micromanip.emulation.emulated import EmulatedDevice, Surroundings
+from micromanip.emulation.line import faults as line_faults
 from micromanip.emulation.line.device import Behind, LineDevice
 from micromanip.emulation.line.device_line import DeviceLine, port_maker
+from micromanip.emulation.line.faults import LineFault, MessageFault, Parts
 from micromanip.emulation.line.port import Peer
+from micromanip.errors import UsageError
 from micromanip.testbus.event_loop import EventLoop
+from micromanip.testbus.fault import validated
 
-from . import faults as modbus_faults
-from .frames import Frames, Request, RtuFrames, TcpFrames
-from .server import answer, refused
+from .server import Frames, Request, RtuFrames, TcpFrames, answer, refused
 from .unit import ModbusUnit, unit_of
+
+_NUMBER_BYTES = 2
+
+
+class ModbusException(MessageFault):
+    """Requests are refused; nothing is done."""
+
+    kind: Literal["exception"]
+    code: Annotated[int, Field(ge=1, le=255)] = 4
+
+
+class WrongTransaction(MessageFault):
+    """Answers carry the number of the request after the one that they answer."""
+
+    kind: Literal["transaction"]
+
+    def through(self, message: bytes) -> Parts:
+        number = int.from_bytes(message[:_NUMBER_BYTES], "big") + 1
+        return [(0, (number % 0x10000).to_bytes(_NUMBER_BYTES, "big") + message[_NUMBER_BYTES:])]
+
+
+_OWN: TypeAdapter[MessageFault] = TypeAdapter(
+    Annotated[ModbusException | WrongTransaction, Field(discriminator="kind")]
+)
+
+
+def parsed(document: Mapping[str, Any], *, serial: bool) -> LineFault:
+    """The fault that a mapping describes. Raises UsageError with the first thing that is wrong with it."""
+    kind = document.get("kind")
+    if kind not in ("exception", "transaction"):
+        return line_faults.parsed(document)
+    if kind == "transaction" and serial:
+        raise UsageError("fault transaction: on a serial line answers have no number")
+    return validated(_OWN, document)
+
 
 _GATEWAY_TARGET = 11
 _SILENCE_NS = 5_000_000
@@ -51,7 +94,7 @@ class EmulatedModbus(LineDevice):
         self._unit(message).silent_until_ns = self._loop.end_ns(for_s)
 
     def inject(self, fault: Mapping[str, Any]) -> None:
-        self._line.inject(modbus_faults.parsed(fault, serial=self._serial))
+        self._line.inject(parsed(fault, serial=self._serial))
 
     def clear(self) -> None:
         super().clear()

@@ -7,7 +7,7 @@ import time
 import numpy as np
 import pytest
 from micromanip_drivers.ethercat import exchange
-from micromanip_drivers.ethercat.clocks import SYNC0_BEGINS_IN_S, begin_sync0, require_clocks, set_clocks
+from micromanip_drivers.ethercat.bring_up import SYNC0_BEGINS_IN_S, begin_sync0, require_clocks, set_clocks
 from micromanip_drivers.ethercat.driver import Ethercat
 from pydantic import ValidationError
 

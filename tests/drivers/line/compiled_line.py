@@ -10,8 +10,8 @@ from micromanip_drivers.line.binary import BinaryFraming
 from micromanip_drivers.line.driver import Line
 from micromanip_drivers.line.framing import Silence
 from micromanip_drivers.line.line_time import LineTime
+from micromanip_drivers.line.options import SerialPort
 from micromanip_drivers.line.port import Port
-from micromanip_drivers.line.port_options import SerialPort
 
 from micromanip.bus.errors import TransientError
 from micromanip.bus.inbox import Inbox

@@ -10,7 +10,7 @@ from micromanip_drivers.line.binary_options import Binary
 from micromanip_drivers.line.driver import Line
 from micromanip_drivers.line.framing import Silence
 from micromanip_drivers.line.line_time import LineTime
-from micromanip_drivers.line.port_options import TcpPort
+from micromanip_drivers.line.options import TcpPort
 
 from micromanip.bus.driver import Outcome
 from micromanip.bus.errors import IdentityMismatch, LinkError, TransientError

@@ -8,7 +8,7 @@ from micromanip_drivers.line.ascii import AsciiFraming
 from micromanip_drivers.line.ascii_options import Ascii
 from micromanip_drivers.line.framing import Silence
 from micromanip_drivers.line.line_time import LineTime
-from micromanip_drivers.line.port_options import TcpPort
+from micromanip_drivers.line.options import TcpPort
 
 from micromanip.bus.errors import DeviceFault, LinkError, TransientError
 from micromanip.bus.inbox import Inbox

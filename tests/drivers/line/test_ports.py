@@ -6,10 +6,9 @@ import socket
 import time
 
 import pytest
-from micromanip_drivers.line.port_options import SerialPort, TcpPort, UdpPort
+from micromanip_drivers.line.options import SerialPort, TcpPort, UdpPort
 from micromanip_drivers.line.serial_port import Echo, SerialLine
-from micromanip_drivers.line.tcp_port import TcpConnection
-from micromanip_drivers.line.udp_port import UdpDatagrams
+from micromanip_drivers.line.tcp_port import TcpConnection, UdpDatagrams
 
 from campaigns.running_controller import until
 from micromanip.bus.errors import LinkError, TransientError

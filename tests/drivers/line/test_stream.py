@@ -6,7 +6,7 @@ import time
 import pytest
 from micromanip_drivers.line.framing import Silence
 from micromanip_drivers.line.line_time import LineTime
-from micromanip_drivers.line.port_options import TcpPort
+from micromanip_drivers.line.options import TcpPort
 from micromanip_drivers.line.stream import StreamFraming
 from micromanip_drivers.line.stream_options import Stream
 

@@ -5,7 +5,7 @@ import time
 from micromanip_drivers.modbus.driver import Modbus
 
 from micromanip.bus.inbox import Inbox
-from micromanip.emulation.modbus.frames import RtuFrames, TcpFrames
+from micromanip.emulation.modbus.server import RtuFrames, TcpFrames
 
 from ..line.scripted_port import ScriptedPort
 

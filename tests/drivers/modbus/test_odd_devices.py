@@ -5,7 +5,7 @@ from micromanip_drivers.modbus.driver import Modbus
 
 from micromanip.bus.beginning import opened
 from micromanip.bus.errors import LinkError, TransientError
-from micromanip.emulation.modbus.frames import TcpFrames
+from micromanip.emulation.modbus.server import TcpFrames
 
 from ..line.starting_device import StartingDevice
 from .scripted import Scripted, options

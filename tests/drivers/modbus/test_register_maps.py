@@ -2,9 +2,8 @@
 
 from hypothesis import given
 from hypothesis import strategies as st
-from micromanip_drivers.modbus.options import ModbusOptions
+from micromanip_drivers.modbus.options import REGISTERS, ModbusOptions
 from micromanip_drivers.modbus.plan import plan_tasks
-from micromanip_drivers.modbus.task_options import REGISTERS
 
 from micromanip.emulation.modbus.server import answer
 from micromanip.emulation.modbus.unit import HOLDING, ModbusUnit

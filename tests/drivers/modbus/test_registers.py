@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from micromanip_drivers.modbus.codec import Field, ReadPlan, WritePlan
-from micromanip_drivers.modbus.task_options import REGISTERS, Input, Output, Register, code_range
+from micromanip_drivers.modbus.options import REGISTERS, Input, Output, Register, code_range
 from pymodbus.client.mixin import ModbusClientMixin
 
 from micromanip.bus.errors import OutputRefused

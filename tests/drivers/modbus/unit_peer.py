@@ -2,10 +2,8 @@
 
 from types import SimpleNamespace
 
-from micromanip.emulation.modbus.frames import RtuFrames, TcpFrames, sealed
-from micromanip.emulation.modbus.register import DeviceRegister
-from micromanip.emulation.modbus.server import answer
-from micromanip.emulation.modbus.unit import HOLDING, ModbusUnit
+from micromanip.emulation.modbus.server import RtuFrames, TcpFrames, answer, sealed
+from micromanip.emulation.modbus.unit import HOLDING, DeviceRegister, ModbusUnit
 
 from ..line.line_peer import LinePeer
 

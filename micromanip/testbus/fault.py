@@ -5,17 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from enum import Enum
 from random import Random
-from typing import TYPE_CHECKING, NamedTuple, TypeVar
+from typing import NamedTuple, Protocol, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, TypeAdapter, ValidationError
 
 from micromanip.errors import UsageError
 
 from .client_port import ClientPort
+from .frame import Frame
 from .port import Port, Transmission
-
-if TYPE_CHECKING:
-    from .hub import CanHub
 
 _Fault = TypeVar("_Fault")
 
@@ -46,6 +44,29 @@ class Delivery(NamedTuple):
         return self._replace(time_ns=time_ns, stamp_ns=stamp_ns)
 
 
+class Disturbed(Protocol):
+    """The bus, as far as a fault takes hold of it."""
+
+    @property
+    def clients(self) -> Iterator[ClientPort]:
+        """Those that are connected from other processes."""
+
+    def now_ns(self) -> int:
+        """The time of the bus's clock."""
+
+    def transmission(self, frame: Frame) -> Transmission:
+        """A frame for the queue of a participant of one's own making, as of now."""
+
+    def join(self, port: Port) -> None:
+        """Let any kind of participant take part."""
+
+    def leave(self, port: Port) -> None:
+        """Take a participant off the bus; does no harm twice."""
+
+    def hand_over(self, delivery: Delivery) -> None:
+        """Give a frame that was held back to all but its sender."""
+
+
 class Fault(BaseModel):
     """A fault; what a kind doesn't redefine goes as it does on a healthy bus."""
 
@@ -54,10 +75,10 @@ class Fault(BaseModel):
     kind: str
     for_s: float | None = Field(default=None, gt=0, description="How long it lasts; null: until it is cleared.")
 
-    def begin(self, bus: CanHub) -> None:
+    def begin(self, bus: Disturbed) -> None:
         """Take hold of the bus. Raises UsageError for what the bus hasn't got."""
 
-    def end(self, bus: CanHub) -> None:
+    def end(self, bus: Disturbed) -> None:
         """Let the bus be."""
 
 
@@ -89,7 +110,7 @@ class ClientFault(Fault):
 
     client: int | None = Field(default=None, gt=0, description="Process id of the client; null: all.")
 
-    def struck(self, bus: CanHub) -> Iterator[ClientPort]:
+    def struck(self, bus: Disturbed) -> Iterator[ClientPort]:
         """Those that are still there."""
         return (port for port in bus.clients if self.client in (None, port.process_id))
 

@@ -5,20 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 from random import Random
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 from pydantic import Field, PrivateAttr, TypeAdapter
 
 from micromanip.errors import UsageError
 
 from .event_loop import EventLoop, Timer
-from .fault import ClientFault, Delivery, Fault, FrameFault, Verdict, validated
+from .fault import ClientFault, Delivery, Disturbed, Fault, FrameFault, Verdict, validated
 from .frame import Frame
 from .frame_faults import Burst, Corrupt, Delay, Drop, Duplicate, Reorder, Silence
 from .port import LEAST_PASSIVE, Port, State, Transmission
-
-if TYPE_CHECKING:
-    from .hub import CanHub
 
 
 class _BabblingPort(Port):
@@ -44,11 +41,11 @@ class Babble(Fault):
     identifier: int = Field(default=0, ge=0, le=0x7FF)
     _port: Port | None = PrivateAttr(default=None)
 
-    def begin(self, bus: CanHub) -> None:
+    def begin(self, bus: Disturbed) -> None:
         self._port = _BabblingPort(bus.transmission(Frame(self.identifier, bytes(8))))
         bus.join(self._port)
 
-    def end(self, bus: CanHub) -> None:
+    def end(self, bus: Disturbed) -> None:
         if self._port is not None:
             bus.leave(self._port)
 
@@ -58,11 +55,11 @@ class BusOff(ClientFault):
 
     kind: Literal["bus_off"] = "bus_off"
 
-    def begin(self, bus: CanHub) -> None:
+    def begin(self, bus: Disturbed) -> None:
         for port in list(self.struck(bus)):
             port.go_bus_off(bus.now_ns())
 
-    def end(self, bus: CanHub) -> None:
+    def end(self, bus: Disturbed) -> None:
         for port in list(self.struck(bus)):
             if port.state is State.BUS_OFF:
                 port.restart(bus.now_ns())
@@ -73,11 +70,11 @@ class ErrorPassive(ClientFault):
 
     kind: Literal["error_passive"] = "error_passive"
 
-    def begin(self, bus: CanHub) -> None:
+    def begin(self, bus: Disturbed) -> None:
         for port in list(self.struck(bus)):
             port.keep_transmit_errors(LEAST_PASSIVE, bus.now_ns())
 
-    def end(self, bus: CanHub) -> None:
+    def end(self, bus: Disturbed) -> None:
         for port in list(self.struck(bus)):
             port.keep_transmit_errors(0, bus.now_ns())
 
@@ -87,14 +84,19 @@ class Enobufs(ClientFault):
 
     kind: Literal["enobufs"] = "enobufs"
 
-    def begin(self, bus: CanHub) -> None:
+    def begin(self, bus: Disturbed) -> None:
         for port in self.struck(bus):
             port.refuse(True)
 
-    def end(self, bus: CanHub) -> None:
+    def end(self, bus: Disturbed) -> None:
         for port in self.struck(bus):
             port.refuse(False)
 
+
+__all__ = [
+    *("Babble", "Burst", "BusOff", "Corrupt", "Delay", "Drop", "Duplicate", "Enobufs", "ErrorPassive", "Faults"),
+    *("Reorder", "Silence", "parsed"),
+]
 
 _ANY: TypeAdapter[Fault] = TypeAdapter(
     Annotated[
@@ -115,7 +117,7 @@ def parsed(document: object) -> Fault:
 class Faults:
     """Those that are active on one bus."""
 
-    def __init__(self, bus: CanHub, channel: str, loop: EventLoop, seed: int) -> None:
+    def __init__(self, bus: Disturbed, channel: str, loop: EventLoop, seed: int) -> None:
         self._bus, self._channel = bus, channel
         self._loop = loop
         self._random = Random(seed)

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from pydantic import Field, PrivateAttr
 
-from .fault import Delivery, FrameFault, Share, Verdict
-
-if TYPE_CHECKING:
-    from .hub import CanHub
+from .fault import Delivery, Disturbed, FrameFault, Share, Verdict
 
 
 class Drop(FrameFault):
@@ -61,7 +58,7 @@ class Reorder(FrameFault):
             return ()
         return (delivery,)
 
-    def end(self, bus: CanHub) -> None:
+    def end(self, bus: Disturbed) -> None:
         if self._held is not None:
             bus.hand_over(self._held.put_off(bus.now_ns()))
 

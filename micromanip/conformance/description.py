@@ -10,7 +10,7 @@ from micromanip.bus.driver import BusDriver, Channel
 from micromanip.bus.registry import findings
 
 from .hooks import Hooks
-from .resources import descriptors
+from .lifetime import descriptors
 from .session import Session
 
 

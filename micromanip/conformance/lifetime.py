@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
 
 import pytest
 
@@ -10,8 +13,28 @@ from micromanip.bus.driver import BusDriver
 from micromanip.bus.errors import IdentityMismatch, LinkError
 
 from .hooks import Hooks, settle
-from .resources import Held
 from .session import Session, guarded
+
+
+def descriptors() -> int:
+    """Open descriptors of this process."""
+    return len(list(Path("/proc/self/fd").iterdir()))
+
+
+@dataclass(frozen=True)
+class Held:
+    """Counts of what a leak adds to."""
+
+    descriptors: int
+    threads: int
+    maps: int
+
+    @classmethod
+    def now(cls) -> Self:
+        """As the kernel sees it."""
+        maps = Path("/proc/self/maps").read_bytes().count(b"\n")
+        return cls(descriptors(), len(list(Path("/proc/self/task").iterdir())), maps)
+
 
 _ROUNDS, _WARM_UP = 100, 10
 _OPEN_S = 1.0

@@ -63,7 +63,7 @@ class ReadPlan:
         return [scale * code + offset for code, (scale, offset) in zip(self.codes(data), self._scales, strict=True)]
 
 
-class CoilPlan:
+class CoilPlan(ReadPlan):
     """The same for bits that have an address of their own: eight in a byte, the first one lowest."""
 
     def __init__(self, fields: Sequence[Field]) -> None:
@@ -73,10 +73,6 @@ class CoilPlan:
     def codes(self, data: bytes) -> list[float]:
         """0 or 1."""
         return [data[byte] >> bit & 1 for byte, bit in self._places]
-
-    def values(self, data: bytes) -> list[float]:
-        """The same with scale and offset."""
-        return [scale * code + offset for code, (scale, offset) in zip(self.codes(data), self._scales, strict=True)]
 
 
 class WritePlan:

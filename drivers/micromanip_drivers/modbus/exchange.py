@@ -9,30 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
-from pymodbus.pdu import ModbusPDU
-from pymodbus.pdu.bit_message import (
-    ReadCoilsRequest,
-    ReadDiscreteInputsRequest,
-    WriteMultipleCoilsRequest,
-    WriteSingleCoilRequest,
-)
-from pymodbus.pdu.register_message import (
-    ReadHoldingRegistersRequest,
-    ReadInputRegistersRequest,
-    ReadWriteMultipleRegistersRequest,
-    WriteMultipleRegistersRequest,
-    WriteSingleRegisterRequest,
-)
+from pymodbus.pdu import DecodePDU, ModbusPDU
 
 from .codec import CoilPlan, Field, ReadPlan, WritePlan
 
-_READ: dict[int, type[ModbusPDU]] = {
-    1: ReadCoilsRequest,
-    2: ReadDiscreteInputsRequest,
-    3: ReadHoldingRegistersRequest,
-    4: ReadInputRegistersRequest,
-}
 _SINGLE = (5, 6)
 """Functions whose answer has the value that was taken."""
 _COIL_ON = b"\xff\x00"
@@ -101,15 +83,13 @@ class Exchange:
 
 
 def _library_request(function: int, read: Block | None, write: Block | None) -> ModbusPDU:
-    if function == 23 and read and write:
-        return ReadWriteMultipleRegistersRequest(read.first, read.count, write.first, [0] * write.count)
-    if read:
-        return _READ[function](address=read.first, count=read.count)
-    assert write is not None
-    if function == 5:
-        return WriteSingleCoilRequest(address=write.first, bits=[False])
-    if function == 6:
-        return WriteSingleRegisterRequest(address=write.first, registers=[0])
-    if function == 15:
-        return WriteMultipleCoilsRequest(address=write.first, bits=[False] * write.count)
-    return WriteMultipleRegistersRequest(address=write.first, registers=[0] * write.count)
+    kind: Any = DecodePDU(is_server=True).lookupPduClass(bytes((0, function)))
+    request: ModbusPDU
+    if read and write:
+        request = kind(read.first, read.count, write.first, [0] * write.count)
+    elif read:
+        request = kind(address=read.first, count=read.count)
+    else:
+        assert write is not None
+        request = kind(address=write.first, **{"bits" if function in (5, 15) else "registers": [0] * write.count})
+    return request

@@ -22,8 +22,6 @@ from .options import WRITES, Expected, ModbusOptions, Register, Task, Unit
 from .plan import TaskPlan
 
 _TRIES = 3
-_READ_INSTEAD = {23: 3, 1: 1, 2: 2, 3: 3, 4: 4}
-"""Function that reads alone what a function reads."""
 
 
 def greet(client: Client, options: ModbusOptions, plans: Sequence[TaskPlan], until_ns: int) -> None:
@@ -91,31 +89,28 @@ def _compare(
 
 def _readable(name: str, unit: Unit, plans: Sequence[TaskPlan]) -> Exchange | None:
     for plan in plans:
-        function = _READ_INSTEAD.get(plan.options.function)
-        if plan.name.startswith(f"{name}.") and function and plan.options.read:
+        if plan.name.startswith(f"{name}.") and plan.options.read:
             register = next(iter(plan.options.read.values()))
-            return single(name, unit, function, register, f"{name} (unit {unit.unit_id})")
+            return single(name, unit, _alone(plan.options), register, f"{name} (unit {unit.unit_id})")
     return None
+
+
+def _alone(task: Task) -> int:
+    """The function that reads alone what a task reads."""
+    return 3 if task.function == 23 else task.function
 
 
 def _ask(client: Client, options: ModbusOptions, exchange: Exchange, until_ns: int) -> bytes:
     """The answer, after a few tries."""
     why: Exception | None = None
     for _ in range(_TRIES):
-        client.drain(until_ns)
-        if time.monotonic_ns() >= until_ns:
-            break
         try:
-            client.ask(exchange, exchange.request({}))
-            answer = client.answer(until_ns)
+            return _answer(client, exchange, until_ns)
         except TransientError as problem:
-            why = problem
+            why = why or problem
         except LinkError as problem:
             raise LinkError(_advice(options, str(problem))) from problem
-        else:
-            if answer is not None:
-                return answer.pdu
-    raise LinkError(_advice(options, str(why or f"{exchange.title}: no answer"))) from why
+    raise LinkError(_advice(options, str(why))) from why
 
 
 def _advice(options: ModbusOptions, text: str) -> str:
@@ -191,15 +186,20 @@ def _first_registers(client: Client, unit_id: int, function: int) -> dict[int, S
 
 
 def _data(client: Client, exchange: Exchange) -> bytes:
-    """What comes for it. Raises TransientError, DeviceFault, LinkError."""
-    client.drain(time.monotonic_ns() + _OPEN_NS)
-    client.ask(exchange, exchange.request({}))
+    """The registers that come for it. Raises TransientError, DeviceFault, LinkError."""
+    return _answer(client, exchange, time.monotonic_ns() + _OPEN_NS)[2:]
+
+
+def _answer(client: Client, exchange: Exchange, until_ns: int) -> bytes:
+    """What comes for it, from the function code on. Raises TransientError, DeviceFault, LinkError."""
+    client.drain(until_ns)
     answer = None
-    while answer is None and client.waits:
-        answer = client.answer(time.monotonic_ns() + _OPEN_NS)
+    if time.monotonic_ns() < until_ns:
+        client.ask(exchange, exchange.request({}))
+        answer = client.answer(until_ns)
     if answer is None:
-        raise TransientError("no answer")
-    return answer.pdu[2:]
+        raise TransientError(f"{exchange.title}: no answer")
+    return answer.pdu
 
 
 def _asked(client: Client, unit: Unit, name: str, register: Register, exchange: Exchange) -> Answer:
@@ -241,7 +241,7 @@ def _questions(options: ModbusOptions) -> Iterator[tuple[Unit, str, Register, Ex
 
 
 def _registers(task_name: str, task: Task) -> Iterator[tuple[str, Register, int]]:
-    reading = 3 if task.function == 23 else task.function
+    reading = _alone(task)
     for name, register in task.read.items():
         yield name, register, reading
     for key, own in (("status", task.status), ("counter", task.counter)):

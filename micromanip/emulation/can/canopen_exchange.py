@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from canopen.objectdictionary import datatypes
 
-from micromanip.emulation.watchdog import Watchdog
+from micromanip.emulation.amplifier import Watchdog
 from micromanip.testbus.event_loop import EventLoop, Timer
 from micromanip.testbus.frame import Frame
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from micromanip.emulation.watchdog import Watchdog
+from micromanip.emulation.amplifier import Watchdog
 from micromanip.testbus.event_loop import EventLoop, Timer
 from micromanip.testbus.frame import Frame
 from micromanip.testbus.hub import CanHub

@@ -1,6 +1,6 @@
 """One frame after the other in compiled code: plant on, inputs laid out, the frame through all slaves, outputs taken.
 
-What Python has to look after, it does in the pause behind a frame, each few milliseconds (``upkeep.py``), and when a
+What Python has to look after, it does in the pause behind a frame, each few milliseconds (``messages.py``), and when a
 slave's application has something to do: states, mailbox, EEPROM.
 """
 

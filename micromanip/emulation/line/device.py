@@ -8,8 +8,7 @@ from typing import Any
 from micromanip.emulation.amplifier import Amplifier
 from micromanip.emulation.cell import EmulatedCell
 from micromanip.emulation.emulated import Wires
-from micromanip.emulation.messages import Due, MessageFigures, Periodic, Sender
-from micromanip.emulation.upkeep import Upkeep
+from micromanip.emulation.messages import Due, MessageFigures, Periodic, Sender, Upkeep
 from micromanip.errors import UsageError
 from micromanip.testbus.event_loop import EventLoop
 

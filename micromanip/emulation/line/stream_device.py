@@ -8,9 +8,9 @@ from typing import Any
 from micromanip.emulation.messages import Due
 from micromanip.testbus.event_loop import EventLoop
 
+from .binary_frame import LineNumber, line_numbers, optional_number
 from .device import Behind, LineDevice
 from .device_line import DeviceLine
-from .number import LineNumber, line_numbers, optional_number
 from .port import Peer
 
 CLOCK_BEGINS_S = 86_400.0

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from micromanip.bus.number_options import SIZES
+from micromanip.emulation.line.binary_frame import LineNumber
 from micromanip.emulation.line.device import Behind
-from micromanip.emulation.line.number import LineNumber
 
 
 @dataclass(frozen=True)

@@ -15,10 +15,10 @@ import numpy as np
 from micromanip.emulation.amplifier import Amplifier
 from micromanip.emulation.cell import EmulatedCell
 from micromanip.emulation.emulated import EmulatedDevice, Surroundings, Wires
+from micromanip.emulation.line.binary_frame import LineNumber
 from micromanip.emulation.line.device import ServedDevice
 from micromanip.emulation.line.device_line import DeviceLine
 from micromanip.emulation.line.faults import parsed
-from micromanip.emulation.line.number import LineNumber
 from micromanip.emulation.line.port import Hear, Peer
 from micromanip.emulation.line.udp_port import UdpPort
 from micromanip.emulation.plant import fill_plant

@@ -1,7 +1,7 @@
 """One datagram after the other in compiled code: command in, plant on, answer out, while nothing is amiss.
 
-What Python has to look after, it does in the pause behind a datagram, each few milliseconds (``upkeep.py``): watchdog,
-path error, figures.
+What Python has to look after, it does in the pause behind a datagram, each few milliseconds (``messages.py``):
+watchdog, path error, figures.
 """
 
 from __future__ import annotations

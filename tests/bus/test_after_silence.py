@@ -5,10 +5,8 @@ A watchdog that does not latch, a power cycle: the first value after it must not
 
 import contextlib
 import math
-import threading
 import time
 
-import numpy as np
 import pytest
 
 from campaigns.arrivals import Arrivals
@@ -20,17 +18,16 @@ from micromanip.bus import device_lock
 from micromanip.bus.beginning import after_silence, begin, place
 from micromanip.bus.driver import BusDriver, BusOptions, Channel, Task
 from micromanip.bus.errors import LinkError, OutputsUnknown
-from micromanip.bus.image import ProcessImage
 from micromanip.bus.last_given import LastGiven
 from micromanip.bus.safe_state import SWITCH, VOLTAGE, Left, OutputWriter, SafeOutput, SafeState
 from micromanip.bus.watchdog import Watchdog
-from micromanip.bus.worker import Rules, Worker
+from micromanip.bus.worker import Rules
 from micromanip.host.safe.bus_rest import BusRest
-from micromanip.rt.bus_exchange import exchange_image
-from micromanip.rt.bus_image import FOLLOWING, IMAGE, RESTING
+from micromanip.rt.bus_image import RESTING
 from micromanip.rt.io import gate
 from micromanip.rt.jit import plain
-from micromanip.rt.records import MAX_OUTPUTS, MAX_SIGNALS, SIGNAL
+
+from .running_worker import RunningWorker
 
 note_sent, note_taken = plain(gate.note_sent), plain(gate.note_taken)
 RATE_HZ, STEP_V = 500.0, 4.0
@@ -39,7 +36,6 @@ TASKS = (Task("all", RATE_HZ, (0,)),)
 RULES = Rules(OUTPUTS, 0.1, 500_000_000, 0)
 WATCHDOG = Watchdog(ms=300, rest_ms=50, after_power_on="rest")
 KEEPS = Watchdog(ms=None, after_power_on="last")
-PATIENCE_S = 20.0
 
 
 class Amplifier:
@@ -90,37 +86,16 @@ class Line(BusDriver):
         self.amplifier.command(values[0])
 
 
-class Served:
-    """A worker in a thread that follows a loop in this one."""
-
+class Served(RunningWorker):
     def __init__(self, line, memory=None, **known):
-        self.line, self.record = line, np.zeros(1, IMAGE)
-        self.record["outputs"] = 1
-        self.record["silent_ns"] = self.record["patience_ns"] = 10**12
-        self.signals, self.volts = np.zeros(MAX_SIGNALS, SIGNAL), np.zeros(MAX_OUTPUTS)
-        self.worker = Worker(line, ProcessImage(self.record), RULES, memory, **known)
-        self.thread = threading.Thread(target=self.worker.run, daemon=True)
+        super().__init__(line, RULES, memory, **known)
 
-    def __enter__(self):
-        self.thread.start()
-        return self
-
-    def __exit__(self, *_):
-        self.worker.end()
+    def __exit__(self, *raised):
         self.worker._may_leave = lambda: True
-        self.thread.join(PATIENCE_S)
-
-    def until(self, condition, volts=0.0):
-        end_s = time.monotonic() + PATIENCE_S
-        while not condition():
-            assert time.monotonic() < end_s, "it did not come to pass"
-            self.volts[0] = volts
-            exchange_image(self.record[0], self.volts, self.signals, time.monotonic_ns())
-            time.sleep(0.001)
+        super().__exit__(*raised)
 
     def follow(self, volts):
-        self.until(lambda: self.worker.safe.state == FOLLOWING)
-        self.until(lambda: self.line.amplifier.volts == volts, volts)
+        super().follow(volts, lambda: self.driver.amplifier.volts == volts)
 
 
 @pytest.fixture(autouse=True)
@@ -155,7 +130,7 @@ def test_a_link_that_comes_back_begins_where_the_device_is(seconds, power, reads
     with Served(line, simulated=True) as served:
         served.follow(60.0)
         line.break_with = _away(line, seconds, power)
-        served.until(lambda: line.opened == 2 and served.worker.safe.state == RESTING, 60.0)
+        served.until(lambda: line.opened == 2 and served.safe.state == RESTING, 60.0)
         served.follow(60.0)
     assert line.amplifier.largest <= STEP_V + 1e-9
 
@@ -176,7 +151,7 @@ def test_where_nothing_is_known_a_person_is_asked_before_the_first_write(tmp_pat
         line.amplifier.register = 60.0
         line.read_outputs = lambda: [line.amplifier.register]
     with Served(line, _given(60.0, tmp_path)) as served:
-        served.until(lambda: any(document["event"] == "latched" for document in said))
+        served.until(lambda: any(document["event"] == "latched" for document in said), 0.0)
     (told,) = [document["text"] for document in said if document["event"] == "latched"]
     assert "nobody knows what voltage of amplifier has: nothing is written" in told
     assert line.amplifier.writes == 0

@@ -4,7 +4,6 @@ import functools
 import itertools
 import threading
 import time
-from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -16,15 +15,14 @@ from micromanip.bus.last_given import LastGiven
 from micromanip.bus.safe_state import SWITCH, VOLTAGE, SafeOutput
 from micromanip.bus.watchdog import Watchdog
 from micromanip.bus.worker import Rules, Worker
-from micromanip.rt.bus_exchange import exchange_image
-from micromanip.rt.bus_image import AT_REST, AWAY, FOLLOWING, IMAGE, RESTING, SAFE_RAMP, TAKEN
-from micromanip.rt.records import MAX_OUTPUTS, MAX_SIGNALS, SIGNAL
+from micromanip.rt.bus_image import AT_REST, AWAY, IMAGE, RESTING, SAFE_RAMP, TAKEN
+
+from .running_worker import PATIENCE_S, RunningWorker
 
 pytestmark = pytest.mark.live  # ramps and pauses take their time
 
 MS = 1_000_000
 RAMP_S, DEAD_NS = 0.1, 300 * MS  # a loaded machine may hold a thread up for tens of ms
-PATIENCE_S = 20.0
 SLEW_V_PER_S = 5000.0
 STEP_V = SLEW_V_PER_S / 500.0
 OUTPUTS = (SafeOutput(VOLTAGE, 0.0, -20.0, 150.0, SLEW_V_PER_S), SafeOutput(SWITCH, 1.0, 0.0, 1.0))
@@ -77,43 +75,16 @@ class ScriptedDriver(BusDriver):
         self.closed += 1
 
 
-class Bench:
-    """A worker in a thread, and the loop's side of its image."""
-
+class Bench(RunningWorker):
     def __init__(self, driver=None, memory=None, record=None):
-        self.driver = driver or ScriptedDriver()
-        self.record = np.zeros(1, IMAGE) if record is None else record
-        self.record["inputs"], self.record["outputs"] = 1, 2
-        self.record["silent_ns"] = self.record["patience_ns"] = 10**12
-        self.signals, self.outputs = np.zeros(MAX_SIGNALS, SIGNAL), np.zeros(MAX_OUTPUTS)
-        self.image = ProcessImage(self.record)
-        self.worker = Worker(self.driver, self.image, RULES, memory, simulated=True)
-        self.safe = self.worker.safe
-        self.bug = None
-        self.thread = threading.Thread(target=self._run)
+        super().__init__(driver or ScriptedDriver(), RULES, memory, record, simulated=True)
 
-    def _run(self):
-        try:
-            self.worker.run()
-        except Exception as problem:
-            self.bug = problem
-
-    def cycle(self, voltage=0.0):
-        self.outputs[0] = voltage
-        return exchange_image(self.record[0], self.outputs, self.signals, time.monotonic_ns())
-
-    def until(self, condition, voltage=None):
-        """Turn the loop (or, without a voltage, only wait) until `condition` holds."""
-        end = time.monotonic() + PATIENCE_S
-        while not condition():
-            assert time.monotonic() < end, "it did not come to pass"
-            if voltage is not None:
-                self.cycle(voltage)
-            time.sleep(0.0005)
+    def __exit__(self, *raised):
+        super().__exit__(*raised)
+        assert self.driver.closed == self.driver.opened
 
     def follow(self, voltage):
-        self.until(lambda: self.safe.state == FOLLOWING, 0.0)
-        self.until(lambda: self.driver.given and self.driver.given[-1] == (voltage, 0.0), voltage)
+        super().follow(voltage, lambda: self.driver.given and self.driver.given[-1] == (voltage, 0.0))
 
 
 @pytest.fixture
@@ -123,23 +94,11 @@ def said(monkeypatch):
     return said
 
 
-@contextmanager
-def running(bench):
-    bench.thread.start()
-    try:
-        yield bench
-    finally:
-        bench.worker.end()
-        bench.thread.join(PATIENCE_S)
-    assert not bench.thread.is_alive()
-    assert bench.driver.closed == bench.driver.opened
-
-
 @pytest.fixture
 def bench(said):
     bench = Bench()
     bench.said = said
-    with running(bench):
+    with bench:
         yield bench
 
 
@@ -208,7 +167,7 @@ def test_a_task_that_is_always_due_does_not_keep_the_worker_from_hearing_that_th
         ScriptedDriver.receive(bench.driver, inbox, until_ns)
 
     bench.driver.receive = receive
-    with running(bench):
+    with bench:
         bench.until(lambda: bench.driver.opened > 1, 0.0)
         bench.driver.receive = functools.partial(ScriptedDriver.receive, bench.driver)
 
@@ -303,7 +262,7 @@ def test_a_value_that_was_not_confirmed_was_not_given(bench):
 def test_a_voltage_out_of_range_is_told(said):
     bench = Bench()
     bench.driver.has = [200.0, 1.0]
-    with running(bench):
+    with bench:
         bench.until(lambda: bench.safe.state == RESTING)
         assert bench.driver.given[0][0] == pytest.approx(150.0, abs=0.1)
     told = [document["text"] for document in said if document["event"] == "outputs"]
@@ -333,7 +292,7 @@ def test_at_the_end_every_task_is_tried_and_each_failure_is_told(said):
             return super().perform(task, values, inbox)
 
     bench = Bench(TwoTasks())
-    with running(bench):
+    with bench:
         bench.until(lambda: bench.safe.state == RESTING)
         bench.worker._may_leave = lambda: True
         bench.driver.parting = True
@@ -355,7 +314,7 @@ def test_the_next_worker_goes_on_from_what_the_device_was_given(said, tmp_path, 
 
     one = Bench(memory=memory() if on_disk else None)
     one.driver.errors = []
-    with running(one):
+    with one:
         one.follow(80.0)
         one.driver.errors.append(ZeroDivisionError("killed"))
         one.until(lambda: one.bug is not None, 80.0)
@@ -364,7 +323,7 @@ def test_the_next_worker_goes_on_from_what_the_device_was_given(said, tmp_path, 
     other = Bench(
         memory={"file": memory(), "image": None}.get(known_by, theirs), record=None if on_disk else one.record
     )
-    with running(other):
+    with other:
         other.until(lambda: other.safe.state == RESTING)
     assert other.driver.given[0][0] == 80.0
     assert largest_step(other.driver, 80.0) <= STEP_V + 1e-9

@@ -4,6 +4,7 @@ import contextlib
 import time
 
 import pytest
+from bus.running_worker import RunningWorker
 
 from campaigns.arrivals import Arrivals
 from campaigns.cells import CELLS
@@ -16,8 +17,6 @@ from micromanip.bus.worker import Rules
 from micromanip.host.safe.bus_rest import BusRest
 from micromanip.rt.bus_image import FOLLOWING
 from micromanip.settings.check import prepare
-
-from .running_worker import RunningWorker
 
 pytestmark = pytest.mark.live  # ramps and time-outs take their time
 
@@ -59,7 +58,7 @@ def device(request, monkeypatch, tmp_path):
 @pytest.mark.parametrize("loop_lives", [True, False])
 def test_the_worker_brings_them_to_rest(device, loop_lives):
     rules = Rules(device.outputs, RAMP_S, 500_000_000, 100_000_000)
-    with RunningWorker(device.driver, rules, None) as worker:
+    with RunningWorker(device.driver, rules, simulated=True) as worker:
         worker.until(lambda: worker.state == FOLLOWING, 0.0)
         device.oracle.armed(time.monotonic_ns())
         worker.until(lambda: device.amplifier.volts()["voltage_x"] == pytest.approx(HIGH_V, abs=0.01), HIGH_V)

@@ -9,7 +9,7 @@ import struct
 
 import numpy as np
 import pytest
-from micromanip_drivers.ethercat import exchange, mailbox, mapping
+from micromanip_drivers.ethercat import exchange, mailbox
 from micromanip_drivers.ethercat.driver import Ethercat
 from micromanip_drivers.ethercat.mailbox import Mailbox
 from micromanip_drivers.ethercat.scan import FIRST_STATION, Slave
@@ -123,7 +123,7 @@ def test_garbage_in_the_masters_mailbox(count, monkeypatch):
         lambda: box.read(0x1018, 1),
         lambda: box.read(0x1C12, 0),
         lambda: box.write(0x8000, 1, chance.randbytes(chance.choice((1, 4, 8)))),
-        lambda: mapping.apply_mapping(box, "amplifier", "inputs", options().terminals["gauge"].inputs),
+        lambda: mailbox.apply_mapping(box, "amplifier", "inputs", options().terminals["gauge"].inputs),
     )
     while babbler.mails < count:
         said = refusal_of(chance.choice(asks), BusError)

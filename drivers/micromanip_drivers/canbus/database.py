@@ -18,7 +18,7 @@ from cantools.database.errors import UnsupportedDatabaseFormatError
 from micromanip.driver import CLASSIC_LENGTHS, FD_LENGTHS, ConfigError, did_you_mean, require_regular
 
 from ..saved_text import decoded
-from .bit_field import GREATEST
+from .plan import GREATEST
 
 _STRING = r'"(?:\\"|[^"\\]|\\(?!"))*"'
 _WORDS = rf'(?:VAL_[ \t]+[^";\n]*(?:{_STRING}[^";A-Za-z_]*)*|CM_[ \t]+[^";\n]*{_STRING}\s*);'

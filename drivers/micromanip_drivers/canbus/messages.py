@@ -7,10 +7,9 @@ from typing import Any
 from micromanip.driver import Channel, ConfigError, Inbox, OutputRefused
 from micromanip.driver.wire import DeviceCounter
 
-from .bit_field import bit_field
 from .database import identity, start_value, switches_bitrate, whole_number
 from .options import Received, Sent
-from .plan import Incoming, Outgoing, UnpackPlan
+from .plan import Incoming, Outgoing, UnpackPlan, bit_field
 
 _BAD = -1
 """Status of samples whose device says 0, and 0 is not good."""

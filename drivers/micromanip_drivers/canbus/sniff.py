@@ -11,10 +11,9 @@ import can
 
 from micromanip.driver import Answer
 
-from .bit_field import bit_field
 from .database import is_multiplexed, nonsense
 from .link import CanLink
-from .plan import UnpackPlan
+from .plan import UnpackPlan, bit_field
 
 
 @dataclass

@@ -13,10 +13,9 @@ from can.interfaces.socketcan.socketcan import build_can_frame
 
 from micromanip.driver.wire import FLOATING, MAX_BYTES, SIGNED, UNSIGNED, lend
 
-from .bit_field import BitField
 from .link import CanLink
 from .messages import ReceivedMessage, SentMessage
-from .plan import Incoming, Outgoing
+from .plan import BitField, Incoming, Outgoing
 from .records import CONTEXT, MAX_FIELDS, MAX_GOOD, MAX_MESSAGES, MAX_WATCHED
 from .socketcan import EXTENDED, frame_of
 

@@ -38,11 +38,10 @@ from ..canbus.plan import Outgoing
 from ..canbus.tables import Tables
 from .boot import boot
 from .options import CanOpenOptions
-from .plan import SYNC, PdoPlan, plan_nodes
+from .plan import SYNC, PdoPlan, Timing, plan_nodes
 from .probe import probe
 from .receiving import OPERATIONAL, ReceivedPdo, Receiver
 from .sampling import CONTEXT, SyncTimes
-from .timing import Timing
 
 _HEARTBEAT = 0x700
 _OPEN_NS = 900_000_000

@@ -12,9 +12,8 @@ from micromanip.driver import Channel, DeviceFault, Inbox, LinkError, TransientE
 
 from ..canbus.plan import Incoming, UnpackPlan
 from .options import CanOpenOptions
-from .plan import SYNC, NodePlan, PdoPlan
+from .plan import SYNC, NodePlan, PdoPlan, Timing
 from .sampling import Sampling, SyncTimes
-from .timing import Timing
 
 OPERATIONAL = 5
 _STATES = {0: "INITIALISING", 4: "STOPPED", OPERATIONAL: "OPERATIONAL", 127: "PRE-OPERATIONAL"}

@@ -13,8 +13,7 @@ from . import ascii_presets
 from .ascii_conversation import Conversation
 from .ascii_options import Ascii, AsciiOutput, Read, Write
 from .ascii_text import Reply, Request
-from .framing import Framing, Silence
-from .line_time import LineTime, Traffic
+from .framing import Framing, LineTime, Silence, Traffic
 from .port import Port
 
 

@@ -20,8 +20,7 @@ from micromanip.driver import (
 from .binary_messages import FrameKinds, Frames, IdentityFrame, ReceivedFrame, SentFrame
 from .binary_options import Binary
 from .frame_reader import FrameReader, FrameSearch
-from .framing import Framing, Silence
-from .line_time import LineTime, Traffic
+from .framing import Framing, LineTime, Silence, Traffic
 from .port import Port
 from .steady_line import Heading, SteadyLine
 

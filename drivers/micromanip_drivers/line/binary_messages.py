@@ -25,7 +25,7 @@ from .frame_parts import (
     mismatches,
     part,
 )
-from .line_time import LineTime
+from .framing import LineTime
 
 NOT_FINITE = -1
 """Status of a sample that is no number."""

@@ -26,8 +26,7 @@ from micromanip.driver import (
 
 from .ascii import AsciiFraming
 from .binary import BinaryFraming
-from .framing import Framing, Silence
-from .line_time import LineTime
+from .framing import Framing, LineTime, Silence
 from .options import LineOptions
 from .port import Port
 from .serial_port import SerialLine

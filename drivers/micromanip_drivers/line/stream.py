@@ -34,8 +34,7 @@ from micromanip.driver.wire import (
 from .frame_options import overlap
 from .frame_parts import Incoming, InputNumber, PacketCounter, StatusWord, mismatches, part
 from .frame_reader import FrameReader, FrameSearch
-from .framing import Framing, Silence
-from .line_time import LineTime, Traffic
+from .framing import Framing, LineTime, Silence, Traffic
 from .port import Port
 from .steady_line import Heading, SteadyLine
 from .stream_options import Blocks, Stream

@@ -18,10 +18,9 @@ from .lines import (
     read_lines,
     worked_periods,
 )
-from .plant import drive, machining_force, move, push, quantised
+from .plant import drive, machining_force, move, push, quantised, read
 from .preisach import preisach_step, reset_memory
 from .records import CONTEXT, CREEP_OPERATORS, MECHANICAL_STATES, SUBSTEPS, compiled
-from .sensors import read
 
 
 @compiled

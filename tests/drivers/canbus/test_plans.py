@@ -6,8 +6,7 @@ from pathlib import Path
 
 from hypothesis import given
 from hypothesis import strategies as st
-from micromanip_drivers.canbus.bit_field import bit_field
-from micromanip_drivers.canbus.plan import PackPlan, UnpackPlan
+from micromanip_drivers.canbus.plan import PackPlan, UnpackPlan, bit_field
 
 from micromanip.bus.errors import OutputRefused
 

@@ -8,8 +8,7 @@ import pytest
 from micromanip_drivers.line.binary import BinaryFraming
 from micromanip_drivers.line.binary_options import Binary
 from micromanip_drivers.line.driver import Line
-from micromanip_drivers.line.framing import Silence
-from micromanip_drivers.line.line_time import LineTime
+from micromanip_drivers.line.framing import LineTime, Silence
 from micromanip_drivers.line.options import TcpPort
 
 from micromanip.bus.driver import Outcome

@@ -6,8 +6,7 @@ import time
 import pytest
 from micromanip_drivers.line.ascii import AsciiFraming
 from micromanip_drivers.line.ascii_options import Ascii
-from micromanip_drivers.line.framing import Silence
-from micromanip_drivers.line.line_time import LineTime
+from micromanip_drivers.line.framing import LineTime, Silence
 from micromanip_drivers.line.options import TcpPort
 
 from micromanip.bus.errors import DeviceFault, LinkError, TransientError

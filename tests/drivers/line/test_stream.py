@@ -4,8 +4,7 @@ import contextlib
 import time
 
 import pytest
-from micromanip_drivers.line.framing import Silence
-from micromanip_drivers.line.line_time import LineTime
+from micromanip_drivers.line.framing import LineTime, Silence
 from micromanip_drivers.line.options import TcpPort
 from micromanip_drivers.line.stream import StreamFraming
 from micromanip_drivers.line.stream_options import Stream

@@ -13,9 +13,7 @@ def test_port_in_use(tmp_path):
     file = write_cell(tmp_path, GCS.format(port=f"tcp: {{host: 127.0.0.1, port: {free_port()}}}"))
     first = Devices(file, loop=VirtualLoop())
     try:
-        with pytest.raises(
-            DeviceUnavailable, match=r"tcp 127\.0\.0\.1:\d+ can't be listened on: Address already in use"
-        ):
+        with pytest.raises(DeviceUnavailable, match=r"tcp 127\.0\.0\.1:\d+ can't be opened: Address already in use"):
             Devices(file, loop=VirtualLoop())
     finally:
         first.close()

@@ -12,10 +12,8 @@ from micromanip.errors import UsageError
 from micromanip.testbus.event_loop import EventLoop
 
 from .faults import LineFault, LineFaults, MessageFault
-from .port import Hear, LinePort, Peer
+from .port import Hear, LinePort, Peer, TcpPort, UdpPort
 from .pseudo_terminal import PseudoTerminal
-from .tcp_port import TcpPort
-from .udp_port import UdpPort
 
 
 def _hear_nothing(data: bytes, peer: Peer) -> None:
@@ -33,7 +31,6 @@ class DeviceLine(Peer):
         self._latest_ns = {"sent": 0, "received": 0}
         self._strangers_message = b""
         self.port = make_port(self._arrived)
-        self._echoes = self.port.echo
 
     def attach(self, hear: Hear) -> None:
         """Let the device hear."""
@@ -80,8 +77,10 @@ class DeviceLine(Peer):
             self.port.disconnect()
             return
         elif fault.kind == "echo":
+            if not isinstance(self.port, PseudoTerminal):
+                raise UsageError(f"fault echo: {self.port.name} is no serial line")
+            end = partial(setattr, self.port, "echo", self.port.echo)
             self.port.echo = True
-            end = self._echo_as_before
         elif fault.kind == "stranger":
             if not isinstance(self.port, UdpPort):
                 raise UsageError(f"fault stranger: to {self.port.name} nobody else can send")
@@ -122,9 +121,6 @@ class DeviceLine(Peer):
                 self._pass(self.port.send, held, 0, "sent")
             else:
                 self._pass(partial(self._heard, self.port), held, 0, "received")
-
-    def _echo_as_before(self) -> None:
-        self.port.echo = self._echoes
 
 
 def report_of(figures: MessageFigures, lines: Sequence[DeviceLine], elapsed_ns: int) -> dict[str, Any]:

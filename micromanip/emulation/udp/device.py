@@ -19,8 +19,7 @@ from micromanip.emulation.line.binary_frame import LineNumber
 from micromanip.emulation.line.device import ServedDevice
 from micromanip.emulation.line.device_line import DeviceLine
 from micromanip.emulation.line.faults import parsed
-from micromanip.emulation.line.port import Hear, Peer
-from micromanip.emulation.line.udp_port import UdpPort
+from micromanip.emulation.line.port import Hear, Peer, UdpPort
 from micromanip.emulation.plant import fill_plant
 from micromanip.errors import UsageError
 from micromanip.rt.io.counting import OLD

@@ -17,8 +17,7 @@ import can
 from micromanip.bus.can_bits import CLASSIC_LENGTHS, FD_LENGTHS, fd_length
 
 from .client_port import address
-from .error_frames import ErrorClass
-from .frame import FD, STAMP, Frame, pack, unpack
+from .frame import FD, STAMP, ErrorClass, Frame, pack, unpack
 
 _GREETING_S = 0.5
 _GREETING_BYTES = 4096

@@ -8,10 +8,8 @@ import socket
 import struct
 from collections.abc import Callable
 
-from . import error_frames
-from .error_frames import Controller
 from .event_loop import EventLoop
-from .frame import FD, STAMP, Frame, pack
+from .frame import FD, STAMP, Controller, Frame, controller_error, pack
 from .port import Port, State, Transmission
 
 _PACKET_BYTES = STAMP.size + FD.size
@@ -111,7 +109,7 @@ class ClientPort(Port):
     def _hand_over(self, packed: bytes, time_ns: int) -> None:
         stamp = STAMP.pack(time_ns)
         if self._overflown:
-            told = self._give(stamp + pack(error_frames.controller_error(Controller.RX_OVERFLOW)))
+            told = self._give(stamp + pack(controller_error(Controller.RX_OVERFLOW)))
             self._overflown = not told
         if not self._give(stamp + packed):
             self.dropped += 1

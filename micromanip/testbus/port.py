@@ -6,9 +6,7 @@ from collections import deque
 from enum import IntEnum
 from typing import NamedTuple, Protocol
 
-from . import error_frames
-from .error_frames import Controller
-from .frame import Frame
+from .frame import Controller, Frame, bus_error, bus_off, controller_error, restarted
 
 _LEAST_WARNING, LEAST_PASSIVE, _LEAST_BUS_OFF = 96, 128, 256
 """Error counts at which the states begin."""
@@ -100,7 +98,7 @@ class Port:
 
     def failed(self, own: bool, time_ns: int) -> None:
         """A frame was destroyed on the bus; `own` if it was its own."""
-        self.report(error_frames.bus_error(own), time_ns)
+        self.report(bus_error(own), time_ns)
         if own:
             self.transmit_errors += 8
         else:
@@ -127,7 +125,7 @@ class Port:
         """Take part again after bus-off."""
         self.transmit_errors = self.receive_errors = 0
         self._told = State.ACTIVE
-        self.report(error_frames.restarted(), time_ns)
+        self.report(restarted(), time_ns)
 
     def report_state(self, time_ns: int) -> None:
         """Tell the client if the state isn't what it was."""
@@ -138,7 +136,7 @@ class Port:
         if state is State.BUS_OFF:
             self.queue.clear()
             self.queue_changed()
-            self.report(error_frames.bus_off(), time_ns)
+            self.report(bus_off(), time_ns)
             return
         by_transmission = self.transmit_errors >= self.receive_errors
         status = {
@@ -146,7 +144,7 @@ class Port:
             State.WARNING: Controller.TX_WARNING if by_transmission else Controller.RX_WARNING,
             State.PASSIVE: Controller.TX_PASSIVE if by_transmission else Controller.RX_PASSIVE,
         }[state]
-        self.report(error_frames.controller_error(status, self.transmit_errors, self.receive_errors), time_ns)
+        self.report(controller_error(status, self.transmit_errors, self.receive_errors), time_ns)
 
 
 class NodePort(Port):

@@ -23,8 +23,8 @@ from micromanip.rt.records import MAX_SIGNALS, SIGNAL
 from micromanip.rt.signatures import array_of
 
 from ..amplifier import ARRIVED, note
+from ..cell import PATH_ERRORS, note_errors
 from ..compiled import compiled
-from ..path_error import PATH_ERRORS, note_errors
 from ..plant import PLANT, advance
 from .controller import ESC, has_events, watch
 from .frame import NOT_ETHERCAT, pass_frame

@@ -1,7 +1,5 @@
 """Devices on lines of their own, in virtual time, as a plain program at the other end sees them."""
 
-import socket
-
 CELL = """\
 schema_version: 2
 loop: {{rate_hz: 10000, limits: simulation}}
@@ -141,10 +139,3 @@ def write_cell(folder, driver, signals=("strain_x", "strain_y"), outputs=OUTPUTS
     lines = "\n".join(signal(*((name,) if isinstance(name, str) else name)) for name in signals)
     file.write_text(CELL.format(driver=driver.rstrip("\n"), signals=lines, outputs=outputs), encoding="utf-8")
     return file
-
-
-def free_port(kind=socket.SOCK_STREAM):
-    """A port of this machine that nobody uses."""
-    with socket.socket(socket.AF_INET, kind) as taken:
-        taken.bind(("127.0.0.1", 0))
-        return taken.getsockname()[1]

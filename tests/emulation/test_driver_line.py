@@ -12,13 +12,14 @@ from micromanip_drivers.line.driver import Line
 from micromanip_drivers.line.options import LineOptions
 from testbus.loop_in_thread import LoopInThread
 
+from campaigns.fault_cells import free_port
 from campaigns.running_controller import until
 from micromanip.bus.errors import BusError, IdentityMismatch
 from micromanip.bus.inbox import Inbox
 from micromanip.emulation.devices import Devices
 from micromanip.settings.text.source import Source
 
-from .lines import BOARD, CAPACITIVE, ELSEWHERE, GCS, OUTPUTS, TRACKER, free_port, write_cell
+from .lines import BOARD, CAPACITIVE, ELSEWHERE, GCS, OUTPUTS, TRACKER, write_cell
 
 pytestmark = pytest.mark.realtime  # a device that stands still is a lost link
 

@@ -3,10 +3,11 @@
 import pytest
 from testbus.virtual_bus import VirtualLoop
 
+from campaigns.fault_cells import free_port
 from micromanip.emulation.devices import Devices
 from micromanip.errors import DeviceUnavailable
 
-from .lines import GCS, free_port, write_cell
+from .lines import GCS, write_cell
 
 
 def test_port_in_use(tmp_path):

@@ -5,9 +5,10 @@ import time
 
 import pytest
 
+from campaigns.fault_cells import free_port
 from micromanip.emulation.devices import Devices
 
-from .lines import GCS, free_port, write_cell
+from .lines import GCS, write_cell
 
 pipython = pytest.importorskip("pipython", reason="PIPython is not installed: pip install PIPython")
 

@@ -9,6 +9,8 @@ import tempfile
 import tty
 from pathlib import Path
 
+from campaigns.fault_cells import free_port
+
 
 class PtyWire:
     """A serial port, found under the same name after it was unplugged and plugged in again."""
@@ -125,10 +127,3 @@ class UdpWire:
     def write(self, data):
         with contextlib.suppress(OSError):
             self.socket.sendto(data, ("127.0.0.1", self.listener))
-
-
-def free_port(kind):
-    """A port of 127.0.0.1 that nobody has."""
-    with socket.socket(socket.AF_INET, kind) as free:
-        free.bind(("127.0.0.1", 0))
-        return free.getsockname()[1]

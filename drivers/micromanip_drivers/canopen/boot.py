@@ -129,12 +129,13 @@ def _history(sdo: Sdo, plan: NodePlan) -> Iterator[int]:
 
 
 def _configure(sdo: Sdo, plan: NodePlan, pdo: PdoPlan) -> None:
-    """Write what the configuration says otherwise than the EDS; a PDO rests while its mapping changes.
+    """Write what the configuration says otherwise than EDS and node; a PDO rests while its mapping changes.
 
-    The bit that forbids asking for the PDO by a remote frame stays as the node has it.
+    The bit that forbids asking for the PDO by a remote frame stays as the node has it. Nothing is written to one that
+    is set up so already: it may not let that be written at all, or remember each writing.
     """
     mapping = pdo.mapping
-    if not mapping.to_write and not mapping.transmission_to_write:
+    if not (mapping.to_write or mapping.transmission_to_write) or _other(sdo, pdo) is None:
         return
     has = sdo.read(mapping.parameters, 1)
     cob_id = plan.dictionary.value(mapping.parameters, 1) & ~(INVALID | _NO_REMOTE) | has & _NO_REMOTE
@@ -151,6 +152,17 @@ def _configure(sdo: Sdo, plan: NodePlan, pdo: PdoPlan) -> None:
 
 def _compare(sdo: Sdo, plan: NodePlan, pdo: PdoPlan) -> None:
     """Whatever the EDS says, the node may have been set up otherwise: its values would be taken for others."""
+    if (other := _other(sdo, pdo)) is not None:
+        at, found, wanted = other
+        raise IdentityMismatch(
+            f"{pdo.title} is set up otherwise than {plan.dictionary.file.name} and the configuration say: "
+            f"{number(*at)} is 0x{found:X}, not 0x{wanted:X}; give it map and transmission, or restore the node's "
+            "defaults"
+        )
+
+
+def _other(sdo: Sdo, pdo: PdoPlan) -> tuple[tuple[int, int], int, int] | None:
+    """The first object of a PDO that is not as it should be, what it is, and what it should be."""
     mapping = pdo.mapping
     wanted = {
         (mapping.parameters, 2): mapping.transmission,
@@ -159,17 +171,11 @@ def _compare(sdo: Sdo, plan: NodePlan, pdo: PdoPlan) -> None:
     }
     cob_id = sdo.read(mapping.parameters, 1)
     if cob_id & INVALID or cob_id & 0x7FF != mapping.identifier:
-        raise _differs(plan, pdo, (mapping.parameters, 1), cob_id, mapping.identifier)
+        return (mapping.parameters, 1), cob_id, mapping.identifier
     for at, value in wanted.items():
         if (found := sdo.read(*at)) != value:
-            raise _differs(plan, pdo, at, found, value)
-
-
-def _differs(plan: NodePlan, pdo: PdoPlan, at: tuple[int, int], found: int, wanted: int) -> IdentityMismatch:
-    return IdentityMismatch(
-        f"{pdo.title} is set up otherwise than {plan.dictionary.file.name} and the configuration say: {number(*at)} is "
-        f"0x{found:X}, not 0x{wanted:X}; give it map and transmission, or restore the node's defaults"
-    )
+            return at, found, value
+    return None
 
 
 def _set_watch(sdo: Sdo, plan: NodePlan, own_node_id: int) -> None:

@@ -98,8 +98,8 @@ class Read(_Exchange):
     fields: dict[Name, AsciiInput] = Field(min_length=1, description="The inputs by name.")
     no_reading: tuple[Text, ...] = Field(
         default=(),
-        description="What the device says in place of a number without a reading: a bad sample. Known without this: "
-        "nan, inf, OVL, ----- and the like, and any word in a reply with more text than the number.",
+        description="What the device says without a reading, in place of a number or as one: a bad sample. Known "
+        "without this: nan, inf, OVL, ----- and the like, and any word in a reply with more text than the number.",
     )
 
     @model_validator(mode="after")

@@ -12,8 +12,8 @@ from .ascii_options import AsciiOutput
 _PLACE = re.compile(r"\{(\w+)\}")
 _NUMBER = r"\s*[+-]?\s*(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 """Blanks around a sign are those of a field of fixed width."""
-_WORD = r"[^\s\d,;](?:[^\d,;]*?[^\s\d,;])?"
-_NO_NUMBER = re.compile(r"[+-]?(?:nan|inf|ovld?|[-*#?.<>_~=]{2,})", re.IGNORECASE)
+_WORD = r"[^\s\d,;](?:[^\d,;]*?[^\s\d,;])?|[+-]?1\.#\w+"
+_NO_NUMBER = re.compile(r"[+-]?(?:nan|inf|1\.#\w+|ovld?|[-*#?.<>_~=]{2,})", re.IGNORECASE)
 """What stands for "no reading" where the line has nothing else that tells what it answers."""
 _FLOW_CONTROL = b"\x11\x13"
 """XON and XOFF, which may come anywhere."""
@@ -46,17 +46,16 @@ class Reply:
         return None if match is None else {name: _value(text) for name, text in match.groupdict().items()}
 
     def readings(self, line: str) -> Mapping[str, float] | None:
-        """The same; not a number where the device has a word for that it has no reading.
+        """The same; not a number where the device has a word, or a number of its own, for that it has no reading.
 
         Any word will do in a line with more text, such as "MS,-----" for "MS,{x}". Where a number is all there is, the
         word must be one of `no_reading`, or one that everybody knows, such as "nan" or "-----".
         """
-        if (numbers := self.numbers(line)) is not None:
-            return numbers
-        match = self._worded.fullmatch(line)
+        match = self._pattern.fullmatch(line) or self._worded.fullmatch(line)
         if match is None or not all(map(self._is_known, match.groupdict().values())):
             return None
-        return {name: _value(text) for name, text in match.groupdict().items()}
+        found = match.groupdict().items()
+        return {name: math.nan if text.strip() in self._no_reading else _value(text) for name, text in found}
 
     def _is_known(self, text: str) -> bool:
         word = text.strip()

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import cycle
 
-from micromanip.driver import Answer, IdentityMismatch, LinkError, TransientError
+from micromanip.driver import Answer, IdentityMismatch, LinkError, StillOpening, TransientError
 
 from .frame_options import Crc
 from .port import Port
@@ -211,7 +211,8 @@ class FrameReader:
         """When the first frame came of the device that is meant; `asking` is sent now and then until it does.
 
         `against` says what speaks against a frame, in words; None for one that says nothing about that. Raises
-        IdentityMismatch for another device, LinkError, for which `otherwise` is what it does not do.
+        IdentityMismatch for another device, LinkError, for which `otherwise` is what it does not do; StillOpening where
+        it may just be starting.
         """
         before, strange = self.received, 0
         while (now_ns := time.monotonic_ns()) < deadline_ns:
@@ -229,7 +230,8 @@ class FrameReader:
                         if strange >= _STRANGE:
                             raise IdentityMismatch(f"{self._port.name} has {' and '.join(found)}")
                 self.pardon()
-        raise LinkError(f"{self._port.name} {self.unheard(before, otherwise)}")
+        lost = StillOpening if self._port.may_be_starting else LinkError
+        raise lost(f"{self._port.name} {self.unheard(before, otherwise)}")
 
     def all_of(self, describe: Callable[[bytes], Answer], asking: Sequence[bytes], seconds: float) -> Iterator[Answer]:
         """For a probe, each frame as it comes, described; `asking` are frames that move nothing, sent in turns."""

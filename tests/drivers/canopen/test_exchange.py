@@ -179,12 +179,14 @@ def test_nothing_is_ever_stored(at, opened):
     assert [node.objects.stores for node in at.nodes.values()] == [0, 0]
 
 
-def test_a_node_that_answers_no_remote_frames_keeps_that_bit(at):
+def test_a_node_that_answers_no_remote_frames_keeps_that_bit_and_is_not_written_what_it_has(at):
+    written = []
     objects = at.nodes["sensor"].objects
     has, no_remote = objects.raw(0x1800, 1), 0x40000000
     objects.put(0x1800, 1, has | no_remote)
 
     def refusing(index, subindex, od, data):
+        written.append(index)
         if index == 0x1800 and subindex == 1 and not int.from_bytes(data, "little") & no_remote:
             raise SdoAbortedError(WRONG_VALUE)
 
@@ -192,6 +194,9 @@ def test_a_node_that_answers_no_remote_frames_keeps_that_bit(at):
     bus = at.driver(
         nodes__sensor__tpdo={1: {"rate_hz": 200.0, "transmission": "event", "signals": {"strain_x": {"scale": 1e-4}}}}
     )
-    bus.open()
-    bus.close()
+    for writes in (True, False):
+        bus.open()
+        bus.close()
+        assert (0x1800 in written) == writes
+        written.clear()
     assert objects.raw(0x1800, 1) == has | no_remote

@@ -1,6 +1,7 @@
 """Devices that print their numbers, and what they have instead of them, in their own way."""
 
 import math
+import struct
 
 import pytest
 from micromanip_drivers.line.ascii_text import Lines, Reply
@@ -10,6 +11,7 @@ from micromanip.bus.beginning import opened
 from micromanip.bus.errors import IdentityMismatch, LinkError, StillOpening, TransientError
 from micromanip.bus.inbox import Inbox
 
+from .board import FRAMING, frame
 from .scripted_port import raised
 from .starting_device import StartingDevice
 from .test_conversation import begin, framing
@@ -61,6 +63,8 @@ def test_control_characters_are_no_part_of_a_line(data):
         ("{x}", "+INF", ()),
         ("{x} um", "****** um", ()),
         ("{x}", "no target", ("no target",)),
+        ("{x}", "-1.#IND", ()),
+        ("MS,{x} um", "MS,+999.999 um", ("+999.999",)),
     ],
 )
 def test_a_word_for_no_reading_is_a_reading_without_a_number(template, line, words):
@@ -119,10 +123,27 @@ def answers(data):
     return b"AMP-3 of 2024\n" * data.count(b"ID\n")
 
 
-@pytest.mark.parametrize("greeting", [b"", b"boot 1.2\n"])
-def test_a_board_that_starts_with_its_port_is_given_time(greeting):
-    with StartingDevice(answers, 1.6, greeting) as device:
-        driver = line(device)
+def board(device):
+    tcp = {"host": "127.0.0.1", "port": device.port}
+    return Line(Line.Options.model_validate({"tcp": tcp, **FRAMING}), None)
+
+
+def board_answers(data):
+    return frame(0x81, struct.pack("<I", 1234)) * data.count(b"\xaa\x55\x00\x01")
+
+
+@pytest.mark.parametrize(
+    ("kind", "answer", "greeting"),
+    [
+        (line, answers, b""),
+        (line, answers, b"boot 1.2\n"),
+        (board, board_answers, b""),
+        (board, board_answers, b"boot"),
+    ],
+)
+def test_a_board_that_starts_with_its_port_is_given_time(kind, answer, greeting):
+    with StartingDevice(answer, 1.6, greeting) as device:
+        driver = kind(device)
         with pytest.raises(StillOpening):
             driver.open()
         assert opened(driver, lambda problem, for_s: for_s < 20.0)

@@ -7,12 +7,10 @@ from typing import Any
 from micromanip.driver import Channel, ConfigError, Inbox, OutputRefused
 from micromanip.driver.wire import DeviceCounter
 
+from ..line.frame_options import BAD
 from .database import identity, start_value, switches_bitrate, whole_number
 from .options import Received, Sent
 from .plan import Incoming, Outgoing, UnpackPlan, bit_field
-
-_BAD = -1
-"""Status of samples whose device says 0, and 0 is not good."""
 
 
 class ReceivedMessage(Incoming):
@@ -58,7 +56,7 @@ class ReceivedMessage(Incoming):
             return
         status = 0
         if self.good is not None and own[-1] not in self.good:
-            status = own[-1] or _BAD
+            status = own[-1] or BAD
         inbox.put_all(self.first, self._values.values(data), time_ns - self.latency_ns, status, lost)
 
 

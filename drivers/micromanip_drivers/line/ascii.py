@@ -13,6 +13,7 @@ from . import ascii_presets
 from .ascii_conversation import Conversation
 from .ascii_options import Ascii, AsciiOutput, Read, Write
 from .ascii_text import Reply, Request
+from .frame_options import BAD
 from .framing import Framing, LineTime, Silence, Traffic
 from .port import Port
 
@@ -84,8 +85,6 @@ class Exchange:
 
 
 _PAUSE_S = 0.05
-_NO_READING = -1
-"""Status of a sample for which the device has a word in place of a number."""
 _FORGIVE_NS = 300_000_000
 
 
@@ -125,7 +124,7 @@ class AsciiFraming(Framing):
                 self._conversation.tell(text, exchange.title, step.replies)
             return None
         for name, value, time_ns in self._asked(exchange):
-            status = 0 if math.isfinite(value) else _NO_READING
+            status = 0 if math.isfinite(value) else BAD
             inbox.put(exchange.indices[name], value, time_ns - round(exchange.latency_s * 1e9), status)
         return None
 

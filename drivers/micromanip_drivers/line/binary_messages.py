@@ -13,7 +13,7 @@ from micromanip.driver import Channel, ConfigError, Inbox
 from micromanip.driver.wire import FramePlan, GroupPlan, NumberCodec
 
 from .binary_options import Binary, BinaryIdentity, Received, Sent
-from .frame_options import Counter, Status
+from .frame_options import BAD, Counter, Status
 from .frame_parts import (
     Incoming,
     InputNumber,
@@ -27,8 +27,6 @@ from .frame_parts import (
 )
 from .framing import LineTime
 
-NOT_FINITE = -1
-"""Status of a sample that is no number."""
 _OTHERS_MOST = 256
 """Longest frame of a kind that we do not know: a damaged length must not swallow what follows."""
 
@@ -116,7 +114,7 @@ class ReceivedFrame(Incoming):
         taken_ns = time_ns - self._latency_ns
         for channel, number in enumerate(self._values, self.first):
             value = number.value(frame)
-            inbox.put(channel, value, taken_ns, status if math.isfinite(value) else status or NOT_FINITE, lost)
+            inbox.put(channel, value, taken_ns, status if math.isfinite(value) else status or BAD, lost)
         return True
 
     def status(self, frame: bytes) -> int:

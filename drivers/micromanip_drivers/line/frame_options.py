@@ -29,6 +29,8 @@ HexBytes = Annotated[str, AfterValidator(_hexadecimal)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$")]
 Place = Annotated[int, Field(strict=True, ge=0, le=65_535)]
 Count = Annotated[int, Field(strict=True, ge=1, le=65_535)]
+BAD = -1
+"""Status of a sample that is no number, or whose device says 0 and 0 is not good."""
 Whole = Annotated[int, Field(strict=True, ge=-(2**63), le=2**64 - 1)]
 
 

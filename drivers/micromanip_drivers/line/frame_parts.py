@@ -11,12 +11,10 @@ from micromanip.driver import ConfigError
 from micromanip.driver.wire import DeviceCounter, NumberCodec
 
 from ..sent_number import sent_number
-from .frame_options import InputField, Number, OutputField, Status, overlap
+from .frame_options import BAD, InputField, Number, OutputField, Status, overlap
 
 Part = tuple[str, int, int]
 """Key in the configuration, first byte, byte behind the last."""
-_BAD = -1
-"""Status of samples whose device says 0, and 0 is not good."""
 
 
 def part(key: str, number: Number | None) -> list[Part]:
@@ -50,7 +48,7 @@ class StatusWord:
     def of(self, frame: bytes) -> int:
         """0, or the device's word for what is wrong."""
         word = int(self._codec.read(frame)) & self._mask
-        return 0 if word in self._good else word or _BAD
+        return 0 if word in self._good else word or BAD
 
 
 class InputNumber:

@@ -31,16 +31,13 @@ from micromanip.driver.wire import (
     taken_ns,
 )
 
-from .frame_options import overlap
+from .frame_options import BAD, overlap
 from .frame_parts import Incoming, InputNumber, PacketCounter, StatusWord, mismatches, part
 from .frame_reader import FrameReader, FrameSearch
 from .framing import Framing, LineTime, Silence, Traffic
 from .port import Port
 from .steady_line import Heading, SteadyLine
 from .stream_options import Blocks, Stream
-
-NOT_FINITE = -1
-"""Status of a sample that is no number."""
 
 
 class StreamFraming(Framing):
@@ -173,7 +170,7 @@ class StreamFraming(Framing):
             at_ns = first_ns + round(block * self._period_ns)
             for channel, number in enumerate(self._values):
                 value = number.value(packet, at)
-                good = status if math.isfinite(value) else status or NOT_FINITE
+                good = status if math.isfinite(value) else status or BAD
                 inbox.put(channel, value, at_ns, good, 0 if block else lost)
         return True
 

@@ -32,14 +32,12 @@ from micromanip.driver import (
     Watchdog,
 )
 
+from ..line.frame_options import BAD
 from .client import Answer, Client
 from .exchange import Exchange
 from .hello import discover, greet, probe
 from .options import ModbusOptions
 from .plan import COUNTER, STATUS, TaskPlan, Timing, plan_tasks
-
-_BAD = -1
-"""Status of samples whose device says 0, and 0 is not good."""
 
 
 @dataclass
@@ -87,7 +85,7 @@ class Answers:
                     self.repeated += 1
                     return
             if reading.status is not None and codes[reading.status] not in reading.good:
-                status = int(codes[reading.status]) or _BAD
+                status = int(codes[reading.status]) or BAD
         first_ns, last_ns = answer.sent_ns + reading.request_ns, answer.received_ns - reading.answer_ns
         taken_ns = min((first_ns + last_ns) // 2, answer.received_ns)
         values = answer.exchange.values(answer.pdu)

@@ -159,7 +159,7 @@ class Application:
         self._repeated = 0
         self.objects = Objects(self.terminal, lambda: self.state == PREOP)
         self._mailbox = Mailbox(self.objects, MAILBOX_BYTES)
-        self.mailbox_silent = self.is_starved = False
+        self.is_starved = False
 
     @property
     def is_closed(self) -> bool:
@@ -185,7 +185,7 @@ class Application:
             self._repeat_mail()
         if events & WATCHDOG_TURNED:
             self._watch(bool(has_run_out(esc, now_ns)))
-        if events & MAIL_CAME and self.state != INIT and not self.mailbox_silent:
+        if events & MAIL_CAME and self.state != INIT:
             self._said = self._mailbox.answer(self.memory[MAILBOX_OUT : MAILBOX_OUT + MAILBOX_BYTES].tobytes())
             self.memory[SM + SM_STATUS] &= 0xFF ^ SM_FULL
         if events & (MAIL_CAME | MAIL_TAKEN) and self._said and not self._full(1):

@@ -30,7 +30,7 @@ class TerminalFault(LineFault):
 class OneOf(TerminalFault):
     """One that needs no more than its name."""
 
-    kind: Literal["power", "absent", "mailbox", "order"]
+    kind: Literal["power", "absent", "order"]
 
 
 class LeftOp(TerminalFault):
@@ -54,7 +54,7 @@ class Cut(LineFault):
     behind: Annotated[int, Field(strict=True, ge=0, description="So many terminals.")]
 
 
-KINDS = ("power", "left_op", "absent", "mailbox", "order", "clock", "cut")
+KINDS = ("power", "left_op", "absent", "order", "clock", "cut")
 _ANY: TypeAdapter[TerminalFault | Cut] = TypeAdapter(
     Annotated[OneOf | LeftOp | Clock | Cut, Field(discriminator="kind")]
 )
@@ -93,8 +93,6 @@ class TerminalFaults:
         elif fault.kind == "absent":
             application.be_absent()
             over = application.take_part
-        elif fault.kind == "mailbox":
-            application.mailbox_silent = True
         else:
             if k + 1 == len(self._names):
                 raise UsageError(f"fault order: behind {fault.terminal} there is no terminal")
@@ -114,7 +112,6 @@ class TerminalFaults:
         self._line.relink()
         for k, application in enumerate(self._line.applications):
             application.take_part()
-            application.mailbox_silent = False
             self._put_right(k)
             if not self._line.controllers[k]["powered"]:
                 self._switch_on(k)

@@ -18,7 +18,7 @@ from .sampling import Sampling, SyncTimes
 OPERATIONAL = 5
 _STATES = {0: "INITIALISING", 4: "STOPPED", OPERATIONAL: "OPERATIONAL", 127: "PRE-OPERATIONAL"}
 _GUARD_TOGGLE = 0x80
-_EMERGENCY = struct.Struct("<HB")
+_REPORT = struct.Struct("<HB")
 _OF_COMMUNICATION = (0x81, 0x82)
 # CiA 301 names the codes of the communication one by one; of the others the library knows the class
 _COMMUNICATION = {
@@ -77,9 +77,9 @@ class Watch:
 
     def emergency(self, data: bytes) -> None:
         """Its emergency message, or the one that takes it back."""
-        if len(data) < _EMERGENCY.size:
+        if len(data) < _REPORT.size:
             return
-        code, register = _EMERGENCY.unpack_from(data)
+        code, register = _REPORT.unpack_from(data)
         if code & 0xFF00 == 0:
             self._fault = self._fault if register else None  # one error of several has gone
         elif self._running or not blames_bus(code):

@@ -98,7 +98,7 @@ class Objects:
         """An object's value, as an integer; 0 where the EDS says none."""
         variable = self.variable(index, subindex)
         try:
-            return int(variable.decode_raw(self.node.get_data(index, subindex)))  # type: ignore[arg-type]
+            return int(variable.decode_raw(self.node.get_data(index, subindex)))
         except SdoAbortedError:
             return 0
 

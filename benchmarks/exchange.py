@@ -1,97 +1,73 @@
-"""What the benchmarks of exchanges share: a partner in a process of its own, and rates of two that take turns."""
+"""Each bus in operation: rate and age of its samples, and the processor time of what serves them.
+
+The daemon on an example of config/ in READY, its devices emulated in a process of their own. Rates stand beside those
+that are stated, ages beside the period of their signal, a worker beside the loop of the same seconds; where the loop
+itself serves the bus, its cycle beside its period.
+"""
 
 from __future__ import annotations
 
 import os
-import subprocess
-import sys
+import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from micromanip.bus.driver import BusDriver
-from micromanip.bus.inbox import Inbox
-from micromanip.bus.registry import driver_class
-from micromanip.errors import CheckFailed
+from campaigns.bench import Bench
+from campaigns.fault_cells import CELLS, example
+from micromanip.errors import DeviceUnavailable
 
-from .runner import Plan
+from .runner import Result, Skipped, Tell
 
-_ROOT = Path(__file__).parent.parent
-_PATIENCE_NS = 1_000_000_000
-
-
-def python(*arguments: str, **more: Any) -> subprocess.Popen[str]:
-    """A Python of our own kind, its standard output to be read."""
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    return subprocess.Popen(
-        [sys.executable, *arguments], stdout=subprocess.PIPE, cwd=_ROOT, env=environment, text=True, **more
-    )
+_SECONDS = 5.0
+BUSES = CELLS | {"ethercat": lambda: example("ethercat.yaml", (r"interface: ecat0", f"interface: ece{os.getpid()}"))}
+del BUSES["ring"]  # the same exchange, sent twice
 
 
-@contextmanager
-def partner(kind: str, *arguments: object) -> Iterator[str]:
-    """What ``benchmarks.partners KIND`` says when it is ready: where it is found, or why it cannot be."""
-    with python("-m", "benchmarks.partners", kind, *map(str, arguments)) as process:
-        try:
-            assert process.stdout is not None
-            said = process.stdout.readline().strip()
-            if not said:
-                raise CheckFailed(f"the process that plays the partner {kind} did not start")
-            yield said
-        finally:
-            process.terminate()
+def run(tell: Tell) -> list[Result]:
+    """Of the fastest signal of each bus that this machine can play."""
+    results: list[Result] = []
+    for bus, text in BUSES.items():
+        tell(f"exchange: {bus}, {_SECONDS:g} s")
+        with tempfile.TemporaryDirectory() as folder:
+            try:
+                bench = Bench(Path(folder), text())
+            except DeviceUnavailable as reason:
+                tell(f"exchange: no {bus}: {reason}")
+                continue
+            try:
+                results += _measured(bus, bench)
+            finally:
+                bench.end()
+    if not results:
+        raise Skipped("none of the buses can be played here")
+    return results
 
 
-def best(
-    plan: Plan, name: str, count: int, plays: Sequence[Callable[[], None]], clock: Callable[[], float]
-) -> list[float]:
-    """Most of `count` a second by `clock` that each of `plays` came to, in turns."""
-    pairs: list[list[float]] = []
-    for pair in range(plan.pairs):
-        plan.tell(f"{name}: pair {pair + 1} of {plan.pairs}")
-        pairs.append([])
-        for play in plays:
-            begin = clock()
-            play()
-            pairs[-1].append(count / (clock() - begin))
-    return [max(rates) for rates in zip(*pairs, strict=True)]
+def _measured(bus: str, bench: Bench) -> list[Result]:
+    before, loop_before_s = _seen(bench)
+    time.sleep(_SECONDS)
+    after, loop_after_s = _seen(bench)
+    period_us = after["period_ns"] * 1e-3
+    seconds = (after["cycles"] - before["cycles"]) * period_us * 1e-6
+    name, signal = max(after["signals"].items(), key=lambda each: each[1]["stated_hz"])
+    rate_hz = (signal["samples"] - before["signals"][name]["samples"]) / seconds
+    age_us, stated_hz = signal["age_p50_us"], signal["stated_hz"]
+    found = [Result.of(f"{bus}_rate", rate_hz, "Hz", "as stated", stated_hz)]
+    found.append(Result.of(f"{bus}_age_p50", age_us, "us", "the period of the signal", 1e6 / stated_hz))
+    used_s = sum(after["links"][link]["cpu_s"] - before["links"][link]["cpu_s"] for link in after["links"])
+    if used_s > 0.0:
+        worker, loop = (100.0 * each / seconds for each in (used_s, loop_after_s - loop_before_s))
+        found.append(Result.of(f"{bus}_worker", worker, "% of a CPU", "the loop", loop))
+    else:
+        cycle_us = after["compute_ns"]["p50"] * 1e-3
+        found.append(Result.of(f"{bus}_cycle_p50", cycle_us, "us", "the period of the loop", period_us))
+    return found
 
 
-def driver_of(kind: str, options: Mapping[str, Any], folder: Path = _ROOT) -> BusDriver:
-    """A driver with these options."""
-    found = driver_class(kind)
-    assert issubclass(found, BusDriver)
-    return found(found.Options.model_validate(options), folder)
-
-
-def receive(driver: BusDriver, frames: int) -> None:
-    """As a worker does it: until all samples of the last of `frames` are there."""
-    inbox, samples = Inbox(), frames * len(driver.inputs)
-    driver.open()
-    try:
-        while samples > 0:
-            driver.receive(inbox, time.monotonic_ns() + _PATIENCE_NS)
-            if not len(inbox):
-                raise CheckFailed("samples of the flood are missing")
-            samples -= len(inbox)
-            inbox.clear()
-    finally:
-        driver.close()
-
-
-def perform(driver: BusDriver, count: int) -> None:
-    """As a worker does it: task 0 `count` times, an answer each."""
-    inbox, values = Inbox(), [0.0] * len(driver.outputs)
-    driver.open()
-    try:
-        for _ in range(count):
-            driver.perform(0, values, inbox)
-            if not len(inbox):
-                driver.receive(inbox, time.monotonic_ns() + _PATIENCE_NS)
-            if len(inbox) != len(driver.inputs):
-                raise CheckFailed("the driver got no answer")
-            inbox.clear()
-    finally:
-        driver.close()
+def _seen(bench: Bench) -> tuple[Any, float]:
+    """What the daemon says, and the processor time (s) that its loop has taken."""
+    with bench.client() as client:
+        status = client.status()
+    ticks = Path(f"/proc/{bench.running.loop}/stat").read_text(encoding="ascii").rpartition(")")[2].split()[11:13]
+    return status, sum(map(int, ticks)) / os.sysconf("SC_CLK_TCK")

@@ -9,17 +9,17 @@ import numpy as np
 from micromanip.settings.check import prepare
 from micromanip.virtual.experiment import VirtualExperiment
 
-from .runner import Plan, Result
+from .runner import CONFIGURATION, Result, Tell
 
 _BLOCKS, _BLOCK_S = 7, 1.0
 
 
-def run(plan: Plan) -> list[Result]:
+def run(tell: Tell) -> list[Result]:
     """Multiple of real time while tracking, a telemetry row a cycle; the median over some blocks."""
-    prepared = prepare(plan.configuration)
+    prepared = prepare(CONFIGURATION)
     cell = VirtualExperiment(prepared, process=True).cell(prepared.configuration)
     cell.arm()
-    plan.tell(f"offline: {_BLOCKS} blocks of {_BLOCK_S:g} s in virtual time")
+    tell(f"offline: {_BLOCKS} blocks of {_BLOCK_S:g} s in virtual time")
     multiples = []
     for _ in range(_BLOCKS):
         begin = time.thread_time()

@@ -1,10 +1,9 @@
-"""Recorded signals of the simulated cell, and the two ways to run the cycle on them."""
+"""Recorded signals of the simulated cell, and our own cycle run on them."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numba
@@ -22,8 +21,6 @@ from micromanip.rt.telemetry import ROW, write_row
 from micromanip.rt.transitions import begin_cycle
 from micromanip.settings.check import Prepared
 from micromanip.virtual.experiment import VirtualExperiment
-
-from .twin import compile_twin
 
 _compiled = Compiler(__file__)
 LINE_WORDS = 8
@@ -128,25 +125,3 @@ def ours(recording: Recording, outcome: Outcome, repeats: int) -> None:
         outcome.taken_ns,
         np.zeros(2, np.int64),
     )
-
-
-def twin_player(folder: Path) -> Player:
-    """Replay with the C twin, built in `folder`; raises Skipped where there is no gcc."""
-    function = compile_twin(folder)
-
-    def play(recording: Recording, outcome: Outcome, repeats: int) -> None:
-        function(
-            recording.parameters.ctypes.data,
-            recording.state.ctypes.data,
-            outcome.state.ctypes.data,
-            recording.signals.ctypes.data,
-            outcome.outputs.ctypes.data,
-            outcome.rows.ctypes.data,
-            len(recording.signals),
-            repeats,
-            recording.swept.ctypes.data,
-            len(recording.swept),
-            outcome.taken_ns.ctypes.data,
-        )
-
-    return play

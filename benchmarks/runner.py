@@ -4,38 +4,22 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from micromanip.errors import CheckFailed, DeviceUnavailable, UsageError
 
-NAMES = (
-    "cycle",
-    "cycle_laws",
-    "lateness",
-    "offline",
-    "startup",
-    "can_frames",
-    "can_worker",
-    "line",
-    "modbus",
-    "ethercat_exchange",
-)
+NAMES = ("cycle", "lateness", "offline", "startup", "exchange")
 """Each is the module of that name with its function ``run``, imported only when it is used."""
-
-
-@dataclass(frozen=True)
-class Plan:
-    """Settings of all benchmarks."""
-
-    configuration: Path
-    pairs: int
-    """Interleaved pairs of ours and the reference in `cycle` and `lateness`."""
-    lateness_s: float
-    """Length of one measurement of `lateness`."""
-    tell: Callable[[str], None]
-    """Gets one line for people now and then."""
+Tell = Callable[[str], None]
+"""Gets one line for people now and then."""
+CONFIGURATION = Path(__file__).parents[1] / "config" / "paper.yaml"
+PAIRS = 15
+"""Interleaved pairs of ours and the reference in `cycle` and `lateness`."""
 
 
 class Skipped(Exception):  # noqa: N818
@@ -58,47 +42,38 @@ class Result:
         """The plain quotient as the ratio."""
         return cls(name, value, unit, reference_name, reference_value, value / reference_value)
 
-
-@dataclass
-class Report:
-    """Everything that one ``micromanip system bench`` found out."""
-
-    results: list[Result] = field(default_factory=list)
-    skipped: dict[str, str] = field(default_factory=dict)
-    failed: dict[str, str] = field(default_factory=dict)
-
-    def document(self) -> dict[str, Any]:
-        """As ``bench --json`` prints it, four digits."""
-        return {
-            "results": [{k: _rounded(v) for k, v in asdict(result).items()} for result in self.results],
-            "skipped": [{"name": name, "reason": reason} for name, reason in self.skipped.items()],
-            "failed": [{"name": name, "reason": reason} for name, reason in self.failed.items()],
-        }
+    @classmethod
+    def of_pairs(cls, name: str, pairs: NDArray[np.float64], unit: str, reference_name: str) -> Result:
+        """Medians of figures that were taken in turns, (pairs, 2); the ratio is the median of the pairs' ratios."""
+        value, reference = np.median(pairs, axis=0).tolist()
+        return cls(name, value, unit, reference_name, reference, float(np.median(pairs[:, 0] / pairs[:, 1])))
 
 
-def _rounded(value: Any) -> Any:
-    return float(f"{value:.4g}") if isinstance(value, float) else value
-
-
-def run(plan: Plan, only: tuple[str, ...] = ()) -> Report:
-    """All benchmarks, or only those named; in the report are also what this machine can't run, and what was wrong.
+def run(tell: Tell, only: tuple[str, ...] = ()) -> dict[str, list[dict[str, Any]]]:
+    """Results of all benchmarks, or of those named, four digits each; what this machine can't run, and what was wrong.
 
     One that finds the controller itself wrong has failed; the others go on. Raises UsageError for an unknown name.
     """
     for name in only:
         if name not in NAMES:
             raise UsageError(f"there is no benchmark {name}; there are {', '.join(NAMES)}")
-    report = Report()
-    for name in NAMES:
-        if only and name not in only:
-            continue
-        plan.tell(name)
+    document: dict[str, list[dict[str, Any]]] = {"results": [], "skipped": [], "failed": []}
+    for name in only or NAMES:
+        tell(name)
         try:
-            report.results += importlib.import_module(f"benchmarks.{name}").run(plan)
-        except (Skipped, DeviceUnavailable) as reason:
-            plan.tell(f"{name}: skipped: {reason}")
-            report.skipped[name] = str(reason)
-        except CheckFailed as problem:
-            plan.tell(f"{name}: failed: {problem}")
-            report.failed[name] = str(problem)
-    return report
+            for result in importlib.import_module(f"benchmarks.{name}").run(tell):
+                document["results"].append({key: _rounded(value) for key, value in asdict(result).items()})
+        except (
+            Skipped,
+            DeviceUnavailable,
+            CheckFailed,
+            AssertionError,
+        ) as problem:  # on the bench something never came
+            outcome = "skipped" if isinstance(problem, Skipped | DeviceUnavailable) else "failed"
+            tell(f"{name}: {outcome}: {problem}")
+            document[outcome].append({"name": name, "reason": str(problem)})
+    return document
+
+
+def _rounded(value: Any) -> Any:
+    return float(f"{value:.4g}") if isinstance(value, float) else value

@@ -10,6 +10,7 @@ from .report import CONFIGURATIONS, ROOT
 CONFIG = ROOT / "config"
 
 
+_DATAGRAMS = socket.SOCK_DGRAM
 _LOCK = "lock: {time_constant_ms: 100, within_us: 150}"
 """The deadlines are locked to the first terminal's clock."""
 
@@ -34,61 +35,11 @@ def example(name, *changes):
     return text
 
 
-def can_cell():
-    """CAN FD at 2 kHz, with a watch over the agreement of the sensors.
-
-    It is off among the limits of a simulation: a stall of the machine would be taken for it too.
-    """
-    return example(
-        "can.yaml",
-        (r"channel: can0\n", f"channel: faults-{os.getpid()}\n"),
-        (r"database: can/", f"database: {CONFIG}/can/"),
-        (r"(?m)^(    strain: \{coast_ms.*)$", r"\1\n    disagreement: {ratio: 3.0e+4}"),
-    )
-
-
-def canopen_cell():
-    """CANopen at 1 kHz, three nodes."""
-    text = example("canopen.yaml", (r"channel: can0\n", f"channel: faults-{os.getpid()}\n"))
-    return text.replace("eds: can/", f"eds: {CONFIG}/can/")
-
-
-def modbus_cell():
-    """Modbus TCP at 500 Hz."""
-    return example("modbus.yaml", (r"port: 5020", f"port: {free_port()}"))
-
-
-def line_cell():
-    """A board on a serial line at 2 kHz."""
-    return example("serial.yaml", (r"/tmp/micromanip-board", f"/tmp/micromanip-faults-{os.getpid()}"))
-
-
-def gcs_cell():
-    """A GCS controller over TCP at 100 Hz, a tracker over UDP."""
-    ports = f"port: {free_port(socket.SOCK_DGRAM)}, listen: {free_port(socket.SOCK_DGRAM)}"
-    return example("gcs.yaml", (r"port: 50000", f"port: {free_port()}"), (r"port: 5500, listen: 7001", ports))
-
-
-def udp_cell():
-    """A device that the loop itself exchanges datagrams with, each cycle at 10 kHz."""
-    return example("udp.yaml", (r"port: 4840", f"port: {free_port(socket.SOCK_DGRAM)}"))
-
-
 def patient_can_cell():
     """An axis held on a bus of 200 Hz."""
     names = {"name": "cell", "inputs": "Sensors.", "outputs": "Voltages.", "age_us": 200000}
     database = CONFIG / "can" / "manipulator.dbc"
     return assembled("held", "can", database=database, channel=f"patient-{os.getpid()}", **names)
-
-
-def ethercat_cell():
-    """An axis held on a line of three terminals."""
-    return _ethercat("l", _LOCK)
-
-
-def ring_cell():
-    """The same terminals, led back to a second interface."""
-    return _ethercat("r", f"return_interface: ecr{os.getpid()}b\n    {_LOCK}")
 
 
 def _ethercat(kind, way):
@@ -110,3 +61,30 @@ def free_port(kind=socket.SOCK_STREAM):
     with socket.socket(socket.AF_INET, kind) as probe:
         probe.bind(("127.0.0.1", 0))
         return probe.getsockname()[1]
+
+
+CHANNEL, LINE = f"faults-{os.getpid()}", f"/tmp/micromanip-faults-{os.getpid()}"
+CELLS = {
+    # GCS over TCP at 100 Hz, and a tracker over UDP
+    "gcs": lambda: example(
+        "gcs.yaml",
+        (r"port: 50000", f"port: {free_port()}"),
+        (r"port: 5500, listen: 7001", f"port: {free_port(_DATAGRAMS)}, listen: {free_port(_DATAGRAMS)}"),
+    ),
+    "modbus": lambda: example("modbus.yaml", (r"port: 5020", f"port: {free_port()}")),
+    "line": lambda: example("serial.yaml", (r"/tmp/micromanip-board", LINE)),
+    # with a watch over the agreement of the sensors, which a stall among the limits of a simulation would wake too
+    "canbus": lambda: example(
+        "can.yaml",
+        (r"channel: can0\n", f"channel: {CHANNEL}\n"),
+        (r"database: can/", f"database: {CONFIG}/can/"),
+        (r"(?m)^(    strain: \{coast_ms.*)$", r"\1\n    disagreement: {ratio: 3.0e+4}"),
+    ),
+    "canopen": lambda: example("canopen.yaml", (r"channel: can0\n", f"channel: {CHANNEL}\n")).replace(
+        "eds: can/", f"eds: {CONFIG}/can/"
+    ),
+    "udp": lambda: example("udp.yaml", (r"port: 4840", f"port: {free_port(_DATAGRAMS)}")),
+    "ethercat": lambda: _ethercat("l", _LOCK),
+    "ring": lambda: _ethercat("r", f"return_interface: ecr{os.getpid()}b\n    {_LOCK}"),
+}
+"""By the bus; each on a port of its own."""

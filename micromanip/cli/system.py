@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from micromanip.settings.schema.model import Loop
 
 _STYLES = {"good": "green", "poor": "yellow", "bad": "bold red", "unknown": "dim"}
-_PAIRS, _LATENESS_S = 15, 2.0
-"""Interleaved pairs of a benchmark; length of each measurement of lateness."""
 
 
 @subcommand("check", "sudo micromanip system check config/simulated.yaml")
@@ -169,36 +167,32 @@ def bench(only: tuple[str, ...]) -> Answer:
     """Measure the speed of this machine, each figure beside a reference measured in the same run.
 
     cycle: three axes beside the same cycle in plain C, in a warm cache and (cycle_cold) behind a neighbour that empties
-    it. cycle_laws: with every law switched on, beside the configuration as it is.
+    it, and (cycle_laws) with every law switched on, beside the configuration as it is.
     lateness: wake-ups of the loop process beside cyclictest.
     offline: simulation beside real time. startup: command to READY, and memory, beside Python's own.
-    can_frames: frames a second of the driver canbus in Python and compiled, and can_worker: use of a CPU by the worker
-    of config/can.yaml, each beside bare python-can. modbus: transactions of the driver modbus beside the bare library.
-    line: frames, lines and packets of the driver line beside bare pyserial and sockets. ethercat_exchange: of the
-    driver ethercat beside the same in C.
+    exchange: on each bus in operation, rate and age of its fastest signal, and the processor time of its worker, beside
+    what is stated and the loop.
 
     Where the machine lacks what one of them needs (gcc, cyclictest, rights), that is said and it is skipped. Ends with
     1 where one finds the controller itself wrong; the others are measured all the same.
     """
-    root = source_tree()
+    find_source_tree()
     runner = importlib.import_module("benchmarks.runner")
     with steps() as bar:
         tell = bar.say if bar.console.is_terminal else partial(echo, err=True)
-        settings = runner.Plan(root / "config" / "paper.yaml", _PAIRS, _LATENESS_S, tell)
-        document = runner.run(settings, only).document()
+        document = runner.run(tell, only)
     failed = CheckFailed(f"failed, as said above: {', '.join(row['name'] for row in document['failed'])}")
     return Answer(document, lambda: _table(document), failed if document["failed"] else None)
 
 
-def source_tree() -> Path:
-    """The root that holds the package `benchmarks`, now importable; DeviceUnavailable where there is none."""
+def find_source_tree() -> None:
+    """Make the package `benchmarks` importable; raises DeviceUnavailable where there is none."""
     assert micromanip.__file__ is not None
     root = Path(micromanip.__file__).parent.parent
     if not (root / "benchmarks" / "runner.py").is_file():
         raise DeviceUnavailable("system bench needs the source tree of micromanip, which this installation lacks")
     if str(root) not in sys.path:
         sys.path.insert(0, str(root))
-    return root
 
 
 def _table(document: dict[str, Any]) -> None:

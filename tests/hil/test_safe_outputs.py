@@ -9,9 +9,8 @@ from contextlib import contextmanager
 
 import pytest
 
-from campaigns.bench import Bench
-from campaigns.emulated_device import Device
-from campaigns.fault_cells import gcs_cell, line_cell
+from campaigns.bench import Bench, Device
+from campaigns.fault_cells import CELLS
 from campaigns.running_controller import until
 from tests.cli.command import code_of
 
@@ -80,7 +79,7 @@ def nothing_comes(bench):
 
 def test_a_park_voltage_that_run_refuses_moves_nothing(tmp_path, safe_outputs):
     config = tmp_path / "cell.yaml"
-    config.write_text(gcs_cell())
+    config.write_text(CELLS["gcs"]())
     with device(config) as emulated:
         text = config.read_text()
         good = "range_V: [-20, 120], slew_V_per_ms: 40, park_V: 0"
@@ -96,7 +95,7 @@ def test_a_park_voltage_that_run_refuses_moves_nothing(tmp_path, safe_outputs):
 
 def test_after_a_run_and_a_typing_error_the_outputs_come_to_park_within_the_slew_limit(tmp_path, safe_outputs):
     slower = {"outputs.voltage_y.slew_V_per_ms": 0.5 * SLEW_V_PER_MS}
-    with left_behind(tmp_path / "bench", slow(gcs_cell()), slower) as bench:
+    with left_behind(tmp_path / "bench", slow(CELLS["gcs"]()), slower) as bench:
         config, state = bench.running.config, bench.running.folder
         config.write_text(config.read_text().replace("park_V: 0", "park_V: 1100"))
         before = bench.device.report()["outputs"]
@@ -135,7 +134,7 @@ def test_after_a_run_and_a_typing_error_the_outputs_come_to_park_within_the_slew
 
 
 def test_the_feed_stays_held(tmp_path, safe_outputs):
-    with left_behind(tmp_path / "bench", slow(line_cell())) as bench:
+    with left_behind(tmp_path / "bench", slow(CELLS["line"]())) as bench:
         until(lambda: nothing_comes(bench), "the last frames of the killed controller don't end")
         code, out, err = safe_outputs(bench.running.config, bench.running.folder)
         assert (code, err) == (0, ""), err

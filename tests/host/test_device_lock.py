@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from campaigns.fault_cells import ring_cell
+from campaigns.fault_cells import CELLS
 from micromanip.bus.device_lock import DeviceLocks
 from micromanip.errors import ConfigError, DeviceUnavailable, PermissionDenied
 from micromanip.settings.check import prepare
@@ -42,14 +42,14 @@ def test_all_or_none(tmp_path):
 
 def test_both_interfaces_of_a_ring_are_locked_and_no_other_driver_may_have_one(tmp_path):
     file, far = tmp_path / "cell.yaml", f"ecr{os.getpid()}b"
-    file.write_text(ring_cell())
+    file.write_text(CELLS["ring"]())
     devices = prepare(file).wiring.devices
     assert devices == {f"ethercat ecr{os.getpid()}", f"ethercat {far}"}
     with DeviceLocks([f"ethercat {far}"], tmp_path), pytest.raises(DeviceUnavailable, match=f"device ethercat {far}"):
         DeviceLocks(devices, tmp_path)
     other = f"  other:\n    driver: ethercat\n    interface: {far}\n    simulated: true\n"
     other += "    terminals: {only: {vendor: 1, product: 1}}\n"
-    file.write_text(ring_cell().replace("signals:\n", f"{other}signals:\n"))
+    file.write_text(CELLS["ring"]().replace("signals:\n", f"{other}signals:\n"))
     with pytest.raises(ConfigError, match=f"driver cell owns ethercat {far} already; one driver has a device alone"):
         prepare(file)
 

@@ -7,32 +7,33 @@ delays; a coarse gauge with hum.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from micromanip_drivers.simulated.driver import SimulatedCell
 from micromanip_drivers.simulated.samples import normal, put
 from numpy.typing import NDArray
-from scipy.linalg import block_diag, expm
+from scipy.linalg import expm
 
 from micromanip.driver import Channel, Compiler, Functions, entries
 
-from .true_plant import TruePlant
+from .true_plant import TruePlant, linearised
 
 compiled = Compiler(__file__)
 Array = NDArray[np.float64]
 
 KERNELS, CREEPS, MODES, SUBSTEPS, MOST_LATE = 16, 6, 3, 2, 4
+LOW_V, HIGH_V, CENTRE_UM = -20.0, 150.0, 66.0
 _STATES = 2 * MODES + 1
+_GRAIN_V, _SUPPLY_NOISE_V, _STAGE_NOISE_UM, _GAUGE_HZ = 300.0 / 2**16, 0.002, 0.012, 2500.0
 CONTEXT = np.dtype(
     [
         *((name, "f8", (KERNELS,)) for name in ("rise_V", "fall_V", "width_V", "weight_um", "play")),
-        *((name, "f8") for name in ("linear", "square", "amplifier_step", "slew_V", "low_V", "high_V", "grain_V")),
+        *((name, "f8") for name in ("linear", "square", "amplifier_step", "slew_V")),
         *((name, "f8", (CREEPS,)) for name in ("creep_gain", "creep_step", "creep_um")),
         ("a", "f8", (_STATES, _STATES)),
         *((name, "f8", (_STATES,)) for name in ("b", "x", "later_x", "stage_row")),
-        *((name, "f8") for name in ("strain_zero", "stage_zero", "strain_noise", "stage_noise", "hum", "step")),
+        *((name, "f8") for name in ("strain_zero", "stage_zero", "strain_noise", "hum", "step")),
         *((name, "f8") for name in ("period_s", "amplifier_V", "latched_V", "spare")),
         ("decided_V", "f8", (MOST_LATE,)),
         *((name, "i8") for name in ("late", "periods", "opened", "has_spare")),
@@ -42,164 +43,87 @@ CONTEXT = np.dtype(
 )
 
 
-@dataclass(frozen=True)
-class Foreign:
-    """Figures of one plant, in V, um, s and Hz; arrays as long as there are kernels, creep operators or modes."""
+def drawn(seed: int, period_s: float) -> NDArray[Any]:
+    """The plant of `seed`, (1,) of `CONTEXT`, at rest at 0 V; its stack moves 95 to 150 um over 150 V."""
+    rng, record = np.random.default_rng(seed), np.zeros(1, CONTEXT)
+    c, step_s = record[0], period_s / SUBSTEPS
+    half_V = 2.0 + 38.0 * rng.uniform(size=KERNELS) ** 1.5
+    middle_V = rng.uniform(10.0, 130.0, KERNELS)
+    weights, share, reach_um = rng.uniform(0.2, 1.0, KERNELS), rng.uniform(0.3, 0.6), rng.uniform(95.0, 150.0)
+    lever, first_Hz = rng.uniform(4.0, 6.0), rng.uniform(38.0, 70.0)
+    on_stage = np.array([1.15, -rng.uniform(0.05, 0.25), 0.0])
+    on_stage[2] = 1.0 - on_stage.sum()
+    on_gauge = np.array([rng.uniform(0.01, 0.06), rng.uniform(0.005, 0.03), 0.0])
+    on_gauge[2] = 1.0 - on_gauge.sum()
+    c["rise_V"], c["fall_V"], c["play"] = middle_V + half_V, middle_V - half_V, -1.0
+    c["width_V"] = rng.uniform(15.0, 60.0, KERNELS)
+    c["weight_um"] = 0.5 * share * reach_um * weights / weights.sum()
+    c["linear"], c["square"] = (1.0 - share) * reach_um / 150.0, rng.uniform(-6e-4, 6e-4)
+    c["creep_gain"] = 0.004 * 1.6 ** np.arange(CREEPS) * rng.uniform(0.5, 1.2)
+    c["creep_step"] = -np.expm1(-step_s / np.logspace(-2, 3, CREEPS))
+    c["amplifier_step"] = -np.expm1(-step_s * 2 * np.pi * rng.uniform(500.0, 1500.0))
+    c["slew_V"] = rng.uniform(20.0, 60.0) * 1e3 * step_s
+    modes_Hz = np.array([first_Hz, first_Hz * rng.uniform(2.6, 4.2), rng.uniform(900.0, 2200.0)])
+    damping = np.array([rng.uniform(0.015, 0.05), rng.uniform(0.01, 0.04), rng.uniform(0.03, 0.1)])
+    c["a"], c["b"] = mechanics(modes_Hz, damping, on_gauge, step_s)
+    c["stage_row"][:-1:2], c["period_s"] = lever * on_stage, period_s
+    c["late"] = rng.integers(0, MOST_LATE)
+    c["step"] = 360.0 / 2 ** (14 if rng.uniform() < 0.7 else 16)
+    c["hum"], c["strain_noise"] = rng.uniform(0.02, 0.15), rng.uniform(0.03, 0.06)
+    c["random"] = np.random.SeedSequence(seed).generate_state(2, np.uint64)
+    c["strain_zero"] = free = _free(c, 0.0)
+    c["x"][:-1:2], c["x"][-1] = free, free
+    c["creep_um"] = c["creep_gain"] * free  # in balance: what has crept long ago belongs to where it rests
+    c["stage_zero"] = lever * (free + CENTRE_UM)
+    return record
 
-    rise_V: Array
-    fall_V: Array
-    width_V: Array
-    weight_um: Array
-    linear: float
-    square: float
-    creep: Array
-    amplifier_Hz: float
-    slew_V_per_ms: float
-    modes_Hz: Array
-    damping: Array
-    on_gauge: Array
-    on_stage: Array
-    late: int
-    bits: int
-    hum_um: float
-    strain_noise_um: float
-    seed: int
 
-    @classmethod
-    def drawn(cls, seed: int) -> Foreign:
-        """The plant of `seed`; the same seed gives the same. Its stack moves 95 to 150 um over 150 V."""
-        rng = np.random.default_rng(seed)
-        half_V = 2.0 + 38.0 * rng.uniform(size=KERNELS) ** 1.5
-        middle_V = rng.uniform(10.0, 130.0, KERNELS)
-        weights = rng.uniform(0.2, 1.0, KERNELS)
-        share = rng.uniform(0.3, 0.6)
-        reach = rng.uniform(95.0, 150.0)
-        lever = rng.uniform(4.0, 6.0)
-        first = rng.uniform(38.0, 70.0)
-        stage = np.array([1.15, -rng.uniform(0.05, 0.25), 0.0])
-        stage[2] = 1.0 - stage.sum()
-        gauge = np.array([rng.uniform(0.01, 0.06), rng.uniform(0.005, 0.03), 0.0])
-        gauge[2] = 1.0 - gauge.sum()
-        return cls(
-            middle_V + half_V,
-            middle_V - half_V,
-            rng.uniform(15.0, 60.0, KERNELS),
-            0.5 * share * reach * weights / weights.sum(),
-            (1.0 - share) * reach / 150.0,
-            rng.uniform(-6e-4, 6e-4),
-            0.004 * 1.6 ** np.arange(CREEPS) * rng.uniform(0.5, 1.2),
-            rng.uniform(500.0, 1500.0),
-            rng.uniform(20.0, 60.0),
-            np.array([first, first * rng.uniform(2.6, 4.2), rng.uniform(900.0, 2200.0)]),
-            np.array([rng.uniform(0.015, 0.05), rng.uniform(0.01, 0.04), rng.uniform(0.03, 0.1)]),
-            gauge,
-            lever * stage,
-            int(rng.integers(0, MOST_LATE)),
-            14 if rng.uniform() < 0.7 else 16,
-            rng.uniform(0.02, 0.15),
-            rng.uniform(0.03, 0.06),
-            seed,
-        )
+def mechanics(modes_Hz: Array, damping: Array, on_gauge: Array, step_s: float) -> tuple[Array, Array]:
+    """``x+ = a x + b free`` over `step_s`: position and speed of each mode, then the gauge's reading."""
+    a, gauge = np.zeros((_STATES + 1, _STATES + 1)), 2.0 * np.pi * _GAUGE_HZ
+    for k, omega in enumerate(2.0 * np.pi * modes_Hz):
+        a[2 * k, 2 * k + 1] = 1.0
+        a[2 * k + 1, 2 * k : 2 * k + 2] = -(omega**2), -2.0 * damping[k] * omega
+        a[2 * k + 1, -1] = omega**2  # by the free displacement, which is held
+    a[-2, : 2 * MODES : 2], a[-2, -2] = gauge * on_gauge, -gauge
+    whole = expm(a * step_s)
+    return whole[:_STATES, :_STATES], whole[:_STATES, _STATES]
 
-    @property
-    def lever(self) -> float:
-        """How far the stage goes for a micrometre of the gauge."""
-        return float(self.on_stage.sum())
 
-    def continuous(self) -> tuple[Array, Array]:
-        """``x' = A x + b free``: position and speed of each mode, then the gauge's reading."""
-        a, b = np.zeros((_STATES, _STATES)), np.zeros(_STATES)
-        for k, (hertz, damping) in enumerate(zip(self.modes_Hz, self.damping, strict=True)):
-            omega = 2.0 * np.pi * hertz
-            a[2 * k, 2 * k + 1] = 1.0
-            a[2 * k + 1, 2 * k : 2 * k + 2] = -(omega**2), -2.0 * damping * omega
-            b[2 * k + 1] = omega**2
-        gauge = 2.0 * np.pi * 2500.0
-        a[-1, :-1:2], a[-1, -1] = gauge * self.on_gauge, -gauge
-        return a, b
+def free_um(plant: NDArray[Any], volts: Array) -> Array:
+    """Free displacement (n,) for voltages (n,), creep left out, from rest at 0 V."""
+    c = plant.copy()[0]
+    return np.array([_free(c, v) for v in volts])
 
-    def discrete(self, step_s: float) -> tuple[Array, Array]:
-        """The same for a displacement that is held over `step_s`."""
-        a, b = self.continuous()
-        whole = expm(np.block([[a, b[:, None]], [np.zeros((1, _STATES + 1))]]) * step_s)
-        return whole[:_STATES, :_STATES], whole[:_STATES, _STATES]
 
-    def free_um(self, volts: Array) -> Array:
-        """Free displacement (n,) for voltages (n,), creep left out, from rest at 0 V."""
-        c = self.context(1e-4)[0]
-        out = np.zeros(len(volts))
-        for k, v in enumerate(volts):
-            out[k] = _free(c, v)
-        return out
+def slopes_um_per_V(
+    plant: NDArray[Any], centre_V: float, swing_V: float, range_um: tuple[float, float]
+) -> tuple[float, float, float]:
+    """The plant's slope for a small swing about `centre_V`, right after a turn, and at most along a branch.
 
-    def context(self, period_s: float) -> NDArray[Any]:
-        """The record that is simulated."""
-        record = np.zeros(1, CONTEXT)
-        c, step_s = record[0], period_s / SUBSTEPS
-        for name in ("rise_V", "fall_V", "width_V", "weight_um", "linear", "square", "late"):
-            c[name] = getattr(self, name)
-        c["amplifier_step"] = -np.expm1(-step_s * 2 * np.pi * self.amplifier_Hz)
-        c["slew_V"], c["grain_V"] = self.slew_V_per_ms * 1e3 * step_s, 300.0 / 2**16
-        c["low_V"], c["high_V"] = -20.0, 150.0
-        c["creep_gain"], c["creep_step"] = self.creep, -np.expm1(-step_s / np.logspace(-2, 3, CREEPS))
-        c["a"], c["b"] = self.discrete(step_s)
-        c["stage_row"][:-1:2] = self.on_stage
-        c["strain_noise"], c["stage_noise"], c["hum"] = self.strain_noise_um, 0.012, self.hum_um
-        c["step"], c["period_s"], c["has_spare"] = 360.0 / 2**self.bits, period_s, 0
-        c["random"] = np.random.SeedSequence(self.seed).generate_state(2, np.uint64)
-        c["play"] = -1.0
-        c["strain_zero"] = free = _free(c, 0.0)
-        c["x"][:-1:2], c["x"][-1] = free, free
-        # in balance: what has crept long ago belongs to where it rests
-        c["creep_um"] = self.creep * free
-        c["stage_zero"] = self.lever * (free + 66.0)
-        return record
+    The branch is that of the whole stroke, inside the set-points `range_um`.
+    """
+    c = plant[0]
+    up = np.concatenate([np.linspace(0.0, 150.0, 3001), np.linspace(149.95, 0.0, 3000)])
+    moved = free_um(plant, up)
+    slopes, at_um = np.diff(moved) / np.diff(up), moved[:-1] - moved[0]
+    steepest = float(slopes[(at_um > range_um[0]) & (at_um < range_um[1])].max())
+    turn = 2.0 * np.pi * np.arange(4000) / 1000.0
+    way = np.concatenate([np.linspace(0.0, centre_V, 2000), centre_V + swing_V * np.sin(turn)])
+    last = free_um(plant, way)[-1000:]
+    small = float(2.0 * np.mean((last - last.mean()) * np.sin(turn[-1000:])) / swing_V)
+    return small, float(c["linear"] + min(0.0, 2.0 * c["square"] * 150.0)), steepest
 
-    def slopes_um_per_V(
-        self, centre_V: float, swing_V: float, range_um: tuple[float, float]
-    ) -> tuple[float, float, float]:
-        """The plant's slope for a small swing about `centre_V`, right after a turn, and at most along a branch.
 
-        The branch is that of the whole stroke, inside the set-points `range_um`.
-        """
-        up = np.concatenate([np.linspace(0.0, 150.0, 3001), np.linspace(149.95, 0.0, 3000)])
-        moved = self.free_um(up)
-        slopes, at_um = np.diff(moved) / np.diff(up), moved[:-1] - moved[0]
-        steepest = float(slopes[(at_um > range_um[0]) & (at_um < range_um[1])].max())
-        turn = 2.0 * np.pi * np.arange(4000) / 1000.0
-        way = np.concatenate([np.linspace(0.0, centre_V, 2000), centre_V + swing_V * np.sin(turn)])
-        last = self.free_um(way)[-1000:]
-        small = float(2.0 * np.mean((last - last.mean()) * np.sin(turn[-1000:])) / swing_V)
-        flattest = self.linear + min(0.0, 2.0 * self.square * 150.0)
-        return small, flattest, steepest
-
-    def truth(self, slope_um_per_V: float, period_s: float) -> TruePlant:
-        """The plant with its hysteresis replaced by a slope."""
-        step_s = period_s / SUBSTEPS
-        a, b = self.discrete(step_s)
-        follow, size = -np.expm1(-step_s * 2 * np.pi * self.amplifier_Hz), 1 + CREEPS + _STATES
-        creep_step = -np.expm1(-step_s / np.logspace(-2, 3, CREEPS))
-        step, drive = np.eye(size), np.zeros(size)
-        step[0, 0], drive[0] = 1.0 - follow, follow
-        pure, fed = slope_um_per_V * step[0], slope_um_per_V * drive[0]
-        for k in range(CREEPS):
-            step[1 + k] = (1.0 - creep_step[k]) * np.eye(size)[1 + k] + creep_step[k] * self.creep[k] * pure
-            drive[1 + k] = creep_step[k] * self.creep[k] * fed
-        free = (1.0 - self.creep.sum()) * pure + step[1 : 1 + CREEPS].sum(axis=0)
-        free_fed = (1.0 - self.creep.sum()) * fed + drive[1 : 1 + CREEPS].sum()
-        step[1 + CREEPS :] = np.outer(b, free)
-        step[1 + CREEPS :, 1 + CREEPS :] += a
-        drive[1 + CREEPS :] = b * free_fed
-        period, driven = np.eye(size), np.zeros(size)
-        for _ in range(SUBSTEPS):
-            period, driven = step @ period, step @ driven + drive
-        late = 1 + self.late
-        A = block_diag(period, np.eye(late, k=-1))
-        A[:size, -1] = driven
-        B, strain, stage = np.zeros(len(A)), np.zeros(len(A)), np.zeros(len(A))
-        B[size], strain[size - 1] = 1.0, 1.0
-        stage[1 + CREEPS : size - 1 : 2] = self.on_stage
-        return TruePlant(A, B, strain, stage, period_s)
+def truth(plant: NDArray[Any], slope_um_per_V: float) -> TruePlant:
+    """The plant with its hysteresis replaced by a slope."""
+    c, gauge = plant[0], np.zeros(_STATES)
+    gauge[-1] = 1.0
+    creep, mechanical = (c["creep_gain"], c["creep_step"]), (c["a"], c["b"])
+    return linearised(
+        slope_um_per_V, c["amplifier_step"], (0.0, 1.0), creep, mechanical, (gauge, c["stage_row"]),
+        SUBSTEPS, int(c["late"]), float(c["period_s"]),
+    )  # fmt: skip
 
 
 @compiled
@@ -222,7 +146,7 @@ def _advance(c: Any) -> None:
     for _ in range(SUBSTEPS):
         change = (c["latched_V"] - c["amplifier_V"]) * c["amplifier_step"]
         c["amplifier_V"] += max(-c["slew_V"], min(c["slew_V"], change))
-        pure = _free(c, c["amplifier_V"] + 0.002 * normal(c))
+        pure = _free(c, c["amplifier_V"] + _SUPPLY_NOISE_V * normal(c))
         free = pure
         for k in range(CREEPS):
             c["creep_um"][k] += c["creep_step"][k] * (c["creep_gain"][k] * pure - c["creep_um"][k])
@@ -247,13 +171,13 @@ def _exchange(c: Any, outputs: Any, inputs: Any, now_ns: int, periods: int) -> i
     stage = 0.0
     for i in range(len(c["x"])):
         stage += c["stage_row"][i] * c["x"][i]
-    put(inputs[1], stage - c["stage_zero"] + c["stage_noise"] * normal(c), now_ns)
+    put(inputs[1], stage - c["stage_zero"] + _STAGE_NOISE_UM * normal(c), now_ns)
     put(inputs[2], strain, now_ns)
     decided = outputs[0]
     for k in range(c["late"]):
         decided, c["decided_V"][k] = c["decided_V"][k], decided
-    inside = max(c["low_V"], min(c["high_V"], decided))
-    c["latched_V"] = c["grain_V"] * np.floor(inside / c["grain_V"] + 0.5)
+    inside = max(LOW_V, min(HIGH_V, decided))
+    c["latched_V"] = _GRAIN_V * np.floor(inside / _GRAIN_V + 0.5)
     return 0
 
 
@@ -275,25 +199,12 @@ _ENTRIES = entries(compiled, CONTEXT, _begin, _exchange, _end, _end)
 class ForeignCell(SimulatedCell):
     """One axis of such a plant in place of the simulated one's."""
 
-    plant: Foreign
-
-    @classmethod
-    def of(cls, plant: Foreign, options: Any, period_ns: int) -> ForeignCell:
-        """The driver."""
-        cell = cls(options, period_ns)
-        cell.plant = plant
-        return cell
-
-    @property
-    def inputs(self) -> tuple[str, ...]:
-        return "strain_x", "stage_x", "true_strain_x"
-
-    @property
-    def slow_inputs(self) -> tuple[Channel, ...]:
-        return ()
+    plant: NDArray[Any]
+    inputs = "strain_x", "stage_x", "true_strain_x"
+    slow_inputs: tuple[Channel, ...] = ()
 
     def context(self) -> NDArray[np.uint8]:
-        return self.plant.context(self.period_ns * 1e-9).view(np.uint8)
+        return self.plant.copy().view(np.uint8)
 
     def functions(self) -> Functions:
         return Functions(*_ENTRIES.addresses)

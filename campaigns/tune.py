@@ -6,46 +6,53 @@ and devices, stays.
 
 import datetime
 import re
-from importlib.metadata import version
+from collections.abc import Callable
+from functools import partial
 
+from micromanip.design.analyse.budget.recorded import budget_of_rows
 from micromanip.design.commission.cell import CommissionedCell, commission_cell
 from micromanip.design.commission.closing import Options
-from micromanip.settings.check import prepare
+from micromanip.settings.check import Prepared, prepare
 from micromanip.settings.schema.axis import Commissioned
 from micromanip.settings.schema.reference import Tracker
 from micromanip.settings.tuning_hash import tuning_hash
 from micromanip.settings.write import edited, node, with_tuning, write_atomically, written
-from micromanip.virtual.experiment import VirtualExperiment
+from micromanip.virtual.experiment import VirtualExperiment, with_options
 
 from .report import ROOT, Asked, Report
 
 CONFIG = ROOT / "config"
 TOOTH_HZ = 200.0
 NAMES = ("simulated.yaml", "ethercat.yaml", "udp.yaml")
-HEADER = """\
-# The simulated cell, tuned: three axes hold the spindle on its path while the robot deviates and the
-# tool cuts. Physical units, named by the keys; every key is explained in docs/configuration.md.
-# The tuning of the axes (inner, hysteresis, hysteresis_affine, outer, actuator) and what the predictor knows of the
-# path deviation (reference) are what `make campaign NAME=tune` made of config/factory.yaml: `micromanip commission`,
-# all axes, tooth frequency {tooth:g} Hz, seed {seed}, version {version}, {date}. It passes `analyse margins`.
-# The rest is written by hand.
-"""
 
 
-def tuned(asked: Asked) -> CommissionedCell:
-    """The factory's cell, commissioned."""
-    factory = prepare(CONFIG / "factory.yaml")
-    configuration = factory.configuration
-    experiment, running = VirtualExperiment(factory), VirtualExperiment(factory, process=True)
-    axes, options = list(configuration.axes), Options(tooth_Hz=TOOTH_HZ)
-    return commission_cell(configuration, experiment, axes, asked.tell, options, asked.seed, running)
+def commissioned(
+    cell: Prepared, say: Callable[[str], None], options: Options, seed: int = 1, trial_seed: int | None = None
+) -> CommissionedCell:
+    """All axes of a simulated cell; the process goes on where it rests and where it is tried, on noise of its own."""
+    running = cell
+    if trial_seed is not None:
+        running = with_options(cell, "cell", cell.wiring.options["cell"].model_copy(update={"seed": trial_seed}))
+    return commission_cell(
+        cell.configuration,
+        VirtualExperiment(cell),
+        list(cell.configuration.axes),
+        say,
+        options,
+        seed,
+        VirtualExperiment(running, process=True),
+        budgeted=partial(budget_of_rows, cell.source.path),
+    )
 
 
 def missed(found: CommissionedCell) -> list[str]:
     """What keeps it from being written."""
+    if found.stopped is not None:
+        return [str(found.stopped)]
     criteria = [f"{c.axis}: {c.name}: {c.value}" for story in found.evidence for c in story.criteria if not c.passed]
-    obstacle = None if found.production is None else found.production.obstacle
-    return criteria if obstacle is None else [*criteria, obstacle]
+    production = found.production
+    why = (production.obstacle, production.problem, production.unbudgeted) if production else ()
+    return [*criteria, *filter(None, why)]
 
 
 def text_of(name: str, found: CommissionedCell, tracker: Tracker, today: str) -> str:
@@ -65,13 +72,12 @@ def text_of(name: str, found: CommissionedCell, tracker: Tracker, today: str) ->
 
 def run(asked: Asked) -> Report:
     """In virtual time; where a criterion is missed, nothing is written."""
-    today, found = datetime.datetime.now(datetime.UTC).date().isoformat(), tuned(asked)
+    today, options = datetime.datetime.now(datetime.UTC).date().isoformat(), Options(tooth_Hz=TOOTH_HZ)
+    found = commissioned(prepare(CONFIG / "factory.yaml"), asked.tell, options, asked.seed)
     tracker = found.configuration.reference
     if not found.passed or not isinstance(tracker, Tracker):
         return Report(notes=["Nothing was written."], wrong=missed(found))
     texts = {name: text_of(name, found, tracker, today) for name in NAMES}
-    header = HEADER.format(tooth=TOOTH_HZ, seed=asked.seed, version=version("micromanip"), date=today)
-    texts["simulated.yaml"] = re.sub(r"\A(#.*\n)*", lambda _: header, texts["simulated.yaml"])
     for name, text in texts.items():
         write_atomically(CONFIG / name, text)
     return Report(notes=[f"Written: {', '.join(texts)}."])

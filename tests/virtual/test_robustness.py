@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from micromanip_drivers.simulated.options import BoucWen, Plant, SecondMode
 
-from campaigns.drawn_plants import REACH_UM, drawn_cell, drawn_plant, with_plant
+from campaigns.drawn_plants import REACH_UM, drawn_cell, drawn_plant, small_slope, true_plant, with_plant
 from campaigns.robustness import AXIS, CONFIG
-from campaigns.true_plant import small_slope, true_plant
 from micromanip.design.experiment import open_loop, parked
 from micromanip.design.identify.response import measure, multisine
 from micromanip.settings.check import prepare

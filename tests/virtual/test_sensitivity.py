@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from micromanip_drivers.simulated.options import Plant
 
-from campaigns.true_plant import small_slope, true_plant
+from campaigns.drawn_plants import small_slope, true_plant
 from micromanip.control.injection import MISSED
 from micromanip.control.margins import margins
 from micromanip.control.outer_gains import outer_gains

@@ -18,8 +18,7 @@ import resource
 import signal
 import sys
 import tomllib
-from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from types import CodeType, FunctionType
 
 os.environ["NUMBA_DISABLE_JIT"] = "1"
@@ -100,73 +99,37 @@ def called(node: ast.expr) -> str | None:
     return node.func.id if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) else None
 
 
-def places(function: ast.FunctionDef) -> list[tuple[ast.AST, str, int | None]]:
-    """Every node of the body but the docstring, as its parent, field and index."""
-    found: list[tuple[ast.AST, str, int | None]] = []
-
-    def walk(parent: ast.AST) -> None:
-        for field, value in ast.iter_fields(parent):
-            if field in ("annotation", "returns"):
-                continue
-            for i, child in enumerate(value) if isinstance(value, list) else [(None, value)]:
-                if isinstance(child, ast.AST):
-                    found.append((parent, field, i))
-                    walk(child)
-
-    body = ast.Module(function.body[1:] if ast.get_docstring(function) else function.body, [])
-    walk(body)
-    return found
+def within(parent: ast.AST) -> Iterator[tuple[ast.AST, ast.AST]]:
+    """Every node below `parent` but type hints and the docstring of a function, each behind its own parent."""
+    for field, value in ast.iter_fields(parent):
+        for child in value if isinstance(value, list) else [value]:
+            if isinstance(child, ast.AST) and field not in ("annotation", "returns"):
+                yield parent, child
+                yield from within(child)
 
 
-def mutants(tree: ast.Module) -> Iterator[tuple[str, ast.Module]]:
-    """(what was changed, the changed module); names are unique and do not depend on line numbers."""
-    seen: dict[str, int] = {}
-    for original, module_with in functions(tree):
-        used = [node for node in ast.walk(original) if isinstance(node, ast.Name)]
-        loaded = {node.slice.value for node in ast.walk(original) if isinstance(node, ast.Subscript)
+def mutants(tree: ast.Module) -> Iterator[tuple[str, ast.FunctionDef, ast.FunctionDef]]:
+    """(what was changed, a function or method, what it becomes); names are unique, without line numbers."""
+    seen = set()
+    holders = [tree, *(entry for entry in tree.body if isinstance(entry, ast.ClassDef))]
+    for function in (entry for holder in holders for entry in holder.body if isinstance(entry, ast.FunctionDef)):
+        nodes = [*ast.walk(function)]
+        loaded = {node.slice.value for node in nodes if isinstance(node, ast.Subscript)
                   and isinstance(node.slice, ast.Constant) and isinstance(node.slice.value, str)}  # fmt: skip
-        indexed = {node.value.id for node in ast.walk(original) if isinstance(node, ast.Subscript)
+        indexed = {node.value.id for node in nodes if isinstance(node, ast.Subscript)
                    and isinstance(node.value, ast.Name)}  # fmt: skip
-        variables = {argument.arg for argument in original.args.args if argument.arg != "self"}
-        variables |= {node.id for node in used if isinstance(node.ctx, ast.Store)}
-        names = sorted(variables - indexed)
-        for number in range(len(places(original))):
-            spare = copy.deepcopy(original)
-            parent, field, i = places(spare)[number]
-            node = getattr(parent, field) if i is None else getattr(parent, field)[i]
-            for new in replacements(node, names, sorted(loaded)):
+        variables = {argument.arg for argument in function.args.args if argument.arg != "self"}
+        variables |= {node.id for node in nodes if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)}
+        body = ast.Module(function.body[1:] if ast.get_docstring(function) else function.body, [])
+        for parent, node in within(body):
+            for new in replacements(node, sorted(variables - indexed), sorted(loaded)):
                 if isinstance(parent, ast.Subscript) and ast.unparse(new) == "-1":
                     continue  # a record's numbers are arrays of one
-                changed = copy.deepcopy(original)
-                parent, field, i = places(changed)[number]
-                if i is None:
-                    setattr(parent, field, new)
-                else:
-                    getattr(parent, field)[i] = new
-                    if isinstance(parent, ast.Module):  # a statement of the function's own body
-                        changed.body[i + bool(ast.get_docstring(changed))] = new  # type: ignore[call-overload]
-                name = _name(original, changed)
-                seen[name] = seen.get(name, 0) + 1
-                if seen[name] == 1:
-                    yield name, ast.fix_missing_locations(module_with(changed))
-
-
-def functions(tree: ast.Module) -> Iterator[tuple[ast.FunctionDef, Callable[[ast.FunctionDef], ast.Module]]]:
-    """Every function and method, and what makes the module with another one in its place."""
-    for k, entry in enumerate(tree.body):
-        if isinstance(entry, ast.FunctionDef):
-            yield entry, lambda new, k=k: replaced(tree, k, new)
-        elif isinstance(entry, ast.ClassDef):
-            for i, method in enumerate(entry.body):
-                if isinstance(method, ast.FunctionDef):
-                    yield method, lambda new, k=k, i=i: replaced(tree, k, replaced(tree.body[k], i, new))
-
-
-def replaced(parent: ast.Module | ast.ClassDef, k: int, new: ast.stmt) -> ast.Module | ast.ClassDef:
-    """The same with `new` in place of the statement number `k`."""
-    other = copy.copy(parent)
-    other.body = [*parent.body[:k], new, *parent.body[k + 1 :]]
-    return other
+                changed = copy.deepcopy(function, {id(node): new})  # with `new` for a copy of the node
+                name = _name(function, changed)
+                if name not in seen:
+                    seen.add(name)
+                    yield name, function, changed
 
 
 def _name(original: ast.FunctionDef, changed: ast.FunctionDef) -> str:
@@ -182,50 +145,47 @@ class Mutants:
 
     def __init__(self, module: str) -> None:
         self._module = importlib.import_module(module)
-        self.tree = ast.parse(inspect.getsource(self._module))
-        self.cases = list(mutants(self.tree))
+        self._tree = ast.parse(inspect.getsource(self._module))
+        self.cases = list(mutants(self._tree))
         self.alive: list[str] = []
-        self._kills: Counter[str] = Counter()
+        self._items: list[pytest.Item] = []
+        """The one that killed last comes first."""
 
     @pytest.hookimpl(tryfirst=True)
     def pytest_runtestloop(self, session):
         """The module as it is must pass; then every mutant."""
         session.config._tmp_path_factory.getbasetemp()  # one for all processes
+        self._items = [*session.items]
         before_s = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
-        killer, status = self._end(*self._start(session.items, self.tree, WAIT_S))
-        if status:
-            sys.exit(f"{self._module.__name__}: its tests fail without any mutation: {killer or status}")
+        child, answer = self._start(self._tree, WAIT_S)
+        if code := self._ended(answer, os.waitpid(child, 0)[1]):
+            sys.exit(f"{self._module.__name__}: its tests fail without any mutation: {self._items[0].nodeid}, {code}")
         needed_s = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before_s
-        self._try_all(session.items, max(AT_LEAST_S, round(TIMES * needed_s)))
-        return True
-
-    def _try_all(self, items: list[pytest.Item], most_s: int) -> None:
         running: dict[int, tuple[str, int]] = {}
-        for name, tree in [*self.cases, (None, None)]:
+        for name, *change in [*self.cases, (None, None, None)]:
             while len(running) >= (os.cpu_count() or 1) or (name is None and running):
                 child, status = os.wait()
                 finished, answer = running.pop(child)
-                killer, code = self._end(child, answer, status)
-                self._kills.update([killer] if killer else [])
+                code = self._ended(answer, status)
                 if code == 0:
                     self.alive.append(finished)
                 elif code not in (1, -signal.SIGALRM, -signal.SIGVTALRM, -signal.SIGSEGV):
                     sys.exit(f"{finished}: the tests could not be run (exit code {code})")
                 print("." if code else "S", end="", file=sys.stderr, flush=True)
             if name is not None:
-                child, answer = self._start(sorted(items, key=self._rank), tree, most_s)
+                function, changed = change
+                tree = ast.fix_missing_locations(copy.deepcopy(self._tree, {id(function): changed}))
+                child, answer = self._start(tree, max(AT_LEAST_S, round(TIMES * needed_s)))
                 running[child] = (name, answer)
         print(file=sys.stderr)
+        return True
 
-    def _rank(self, item: pytest.Item) -> int:
-        return -self._kills[item.nodeid]
-
-    def _start(self, items: list[pytest.Item], tree: ast.Module, most_s: int) -> tuple[int, int]:
-        """Run the tests on `tree` in a process of its own; its id, and where the name of the test that failed comes."""
-        answer, told = os.pipe()
+    def _start(self, tree: ast.Module, most_s: int) -> tuple[int, int]:
+        """Run the tests on `tree` in a process of its own; its id, and where the name of the one that fails comes."""
+        answer, end = os.pipe()
         child = os.fork()
         if child:
-            os.close(told)
+            os.close(end)
             return child, answer
         code = 70
         with contextlib.suppress(Exception):
@@ -235,16 +195,20 @@ class Mutants:
             signal.setitimer(signal.ITIMER_VIRTUAL, most_s)
             signal.alarm(WAIT_S)
             put_in_place(self._module, tree)
-            failed = first_failure(items)
-            os.write(told, failed.encode())
-            code = 1 if failed else 0
+            code = 0
+            for item, following in zip(self._items, [*self._items[1:], None], strict=True):
+                if any(report.failed for report in runtestprotocol(item, nextitem=following, log=False)):
+                    os.write(end, item.nodeid.encode())
+                    code = 1
+                    break
         os._exit(code)
 
-    def _end(self, child: int, answer: int, status: int | None = None) -> tuple[str, int]:
-        """Who killed it, and its exit code."""
-        status = os.waitpid(child, 0)[1] if status is None else status
-        with os.fdopen(answer) as told:
-            return told.read(), os.waitstatus_to_exitcode(status)
+    def _ended(self, answer: int, status: int) -> int:
+        """Exit code of a process."""
+        with os.fdopen(answer) as end:
+            if killer := end.read():
+                self._items.sort(key=lambda item: item.nodeid != killer)
+        return os.waitstatus_to_exitcode(status)
 
 
 def put_in_place(module: object, tree: ast.Module) -> None:
@@ -263,36 +227,14 @@ def put_in_place(module: object, tree: ast.Module) -> None:
     walk(compile(tree, module.__file__, "exec"), module)
 
 
-def first_failure(items: list[pytest.Item]) -> str:
-    """The first of the tests that fails; empty where all pass."""
-    for item, following in zip(items, [*items[1:], None], strict=True):
-        if any(report.failed for report in runtestprotocol(item, nextitem=following, log=False)):
-            return item.nodeid
-    return ""
-
-
 def tried(module: str) -> Mutants:
     """All mutants of a module, with those that have survived."""
     tests, but = TARGETS[module]
     found = Mutants(module)
-    code = pytest.main(
-        [
-            "-q",
-            "--capture=no",
-            "--hypothesis-profile=mutation",
-            "-p",
-            "no:xdist",
-            "-p",
-            "no:rerunfailures",  # a mutant's failure is no accident
-            "-o",
-            "markers=flaky: as of rerunfailures\nxdist_group: as of xdist",
-            "-m",
-            "not live",
-            *(str(ROOT / file) for file in tests.split()),
-            *([f"--deselect={tests}::{but}"] if but else []),
-        ],
-        plugins=[found],
-    )
+    options = ["-q", "--capture=no", "--hypothesis-profile=mutation", "-p", "no:xdist", "-m", "not live"]
+    options += ["-o", "markers=xdist_group: as of xdist"]
+    files = [str(ROOT / file) for file in tests.split()]
+    code = pytest.main(options + files + [f"--deselect={tests}::{but}"] * bool(but), plugins=[found])
     if code:
         sys.exit(f"{module}: the tests could not be run (exit code {int(code)})")
     return found
@@ -309,7 +251,7 @@ def run(asked: Asked) -> Report:
     report, rows = Report(), []
     for module in [asked.only] if asked.only else TARGETS:
         found = tried(module)
-        names, alive = {name for name, _ in found.cases}, set(found.alive)
+        names, alive = {name for name, *_ in found.cases}, set(found.alive)
         listed = {mutant for known, mutant in reasons if known == module}
         for text, wrong in (
             ("survives, and is not listed as equivalent", alive - listed),

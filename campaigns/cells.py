@@ -2,6 +2,7 @@
 
 import math
 import os
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from random import Random
@@ -54,15 +55,10 @@ class Cell:
         names = _NAMES | dict(self.names) | {"place": place, "channel": place}
         names["way"] = names["way"].replace("PLACE", str(place))
         text = assembled("watched", self.driver, **names)
-        pause = f", settle_ms: {settle_ms}}}" if settle_ms else "}"
-        for key in (f"port: {place}", "baud: 1000000"):
-            text = text.replace(f"{key}}}", f"{key}{pause}")
-        return "".join(
-            f"{' ' * 4 if watchdog.startswith('without') else line[: len(line) - len(line.lstrip())]}{watchdog}\n"
-            if line.strip().startswith("watchdog:")
-            else line
-            for line in text.splitlines(keepends=True)
-        )
+        if settle_ms:
+            text = re.sub(rf"(port: {place}|baud: 1000000)}}", rf"\1, settle_ms: {settle_ms}}}", text)
+        at = "    " if watchdog.startswith("without") else r"\1"  # of the driver, or of one of its nodes
+        return re.sub(r"(?m)^( *)watchdog: .*$", at + watchdog, text)
 
     def habits(self, seed, number):
         """What the device of a group of interleavings does by itself, and what its configuration says of that."""
@@ -88,35 +84,21 @@ class Cell:
             said += "\n    without_watchdog: true"
         return habits, said, habits.opening_ms + 500.0 if habits.opening_ms else 0.0
 
-    def bounds(self, text):
-        """What the outputs may do, read from a configuration with a reader of our own; None where it is not valid."""
-        try:
-            return self._all_bounds(yaml.safe_load(text)["outputs"])
-        except (ValueError, TypeError, KeyError, yaml.YAMLError):
-            return None
+    def bounds(self, text, changes):
+        """What the outputs may do, read from a configuration, after each `set` of `changes`; None if it is not valid.
 
-    def bounds_after(self, bounds, changes):
-        """Those after a `set`; None where it would not be valid."""
-        outputs = {
-            name: {
-                "range_V": [each.low_V, each.high_V],
-                "slew_V_per_ms": each.step_V / self.period_ms,
-                "park_V": each.rest_V,
-            }
-            for name, each in bounds.items()
-        }
+        With a reader of our own.
+        """
         try:
+            outputs = yaml.safe_load(text)["outputs"]
             for key, value in changes.items():
                 section, _, rest = key.partition(".")
                 if section == "outputs":
                     name, _, what = rest.partition(".")
                     outputs[name][what] = value
-            return self._all_bounds(outputs)
-        except (ValueError, TypeError, KeyError):
+            return {name: self._bounds(entry) for name, entry in outputs.items()}
+        except (ValueError, TypeError, KeyError, yaml.YAMLError):
             return None
-
-    def _all_bounds(self, outputs):
-        return {name: self._bounds(entry) for name, entry in outputs.items()}
 
     def _bounds(self, entry):
         low_V, high_V = map(float, entry["range_V"])

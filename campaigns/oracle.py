@@ -5,17 +5,22 @@ slew      no value differs from what the output has by more than a period of its
 unarmed   outputs that rest stay at rest until `arm` was accepted
 claim     whenever the product says that the outputs rest, they do
 
+On the bench there are five more:
+charged   outputs that can be written rest soon after they were told to
+astray    no loop tracks on while its outputs are in nobody's or the worker's hand
+crash     no traceback, no bug
+return    back to READY by documented means
+left      nothing is left behind
+
 What a device does by itself is nobody's fault, and where the next value begins.
 """
 
 import math
+import threading
+import time
 from bisect import bisect_right
 from dataclasses import dataclass, field
 
-RULES = ("range", "slew", "unarmed", "claim", "charged", "astray", "crash", "return", "left")
-"""The last five are judged on the bench: outputs that do not rest though they were told to, and can be written; a loop
-that tracks on while its outputs are in nobody's or the worker's hand; tracebacks and bugs; back to READY; nothing left
-behind."""
 SHOWN = "state"
 """Shown and not judged: OFF while the device is elsewhere, in a report that says so itself under `links`; and what is
 said while a line that acknowledges nothing holds values back."""
@@ -29,6 +34,51 @@ BY_ITSELF_NS = 700_000_000
 """For so long after a device has left rest by itself, nobody can know."""
 CHANGE_NS = 500_000_000
 """For so long after a change of range or slew limit the former ones are right too."""
+
+
+@dataclass(eq=False)
+class Arrival:
+    """One output's value; `itself`: the device moved without being told."""
+
+    time_ns: int
+    name: str
+    volts: float
+    itself: bool = False
+
+
+class Arrivals:
+    """Those since the last `forget`; written by the device's thread."""
+
+    def __init__(self):
+        self._lock = threading.Lock()
+        self._all = []
+        self.count = 0
+
+    def add(self, name, volts, *, itself=False):
+        """One more, now."""
+        self.take_up(Arrival(time.monotonic_ns(), name, volts, itself))
+
+    def take_up(self, arrival):
+        """One more, with its own time."""
+        with self._lock:
+            self._all.append(arrival)
+            self.count += 1
+
+    def copy(self):
+        """In the order of arrival."""
+        with self._lock:
+            return list(self._all)
+
+    def forget(self, before_ns):
+        """Keep only what is newer, and the last of each output."""
+        with self._lock:
+            last = {each.name: each for each in self._all if each.time_ns < before_ns}
+            old = sorted(last.values(), key=lambda each: each.time_ns)
+            self._all = old + [each for each in self._all if each.time_ns >= before_ns]
+
+    def volts(self):
+        """Each output's newest value."""
+        return {each.name: each.volts for each in self.copy()}
 
 
 @dataclass(frozen=True)
@@ -106,7 +156,11 @@ class Oracle:
     def judge(self, begin_ns, end_ns):
         """What was wrong since `begin_ns`; forgets what lies before `end_ns`."""
         arrivals = self._arrivals.copy()
-        found = [*self._moves(arrivals, begin_ns), *self._lies(arrivals)]
+        found = [
+            Violation(rule, what, size_V, around(arrivals, each, begin_ns))
+            for rule, what, size_V, each in self._moves(arrivals, begin_ns)
+        ]
+        found += self._lies(arrivals)
         self._arrivals.forget(end_ns)
         self._bounds = self._bounds[-2:]
         self._armed_ns, self._claims = [at for at in self._armed_ns if at >= end_ns], []
@@ -123,15 +177,19 @@ class Oracle:
 
     def _moves(self, arrivals, begin_ns):
         last, rest_since_ns = {}, None
-        for k, each in enumerate(arrivals):
-            fresh = each.time_ns >= begin_ns
+        for each in arrivals:
+            fresh, volts = each.time_ns >= begin_ns, each.volts
             if fresh and not each.itself:
-                allowed = self._in_force(each.time_ns)
-                yield from self._of_range(each, [bounds[each.name] for bounds in allowed], arrivals, k, begin_ns)
-                if each.name in last:
-                    step_V = max(bounds[each.name].step_V + bounds[each.name].fine_V for bounds in allowed)
-                    yield from _of_slew(each, last[each.name], step_V, arrivals, k, begin_ns)
-            last[each.name] = each.volts
+                allowed = [bounds[each.name] for bounds in self._in_force(each.time_ns)]
+                low_V, high_V, step_V = allowed[-1].low_V, allowed[-1].high_V, max(b.step_V + b.fine_V for b in allowed)
+                before_V = last.get(each.name, volts)
+                if not any(b.low_V - b.fine_V <= volts <= b.high_V + b.fine_V for b in allowed):
+                    what = f"{each.name} was given {volts:g} V, its range is {low_V:g} to {high_V:g} V"
+                    yield "range", what, max(low_V - volts, volts - high_V), each
+                if not abs(volts - before_V) <= step_V and math.isfinite(volts):
+                    what = f"{each.name} went from {before_V:g} to {volts:g} V in one step, {step_V:.2f} V are allowed"
+                    yield "slew", what, abs(volts - before_V), each
+            last[each.name] = volts
             if not fresh:
                 continue
             resting = all(bounds.at_rest(last.get(name, bounds.rest_V)) for name, bounds in self.bounds.items())
@@ -140,8 +198,7 @@ class Oracle:
                 self._resting, rest_since_ns = False, None
             if not resting:
                 if self._resting and not each.itself:
-                    what = f"{each.name} left rest for {each.volts:g} V, and nobody had armed"
-                    yield Violation("unarmed", what, abs(each.volts), around(arrivals, k, begin_ns))
+                    yield "unarmed", f"{each.name} left rest for {volts:g} V, and nobody had armed", abs(volts), each
                 self._resting, rest_since_ns = False, None
             else:
                 rest_since_ns = each.time_ns if rest_since_ns is None else rest_since_ns
@@ -158,59 +215,75 @@ class Oracle:
             if at <= time_ns and time_ns < end + CHANGE_NS
         ]
 
-    def _of_range(self, each, allowed, arrivals, k, begin_ns):
-        if any(b.low_V - b.fine_V <= each.volts <= b.high_V + b.fine_V for b in allowed):
-            return
-        what = f"{each.name} was given {each.volts:g} V, its range is {allowed[-1].low_V:g} to {allowed[-1].high_V:g} V"
-        beyond_V = max(allowed[-1].low_V - each.volts, each.volts - allowed[-1].high_V)
-        yield Violation("range", what, beyond_V, around(arrivals, k, begin_ns))
-
     def _lies(self, arrivals):
-        taken = [(each.time_ns, each.name, each.volts) for each in arrivals]
+        """Claims during which, and shortly before and after, the outputs rested at no time."""
+        last, elsewhere = {}, []
+        for each in arrivals:
+            last[each.name] = each.volts
+            known = [(name, last[name], bounds.rest_V) for name, bounds in self.bounds.items() if name in last]
+            elsewhere.append({name: volts for name, volts, rest_V in known if not abs(volts - rest_V) <= REST_V})
+        times_ns = [each.time_ns for each in arrivals]
         left_ns = [each.time_ns for each in arrivals if each.itself and abs(each.volts) > REST_V]
-        times_ns = [at_ns for at_ns, _, _ in taken]
-        before, last = 0, {}
-        for claim in sorted(self._claims, key=lambda each: each.from_ns):
-            begin = bisect_right(times_ns, claim.from_ns - IN_FLIGHT_NS)
-            last |= {name: volts for _, name, volts in taken[before:begin]}
-            before = begin
-            volts = self._best(dict(last), taken[begin : bisect_right(times_ns, claim.to_ns + IN_FLIGHT_NS)])
-            if volts and not any(0 <= claim.to_ns - at_ns < BY_ITSELF_NS for at_ns in left_ns):
-                moved = {name: f"{value:g} V" for name, value in volts.items()}
-                worst_V = max(abs(value - self.bounds[name].rest_V) for name, value in volts.items())
+        for claim in self._claims:
+            first = bisect_right(times_ns, claim.from_ns - IN_FLIGHT_NS)
+            end = bisect_right(times_ns, claim.to_ns + IN_FLIGHT_NS)
+            during = elsewhere[first - 1 : end] if first else [{}]
+            if all(during) and not any(0 <= claim.to_ns - at_ns < BY_ITSELF_NS for at_ns in left_ns):
+                moved = {name: f"{volts:g} V" for name, volts in during[-1].items()}
+                worst_V = max(abs(volts - self.bounds[name].rest_V) for name, volts in during[-1].items())
                 yield Violation(claim.rule, f"{claim.who}; the device was at {moved}", worst_V)
 
-    def _best(self, last, taken):
-        """Voltages that do not rest; none where all did at some time of the claim, or soon after."""
-        found = self._elsewhere(last)
-        for _, name, volts in taken:
-            if not found:
-                break
-            last[name] = volts
-            found = self._elsewhere(last)
-        return found
 
-    def _elsewhere(self, last):
-        return {
-            output: last[output]
-            for output, bounds in self.bounds.items()
-            if output in last and not abs(last[output] - bounds.rest_V) <= REST_V
-        }
-
-
-def _of_slew(each, before_V, step_V, arrivals, k, begin_ns):
-    moved_V = abs(each.volts - before_V)
-    if moved_V <= step_V or not math.isfinite(each.volts):
-        return
-    what = f"{each.name} went from {before_V:g} V to {each.volts:g} V in one step, {step_V:.2f} V are allowed"
-    yield Violation("slew", what, moved_V, around(arrivals, k, begin_ns))
-
-
-def around(arrivals, k, begin_ns):
+def around(arrivals, each, begin_ns):
     """What that output was given just before and after: (ms, V); its own moves are marked."""
-    same = [(j, each) for j, each in enumerate(arrivals) if each.name == arrivals[k].name]
-    place = next(i for i, (j, _) in enumerate(same) if j == k)
+    same = [arrival for arrival in arrivals if arrival.name == each.name]
+    place = same.index(each)
     return [
-        (round((each.time_ns - begin_ns) * 1e-6, 1), each.volts, *(["itself"] if each.itself else []))
-        for _, each in same[max(0, place - 4) : place + 4]
+        (round((arrival.time_ns - begin_ns) * 1e-6, 1), arrival.volts, *(["itself"] if arrival.itself else []))
+        for arrival in same[max(0, place - 4) : place + 4]
     ]
+
+
+def few(violations):
+    """The worst of each rule, and for claims of each who made one."""
+    kept = {}
+    for each in sorted(violations, key=lambda violation: -violation.size_V):
+        kept.setdefault((each.rule, each.what.split(";")[0] if each.rule in ("claim", SHOWN) else ""), each)
+    return [*kept.values()]
+
+
+@dataclass
+class Interleaving:
+    """What was done, and what was wrong."""
+
+    number: int
+    steps: list
+    seconds: float = 0.0
+    largest_step_V: float = 0.0
+    arrivals: int = 0
+    violations: list[Violation] = field(default_factory=list)
+    course: list = field(default_factory=list)
+    """(ms, what was done or said)."""
+
+    @property
+    def broken(self):
+        """The rules that were broken."""
+        return {violation.rule for violation in self.violations} - {SHOWN}
+
+    @property
+    def line(self):
+        """Its steps, and how each violation came about."""
+        lines = [f"{self.number:>5} {self.seconds:6.2f} s  {'; '.join(map(str, self.steps))}"]
+        if self.broken:
+            for violation in self.violations:
+                lines.append(f"      {violation.rule.upper()}: {violation.what}")
+                if violation.around:
+                    lines.append(f"        given (ms, V): {violation.around}")
+            lines += [f"        {at_ms:>6} ms {text}" for at_ms, text in self.course]
+        return "\n".join(lines)
+
+    @property
+    def row(self):
+        """For a table of those that broke a rule."""
+        steps, what = "; ".join(map(str, self.steps)), "; ".join(each.what for each in self.violations)
+        return {"number": self.number, "broken": ", ".join(sorted(self.broken)), "steps": steps, "what": what}

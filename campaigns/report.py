@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import sys
+from argparse import Namespace
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -12,16 +13,8 @@ ROOT = Path(__file__).resolve().parents[1]
 CONFIGURATIONS = ROOT / "campaigns" / "configurations"
 
 
-@dataclass(frozen=True)
-class Asked:
-    """`count` is how many cases to try; `only` and `bus` choose among them; None where the campaign decides."""
-
-    folder: Path
-    seed: int = 1
-    count: int = 0
-    bus: str | None = None
-    only: str = ""
-    jobs: int = 1
+class Asked(Namespace):
+    """What was typed (``python -m campaigns --help``), and a `folder` to work in."""
 
     def tell(self, line: str) -> None:
         """Progress, for people."""
@@ -36,10 +29,6 @@ class Report:
     tables: dict[str, Sequence[Mapping[str, Any]]] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     wrong: list[str] = field(default_factory=list)
-
-    def document(self) -> dict[str, Any]:
-        """For ``--json``."""
-        return asdict(self)
 
     @property
     def text(self) -> str:

@@ -25,11 +25,9 @@ from micromanip.rt.bus_exchange import exchange_image
 from micromanip.rt.bus_image import DOWN, FOLLOWING, IMAGE, LINK, LINK_LATCHED, LINK_UP, OUTPUT_STATE, RESTING, TAKEN
 from micromanip.rt.records import MAX_OUTPUTS, MAX_SIGNALS, SIGNAL
 
-from .arrivals import Arrivals
-from .interleaving import Interleaving, few
-from .oracle import Bounds, Oracle, Violation
-from .plan import Step
+from .oracle import Arrivals, Bounds, Interleaving, Oracle, Violation, few
 from .played.amplifier import OUTPUTS, READS, Amplifier, Habits, HeldBack
+from .steps import Step
 
 RATE_HZ, SLEW_V_PER_S, RAMP_S = 100.0, 500.0, 0.3
 _STEP_V, _LOOP_NS, _CALL_NS, _REPLY_NS = SLEW_V_PER_S / RATE_HZ, 4_000_000, 500_000, 50_000_000
@@ -74,7 +72,7 @@ class Clock:
     @contextlib.contextmanager
     def in_force(self):
         """For the worker and all that it uses, and the device."""
-        rooms = ("micromanip.bus.", "micromanip.host.safe.", "campaigns.arrivals", "campaigns.played.amplifier")
+        rooms = ("micromanip.bus.", "micromanip.host.safe.", "campaigns.oracle", "campaigns.played.amplifier")
         found = [m for name, m in sys.modules.items() if name.startswith(rooms) and getattr(m, "time", None) is time]
         for module in found:
             module.time = self
@@ -88,24 +86,16 @@ class Clock:
 class Wire(BusDriver):
     """Asks and writes; the device is called at once, or not at all."""
 
-    Options, device, inputs = BusOptions, "amplifier", tuple(Channel(name, RATE_HZ) for name in "xy")
+    Options, device, silence = BusOptions, "amplifier", None
+    inputs = tuple(Channel(name, RATE_HZ) for name in "xy")
     outputs = tuple(Channel(name, RATE_HZ) for name in OUTPUTS)
     tasks = (Task("read", RATE_HZ), Task("x", RATE_HZ, (0,)), Task("y", RATE_HZ, (1,)))
 
     def __init__(self, clock, amplifier, way, silence, *, connected):
         """`connected`: a link that breaks when the device is switched on again."""
-        self._clock, self._amplifier, self._way, self._silence, self._connected = (
-            clock,
-            amplifier,
-            way,
-            silence,
-            connected,
-        )
+        self._clock, self._amplifier, self._way = clock, amplifier, way
+        self.silence, self._connected = silence, connected
         self.cut, self._held, self._asked = None, HeldBack(amplifier), set()
-
-    @property
-    def silence(self):
-        return self._silence
 
     def loads(self):
         return ()
@@ -178,7 +168,6 @@ class Wire(BusDriver):
         self._heard_ns = self._clock.monotonic_ns()
         values = [float("nan")] * 2 if fails == "nan" else self._amplifier.strains_um()
         inbox.put_all(0, values, self._heard_ns)
-        return
 
     def _look(self):
         now_ns = self._clock.monotonic_ns()
@@ -319,7 +308,7 @@ class VirtualBench:
         raise _KilledError
 
     def _do(self, step):
-        more = step.more
+        more, over_ns = step.more, self.clock.monotonic_ns() + step.more.get("ms", 0) * 1_000_000
         self.notes.append([round((self.clock.monotonic_ns() - BEGIN_NS) * 1e-6), str(step)])
         match step.kind:
             case "arm":
@@ -329,28 +318,25 @@ class VirtualBench:
             case "disarm":
                 self._armed = False
             case "reads fail":
-                self._for_a_while(more["ms"], self.amplifier, "fails", more["how"])
+                self.amplifier.fails = more["how"]
+                self.clock.at(over_ns, lambda: setattr(self.amplifier, "fails", None))
             case "refuse" if self.way != BLIND:  # it would be the only one that knows
-                self._for_a_while(more["ms"], self.amplifier, "refuses", True)
+                self.amplifier.refuses = True
+                self.clock.at(over_ns, lambda: setattr(self.amplifier, "refuses", False))
             case "power":
                 self.amplifier.switch(False)
-                self.clock.at(self.clock.monotonic_ns() + more["ms"] * 1_000_000, lambda: self.amplifier.switch(True))
+                self.clock.at(over_ns, lambda: self.amplifier.switch(True))
             case "cut":
                 self.wire.cut = more["how"]
-                self.clock.at(self.clock.monotonic_ns() + more["ms"] * 1_000_000, self.wire.mend)
+                self.clock.at(over_ns, self.wire.mend)
             case "stall" if more["who"] == "loop":
-                self._stalled_ns = self.clock.monotonic_ns() + more["ms"] * 1_000_000
+                self._stalled_ns = over_ns
             case "stall":
-                self.clock.go_to(self.clock.monotonic_ns() + more["ms"] * 1_000_000)
+                self.clock.go_to(over_ns)
             case "kill" | "park":
                 self._armed = False
                 self._parks = step.kind == "park"
                 raise _KilledError
-
-    def _for_a_while(self, ms, what, name, value):
-        setattr(what, name, value)
-        back = False if value is True else None
-        self.clock.at(self.clock.monotonic_ns() + ms * 1_000_000, lambda: setattr(what, name, back))
 
 
 def interleaved(seed, number, folder):

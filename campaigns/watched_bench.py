@@ -10,13 +10,12 @@ import uuid
 from contextlib import suppress
 
 from micromanip.client import Client
-from micromanip.errors import DeviceUnavailable, MicromanipError
+from micromanip.errors import MicromanipError
 
-from .arrivals import Arrivals
-from .cells import KEEPS
-from .oracle import SHOWN, Oracle, Violation
-from .played.amplifier import Amplifier, Habits
+from .oracle import SHOWN, Arrivals, Interleaving, Oracle, Violation, few
+from .played.amplifier import Amplifier
 from .running_controller import MICROMANIP, PARK, TAG, Running, command_line, tagged
+from .steps import act, plan
 
 _LOOK_S = 0.05
 _GONE_S, _START_S, _BACK_S = 40.0, 400.0, 25.0
@@ -28,14 +27,13 @@ _WITH_THE_LOOP = ("at rest", "following")
 """Outputs that are where the loop has them."""
 _AT_REST = ("STARTING", "READY", "FAULT", "OFF")
 _SAID_SAFE = "at their safe value"
-MODULES = {"loop": "host.loop_process", "recorder": "host.recording.recorder", "black box": "host.trips.process"}
-MODULES["worker"] = "bus.worker_process"
+MODULES = {"loop": "host.loop_process", "black box": "host.trips.process", "worker": "bus.worker_process"}
 
 
 class WatchedBench:
     """Device, oracle, and the controller of the moment."""
 
-    def __init__(self, folder, cell, habits=Habits(), watchdog=KEEPS, settle_ms=0.0):  # noqa: B008
+    def __init__(self, folder, cell, habits, watchdog, settle_ms):
         """What the device does by itself, and what its configuration says of that."""
         folder.mkdir(parents=True, exist_ok=True)
         self.folder, self.cell = folder, cell
@@ -46,11 +44,10 @@ class WatchedBench:
         self.text = cell.text(self.port.place, watchdog, settle_ms)
         self.config = folder / "cell.yaml"
         self.config.write_text(self.text)
-        self._trips = folder / "trips"
-
-        self.oracle = Oracle(self.arrivals, cell.bounds(self.text))
+        self._in_force = self.text, {}
+        """A file, and what was set since."""
+        self.oracle = Oracle(self.arrivals, cell.bounds(*self._in_force))
         self.running, self._said_last = None, ""
-        self.starts = 0
         self.found = []
         """Violations beside those of the oracle, since the last interleaving."""
         self.notes = []
@@ -59,6 +56,25 @@ class WatchedBench:
         self._ending = threading.Event()
         self._observer = threading.Thread(target=self._observe, daemon=True)
         self._observer.start()
+
+    def interleave(self, seed, number):
+        """Do the steps of number `number`, bring everything back, judge."""
+        self.found, self.notes = [], []
+        done = Interleaving(number, plan(seed, number))
+        begin_ns, before = time.monotonic_ns(), self.arrivals.count
+        if self.oracle.at_rest():
+            self.oracle.settled()
+        for step in done.steps:
+            act(self, step)
+            time.sleep(step.pause_ms * 1e-3)
+        self.note("back to READY")
+        self.bring_back()
+        end_ns = time.monotonic_ns()
+        done.largest_step_V = self.oracle.largest_step_V()
+        done.violations = few([*self.oracle.judge(begin_ns, end_ns), *self.found])
+        done.seconds, done.arrivals = (end_ns - begin_ns) * 1e-9, self.arrivals.count - before
+        done.course = [[round((at_ns - begin_ns) * 1e-6), text] for at_ns, text in self.notes]
+        return done
 
     # -- the controller ---------------------------------------------------------------------------------------------
 
@@ -86,12 +102,8 @@ class WatchedBench:
         if self.alive:
             return
         self.let_go()
-        self.starts += 1
-        record = self.folder / f"run-{self.starts}.mcap"
-        with suppress(FileNotFoundError):
-            (self.folder / f"run-{self.starts - 1}.mcap").unlink()
         text = self.config.read_bytes()
-        places = ("--socket", str(self.socket), "--record", str(record), "--trips", str(self._trips))
+        places = ("--socket", str(self.socket), "--trips", str(self.folder / "trips"))
         self.running = Running(self.folder, None, *places, config=self.config)
         end = time.monotonic() + _START_S
         while self.alive and time.monotonic() < end:
@@ -107,23 +119,24 @@ class WatchedBench:
     def start_known(self):
         """The first: a person vouches for a device that nobody knows anything of."""
         self.note(f"a device with {self.amplifier.habits}")
-        self.start()
-        if not self.alive and "--at-rest" in self.running.said:
-            self._vouch()
-            self.start()
-        assert self.alive, f"no controller: {self.notes}; {self.running.said}\n{self.text}"
+        refused = self._ready(time.monotonic() + _BACK_S)
+        assert refused is None, f"{refused}: {self.notes}\n{self.text}"
 
     def file_in_force(self, text):
         """The controller has taken over a file, or may have; one that isn't valid changes nothing that is allowed."""
-        self._allow(self.cell.bounds(text.decode(errors="replace")))
+        self._allow(text.decode(errors="replace"), {})
 
     def set_in_force(self, changes):
         """It has accepted `set`."""
-        self._allow(self.cell.bounds_after(self.oracle.bounds, changes))
+        text, before = self._in_force
+        self._allow(text, before | changes)
 
-    def _allow(self, bounds):
-        if bounds is not None and bounds != self.oracle.bounds:
-            self.oracle.change(bounds, time.monotonic_ns())
+    def _allow(self, *given):
+        bounds = self.cell.bounds(*given)
+        if bounds is not None:
+            self._in_force = given
+            if bounds != self.oracle.bounds:
+                self.oracle.change(bounds, time.monotonic_ns())
 
     def let_go(self):
         """Of a controller that has ended; says what was wrong with its end."""
@@ -259,10 +272,14 @@ class WatchedBench:
         """The outputs come to rest soon after that was asked for, if they can be written to."""
         self.wait_for_what_lasts()
         end = time.monotonic() + _REST_S + self.amplifier.habits.boot_ms * 1e-3
-        while not self.oracle.at_rest() and time.monotonic() < end:
-            time.sleep(_AGAIN_S)
-        if not self.oracle.at_rest() and not self._is_given_up():
+        if not self._rests(end) and not self._is_given_up():
             self.wrong("charged", f"{asked}: the device is at {self.arrivals.volts()}; {self._last_words()}")
+
+    def _rests(self, end):
+        """Whether the outputs come to rest until then."""
+        while not (rests := self.oracle.at_rest()) and time.monotonic() < end:
+            time.sleep(_AGAIN_S)
+        return rests
 
     def _is_given_up(self):
         """Whether the device takes nothing, or the product has said that it takes nobody's word for it any more."""
@@ -288,24 +305,19 @@ class WatchedBench:
         self.amplifier.mend()
         self.config.write_text(self.text)
         end = time.monotonic() + _BACK_S
-        while (refused := self._ready(end)) is None:
-            try:
-                refused = self._reloaded()
-                break
-            except DeviceUnavailable as problem:  # it was killed only just now: what `_ready` asked had not heard of it
-                self.note(f"reload: {problem}")
+        refused = self._ready(end)
+        if refused is None and not self._rests(end):
+            refused = f"READY, but the device is at {self.arrivals.volts()}"
         if refused is not None:
             self.wrong("return", refused)
-            self._anew()
-        while not self.oracle.at_rest() and time.monotonic() < end:
-            time.sleep(_AGAIN_S)
-        if not self.oracle.at_rest():
-            self.wrong("return", f"READY, but the device is at {self.arrivals.volts()}")
             self._anew()
         time.sleep(_AGAIN_S)
 
     def _ready(self, end):
-        """Reset, disarm or start until it is READY with its link up; the reason where that never comes."""
+        """Reset, disarm or start until it is READY with its link up and the mended file; else the reason.
+
+        The file is taken over anew: what was set meanwhile is undone.
+        """
         verbs = {"FAULT": "reset", "TRACKING": "disarm", "HOLDING": "disarm", "ARMING": "disarm"}
         refused, restarts = "nothing was refused", 0
         while time.monotonic() < end:
@@ -330,6 +342,8 @@ class WatchedBench:
                         end = max(end, time.monotonic() + _BACK_S / 2)
                         continue
                     if status["state"] == "READY" and all(link["link"] == "up" for link in links):
+                        client.reload()
+                        self.file_in_force(self.text.encode())
                         return None
                     if status["state"] in _AT_REST:  # a person resets no device under the hand of a loop
                         self.amplifier.latched = False
@@ -347,18 +361,6 @@ class WatchedBench:
         self.amplifier.rest()
         self.park(0, "--at-rest").join()
 
-    def _reloaded(self):
-        """Take over the mended file: what was set meanwhile is undone; the reason where it isn't."""
-        try:
-            with self.client() as client:
-                client.reload()
-        except DeviceUnavailable:
-            raise
-        except (MicromanipError, TimeoutError) as problem:
-            return f"READY, but it does not take over the good file: {problem}"
-        self.file_in_force(self.text.encode())
-        return None
-
     def _anew(self):
         """What documented means did not mend: everything is killed, so that the next interleaving begins clean."""
         if self.running is not None:
@@ -375,7 +377,7 @@ class WatchedBench:
             with self.client() as client:
                 status = client.status()
             state = f"state {status['state']}, faults {status['faults']}, links {status['links']}"
-        except (DeviceUnavailable, TimeoutError, MicromanipError) as problem:
+        except (TimeoutError, MicromanipError) as problem:
             state = str(problem)
         return f"{state}; {self.running.said[-600:] if self.running else ''}"
 

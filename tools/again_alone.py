@@ -20,13 +20,11 @@ class _AgainAlone:
     """Collects what fails; has it run again when the session is over."""
 
     def __init__(self):
-        self.live = {}
-        """Node names of failed live tests, in their order."""
-        self.final = False
+        self.failed, self.final = {}, False
 
     def pytest_runtest_logreport(self, report):
         if report.failed:
-            self.live[re.sub(r"@[^\[\]]*$", "", report.nodeid)] = None  # pytest-xdist appends its group
+            self.failed[re.sub(r"@[^\[\]]*$", "", report.nodeid)] = None  # pytest-xdist appends its group
             self.final |= "live" not in report.keywords
 
     def pytest_collectreport(self, report):
@@ -35,25 +33,16 @@ class _AgainAlone:
     @pytest.hookimpl(wrapper=True, tryfirst=True)  # behind the summary
     def pytest_sessionfinish(self, session, exitstatus):
         yield
-        if exitstatus != pytest.ExitCode.TESTS_FAILED or self.final or not self.live:
-            return
-        if len(self.live) > MOST:
-            print(f"{len(self.live)} live tests failed: too many to be tried alone")
-            return
-        left = [name for name in self.live if not _passes(name)]
-        print(f"of {len(self.live)} live tests that failed beside others, {len(self.live) - len(left)} passed alone")
-        for name in left:
-            print(f"FAILED {name}, alone too")
-        if not left:
-            session.exitstatus = pytest.ExitCode.OK
+        if exitstatus == pytest.ExitCode.TESTS_FAILED and not self.final and 0 < len(self.failed) <= MOST:
+            left = [name for name in self.failed if not any(_passes(name) for _ in range(TRIES))]
+            print(f"of {len(self.failed)} live tests that failed beside others these failed alone, too: {left}")
+            if not left:
+                session.exitstatus = pytest.ExitCode.OK
 
 
 def _passes(name):
-    for _ in range(TRIES):
-        print(f"alone: {name}", flush=True)
-        if subprocess.run([sys.executable, "-m", "pytest", "-n", "0", name], check=False).returncode == 0:
-            return True
-    return False
+    print(f"alone: {name}", flush=True)
+    return subprocess.run([sys.executable, "-m", "pytest", "-n", "0", name], check=False).returncode == 0
 
 
 def pytest_configure(config):

@@ -4,7 +4,6 @@ import os
 import socket
 import subprocess
 import time
-from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -14,10 +13,10 @@ from micromanip.emulation.ethercat.line import Line
 from micromanip.emulation.ethercat.terminal import INPUTS, OUTPUTS, Entry, Terminal
 
 from . import amplifier as played
-from .port import Port
+from .port import DatagramPort
 
 _SCALE, _BAD = 1e-4, -(2**31)
-_VENDOR, _READ_BYTES = 0x4D4D, 2048
+_VENDOR = 0x4D4D
 
 
 def _fields(index):
@@ -57,7 +56,7 @@ class Terminals:
             yield played.LATE_S if fails == "late" else 0.0, frame if fails == "wrong unit" else back
 
 
-class VethPort(Port):
+class VethPort(DatagramPort):
     """The pair of interfaces, of which the controller opens the near one; takes the right to make it."""
 
     def _open(self):
@@ -82,17 +81,6 @@ class VethPort(Port):
 
     def _rebooted(self):
         self._link = self._conversation()
-
-    def _ends(self):
-        return [self._socket]
-
-    def _links(self):
-        return [self._link]
-
-    def _read(self):
-        with suppress(BlockingIOError):
-            while True:
-                yield self._link, self._socket.recv(_READ_BYTES)
 
     def _write(self, link, data):
         if link is self._link:

@@ -9,7 +9,7 @@ import time
 
 import pytest
 
-from campaigns.arrivals import Arrivals
+from campaigns.oracle import Arrivals
 from campaigns.played.amplifier import OUTPUTS as OUTPUTS_OF_TWO
 from campaigns.played.amplifier import Amplifier as PlayedAmplifier
 from campaigns.played.amplifier import Habits

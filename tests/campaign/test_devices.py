@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from campaigns.arrivals import Arrivals
+from campaigns.oracle import Arrivals
 from campaigns.played.amplifier import Amplifier, Habits
 from campaigns.played.lines import Gcs
 from campaigns.played.port import TcpPort
@@ -21,23 +21,16 @@ def test_no_interleaving_in_virtual_time_breaks_a_rule(tmp_path, first):
         assert not played.broken, played.line
 
 
-@pytest.fixture
-def device():
-    arrivals = Arrivals()
-    amplifier = Amplifier(Habits(watchdog_ms=100.0, latches=True), arrivals)
-    port = TcpPort(amplifier, Gcs)
-    yield arrivals, amplifier, port
-    port.close()
-
-
 def said(link, *lines):
     link.sendall("".join(f"{line}\n" for line in lines).encode())
     return link.makefile().readline()
 
 
 @pytest.mark.live  # a device's own time
-def test_a_played_device_has_its_own_watchdog_and_power(device):
-    arrivals, amplifier, port = device
+def test_a_played_device_has_its_own_watchdog_and_power(request):
+    amplifier = Amplifier(Habits(watchdog_ms=100.0, latches=True), arrivals := Arrivals())
+    port = TcpPort(amplifier, Gcs)
+    request.addfinalizer(port.close)
     with socket.create_connection(("127.0.0.1", port.place), 5) as link:
         assert said(link, "SVA 1 5.0", "ERR?") == "0\n"
         while not amplifier.latched:

@@ -4,8 +4,7 @@ import math
 
 import pytest
 
-from campaigns.arrivals import Arrival, Arrivals
-from campaigns.oracle import Bounds, Oracle
+from campaigns.oracle import Arrival, Arrivals, Bounds, Oracle
 
 MS = 1_000_000
 BOUNDS = {"x": Bounds(-20.0, 100.0, 5.0, 0.0, 1e-3), "y": Bounds(-20.0, 100.0, 5.0, 10.0, 1e-3)}

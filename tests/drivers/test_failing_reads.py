@@ -6,9 +6,8 @@ import time
 import pytest
 from bus.running_worker import RunningWorker
 
-from campaigns.arrivals import Arrivals
 from campaigns.cells import CELLS
-from campaigns.oracle import Oracle
+from campaigns.oracle import Arrivals, Oracle
 from campaigns.played.amplifier import OUTPUTS, Amplifier, Habits
 from micromanip.bus import device_lock
 from micromanip.bus.last_given import LastGiven
@@ -32,7 +31,7 @@ class Device:
         self.port = cell.port(self.amplifier, folder)
         (folder / "cell.yaml").write_text(cell.text(self.port.place))
         self.driver = prepare(folder / "cell.yaml").wiring.drivers["piezo"].bus
-        self.oracle = Oracle(self.amplifier._arrivals, cell.bounds((folder / "cell.yaml").read_text()))
+        self.oracle = Oracle(self.amplifier._arrivals, cell.bounds((folder / "cell.yaml").read_text(), {}))
         step_V = self.oracle.bounds["voltage_x"].step_V
         self.outputs = [
             SafeOutput(VOLTAGE, 0.0, -20.0, 100.0, step_V * channel.rate_hz) for channel in self.driver.outputs

@@ -1,6 +1,6 @@
 """Thousands of lines of garbage against a running controller: errors for answers, and nothing else happens.
 
-``--garbage N`` says how many (the campaign ``fuzz-socket``: a million).
+``--garbage N`` says how many (the campaign ``fuzz``: a million).
 """
 
 import json

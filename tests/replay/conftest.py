@@ -2,14 +2,14 @@
 
 import pytest
 
-from campaigns.counterfactual import record, recorded_cell, track
-from micromanip.recordings import open_telemetry
+from micromanip.settings.check import prepare
+
+from .recorded import CONFIG, recording, track
 
 
 @pytest.fixture(scope="package")
 def recorded(tmp_path_factory):
     """The cell, and its recording from before arming on."""
-    cell = recorded_cell()
+    cell = prepare(CONFIG)
     file = tmp_path_factory.mktemp("counterfactual") / "run.mcap"
-    record(cell, track(cell, cell.parameters), file)
-    return cell, open_telemetry(file)
+    return cell, recording(file, cell, track(cell, cell.parameters), samples=cell.samples)

@@ -9,13 +9,13 @@ import pytest
 from cli.command import code_of
 from scipy.signal import lfilter
 
-from campaigns.counterfactual import CONFIG
 from micromanip.errors import CheckFailed
 from micromanip.replay.counterfactual import Rerun, predict
 from micromanip.replay.fitting import fit_models
 from micromanip.replay.self_replay import first_mismatch
 from micromanip.replay.window import recorded_configuration, take_window
 
+from .recorded import CONFIG
 from .tuned import tuned
 
 pytestmark = [pytest.mark.compiled_only, pytest.mark.long]

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from campaigns.counterfactual import record, recorded_cell, track
-from micromanip.recordings import open_telemetry
 from micromanip.replay.counterfactual import SETTLE_S, Rerun, predict
 from micromanip.replay.fitting import fit_models
 from micromanip.replay.window import take_window
+from micromanip.settings.check import prepare
 
+from .recorded import CONFIG, recording, track
 from .tuned import tuned
 
 pytestmark = [pytest.mark.compiled_only, pytest.mark.long]
@@ -18,21 +18,15 @@ STALLS = [(0.8, 30), (2.5, 400), *((3.1 + 0.02 * k, 3) for k in range(20))]
 
 @pytest.fixture(scope="module")
 def stalled(tmp_path_factory):
-    """The cell, and its recording with stalls."""
-    cell = recorded_cell()
-    file = tmp_path_factory.mktemp("gaps") / "run.mcap"
-    record(cell, track(cell, cell.parameters, STALLS), file)
-    return cell, open_telemetry(file)
+    """The cell, and whatever is tried on its recording with stalls."""
+    cell, file = prepare(CONFIG), tmp_path_factory.mktemp("gaps") / "run.mcap"
+    recorded = recording(file, cell, track(cell, cell.parameters, STALLS), samples=cell.samples)
+    window = take_window(recorded)
+    return cell, Rerun(window, fit_models(window, cell.configuration))
 
 
-@pytest.fixture(scope="module")
-def rerun(stalled):
-    cell, telemetry = stalled
-    window = take_window(telemetry)
-    return Rerun(window, fit_models(window, cell.configuration))
-
-
-def test_what_counts_lies_away_from_long_gaps(rerun):
+def test_what_counts_lies_away_from_long_gaps(stalled):
+    _, rerun = stalled
     window = rerun.window
     settle = rerun.first - window.first
     (long,) = np.nonzero(window.rows["periods"] > 20)
@@ -50,12 +44,11 @@ def test_what_counts_lies_away_from_long_gaps(rerun):
     [{"outer.control_weight": 100.0}, {"outer.oscillation_Hz": None}, {"inner.K_V_per_um": 0.03}],
     ids=lambda values: next(iter(values)),
 )
-def test_the_truth_is_within_the_range_where_it_counts(stalled, rerun, values):
-    cell, _ = stalled
+def test_the_truth_is_within_the_range_where_it_counts(stalled, values):
+    cell, rerun = stalled
     parameters = tuned(cell, {f"axes.{axis}.{key}": value for axis in "xyz" for key, value in values.items()})
     found = predict(rerun, parameters, draws=6)
-    rows = track(cell, parameters, STALLS)
-    truth = rerun.figures(rows[rows["cycle"] >= rerun.window.rows["cycle"][0]][: len(rerun.window.rows)])
+    truth = rerun.figures(track(cell, parameters, STALLS, rerun.window))
     assert (found.expected.low_um <= truth).all()
     assert (truth <= found.expected.high_um).all()
     assert (np.abs(truth[0] / found.recorded[0] - 1.0) > 0.02).all(), "another tuning changes something"

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from campaigns.counterfactual import track
 from micromanip.replay.counterfactual import Outcome, Rerun, predict
 from micromanip.replay.fitting import fit_models
 from micromanip.replay.window import take_window
 from micromanip.rt.states import TOOTH_LOST
 
+from .recorded import track
 from .tuned import tuned
 
 GIVEN_UP = 1 << TOOTH_LOST
@@ -37,8 +37,7 @@ def observing(cell, oscillation_um):
 
 def truly(cell, rerun, parameters):
     """Figures and outcome of the same cell simulated anew."""
-    rows = track(cell, parameters)
-    return rerun.outcome(rows[rows["cycle"] >= rerun.window.rows["cycle"][0]][: len(rerun.window.rows)])
+    return rerun.outcome(track(cell, parameters, window=rerun.window))
 
 
 @pytest.mark.compiled_only

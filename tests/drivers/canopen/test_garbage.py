@@ -1,4 +1,4 @@
-"""Frames of nobody at the compiled half of `canopen`. The campaign `fuzz-workers` tries a million."""
+"""Frames of nobody at the compiled half of `canopen`. The campaign `fuzz` tries a million."""
 
 import random
 import struct

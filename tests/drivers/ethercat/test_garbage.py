@@ -1,4 +1,4 @@
-"""Garbled frames and mails at the master. The campaign `fuzz-ethercat` tries a million of each.
+"""Garbled frames and mails at the master. The campaign `fuzz` tries a million of each.
 
 What is asserted holds whatever came: no crash and no read outside of a buffer (with NUMBA_BOUNDSCHECK=1 such a one is
 an error), nothing written besides where it belongs, no output changed, and a refusal in one line where one is due.

@@ -1,4 +1,4 @@
-"""Bytes of nobody in a stream, at its compiled half and at Python behind it; the campaign `fuzz-workers`: a million."""
+"""Bytes of nobody in a stream, at its compiled half and at Python behind it; the campaign `fuzz`: a million."""
 
 import random
 import struct

@@ -22,7 +22,7 @@ def test_the_document_sums_to_the_whole_and_pictures_are_drawn(tmp_path):
     (axis,) = json.loads(result.stdout)["axes"]
     assert sum(cause["variance_um2"] for cause in axis["causes"]) == pytest.approx(axis["variance_um2"])
     assert sum(cause["share_percent"] for cause in axis["causes"]) == pytest.approx(100.0)
-    assert axis["seen"].startswith("1.0 s of tracking")
+    assert axis["seen"].startswith("3.0 s of tracking")
     assert axis["bound"]["ratio"] == pytest.approx(axis["rms_um"] / axis["bound"]["rms_um"])
     assert {file.name for file in tmp_path.iterdir()} == {"budget_x.svg"}
 

@@ -34,8 +34,8 @@ from .tracking import Tracking
 
 WINDOW_S = 1.0
 """Of the spectra of recorded signals."""
-_SETTLED_S, _LEAST_S, _EDGE_S = 1.0, 3.0, 1.0
-"""Left out after tracking has begun; shortest stretch; left out at both ends, where filters know only one side."""
+BEGUN_S, _LEAST_S, _EDGE_S = 2.0, 4.0, 1.0
+"""Left out after tracking has begun; the shortest stretch; left out at its end, where filters know only one side."""
 _FLOOR_SHARE, _STANDS_OUT, _ROOM, _NOTHING = 0.25, 10.0, 2.0, 0.01
 """Of the samples' spectrum: from which share of the sampling rate on it is floor; what stands out of it; how far beyond
 that the path may go; what of the samples is nothing in it."""
@@ -49,8 +49,12 @@ _COLUMNS = (
 
 @dataclass(frozen=True)
 class Stretch:
-    """Columns of one axis in consecutive cycles (n,), what was skipped filled with the row before it; um and s."""
+    """Columns of one axis in consecutive cycles (n,), what was skipped filled with the row before it; um and s.
 
+    Samples are those from before, too, and figures are taken from `begun_s` on: the predictor remembers for seconds.
+    """
+
+    begun_s: float
     time_s: Array
     skipped: NDArray[np.bool_]
     limited: NDArray[np.bool_]
@@ -70,8 +74,8 @@ class Stretch:
 
     @property
     def inside(self) -> NDArray[np.bool_]:
-        """Cycles (n,) away from both ends."""
-        return np.asarray((self.time_s > _EDGE_S) & (self.time_s < self.time_s[-1] - _EDGE_S))
+        """Cycles (n,) that figures are taken of, away from both ends."""
+        return np.asarray((self.time_s > self.begun_s) & (self.time_s < self.time_s[-1] - _EDGE_S))
 
     @property
     def truth(self) -> bool:
@@ -79,8 +83,10 @@ class Stretch:
         return bool(np.isfinite(self.true_stage_um).all() and np.isfinite(self.path_error_um).all())
 
 
-def tracking_stretch(telemetry: Telemetry, configuration: Configuration, axis: str) -> Stretch:
-    """The longest time of tracking without another tuning, without its beginning.
+def tracking_stretch(
+    telemetry: Telemetry, configuration: Configuration, axis: str, begun_s: float = BEGUN_S
+) -> Stretch:
+    """The longest time of tracking without another tuning, of which figures are taken `begun_s` after its beginning.
 
     Raises CheckFailed where it is too short, or no tracker's samples came in it.
     """
@@ -92,11 +98,11 @@ def tracking_stretch(telemetry: Telemetry, configuration: Configuration, axis: s
     pieces = np.split(tracking, np.flatnonzero(breaks) + 1)
     longest = max(pieces, key=len)
     rate_hz = 1e9 / telemetry.period_ns
-    first, last = int(cycle[longest[0]] + _SETTLED_S * rate_hz), int(cycle[longest[-1]])
+    first, last = int(cycle[longest[0]]), int(cycle[longest[-1]])
     if (last + 1 - first) / rate_hz < _LEAST_S:
         raise CheckFailed(
-            f"{telemetry.file}: it tracks for {(last - cycle[longest[0]]) / rate_hz:.2g} s at a stretch; a budget "
-            f"needs {_SETTLED_S + _LEAST_S:g} s"
+            f"{telemetry.file}: it tracks for {(last - first) / rate_hz:.2g} s at a stretch; a budget needs "
+            f"{_LEAST_S:g} s"
         )
     wanted = np.arange(first, last + 1)
     rows = np.searchsorted(cycle, wanted, side="right") - 1
@@ -109,13 +115,14 @@ def tracking_stretch(telemetry: Telemetry, configuration: Configuration, axis: s
     time_ns = columns["time_ns"].astype(float)
     time_s = (time_ns - time_ns[rows[0]]) * 1e-9
     fresh = (columns[f"axis.{place}.fresh"].astype(int) & DEVIATION_FRESH) != 0
-    fresh &= (np.arange(len(cycle)) >= rows[0]) & (np.arange(len(cycle)) <= rows[-1])
+    fresh[rows[-1] + 1 :] = False
     age_s = column("deviation_age_ns") * 1e-9
     setpoint = column("setpoint_um")
     limited = at_limit(configuration, axis, column("voltage_V"), setpoint)
-    if np.count_nonzero(fresh) < 2:
+    if np.count_nonzero(fresh[rows[0] :]) < 2:
         raise CheckFailed(f"{telemetry.file}: axis {axis}: no samples of deviation_{axis} came while it tracked")
     return Stretch(
+        begun_s,
         (wanted - wanted[0]) / rate_hz,
         np.isin(wanted, cycle, invert=True),
         limited[rows],
@@ -151,10 +158,12 @@ def follow(stretch: Stretch, laws: AxisLaws) -> Followed:
     time_s = stretch.time_s
     step_s = float(np.median(np.diff(stretch.taken_s)))
     truth = stretch.path_error_um + stretch.true_stage_um
-    smoothing = None if stretch.truth else smoothed(stretch.taken_s, stretch.samples_um, time_s)
+    own = stretch.taken_s >= 0.0
+    smoothing = None if stretch.truth else smoothed(stretch.taken_s[own], stretch.samples_um[own], time_s)
     path = truth if smoothing is None else smoothing.path
-    clean = np.interp(stretch.taken_s, time_s, path)
-    noise = stretch.samples_um - clean
+    # those from before have no path beside them: they tell the predictor what the loop's knew
+    clean = np.where(own, np.interp(stretch.taken_s, time_s, path), stretch.samples_um)
+    noise = (stretch.samples_um - clean)[own]
     tracking = Tracking(laws.tracker, max(1, round(step_s / laws.period_s)), stretch.late_s, laws.period_s)
     times, row = (stretch.taken_s, stretch.arrived_s), laws.gains.reference
     # which predictor is believed is told by the noise

@@ -36,7 +36,7 @@ from micromanip.virtual.experiment import VirtualExperiment
 
 from .budget import FORCE, PREDICTION, STAGE, TRACKER, AxisBudget, Bound, Grid, prediction_variance, shared_out
 from .loop import AxisLaws
-from .path_record import WINDOW_S, Stretch, follow, mirrored, mistaken, tracking_stretch
+from .path_record import BEGUN_S, WINDOW_S, Stretch, follow, mirrored, mistaken, tracking_stretch
 from .tracking import Tracking
 
 ACTUATOR, DISTURBANCE, MISSED, LIMITED, UNEXPLAINED = (
@@ -69,8 +69,7 @@ def played_budget(
         _laws(file, configuration, axis)
     say("playing the cell")
     rows = VirtualExperiment(prepared, process=True)(configuration, _ENTERED_S + seconds, prepared.samples)
-    rows = rows[round(_ENTERED_S * configuration.loop.rate_hz) :]
-    return budget_of_rows(file, configuration, rows, axes, coherence_s, say)
+    return budget_of_rows(file, configuration, rows, axes, coherence_s, say, _ENTERED_S)
 
 
 def budget_of_rows(
@@ -80,12 +79,13 @@ def budget_of_rows(
     axes: Sequence[str] = (),
     coherence_s: float = 1.0,
     say: Callable[[str], None] = lambda _: None,
+    begun_s: float = BEGUN_S,
 ) -> list[AxisBudget]:
     """The budget of `axes` (none: all) in the rows that `configuration`, which `file` holds, left."""
     _, own = np.unique(rows["cycle"], return_index=True)  # a skipped cycle's row is a copy of the one before
     names = list(configuration.axes)
     telemetry = Telemetry.of_rows(file, names, configuration.loop.period_ns, rows[own], "")
-    return _budgets(telemetry, configuration, axes or names, coherence_s, say)
+    return _budgets(telemetry, configuration, axes or names, coherence_s, say, begun_s)
 
 
 def _budgets(
@@ -94,12 +94,13 @@ def _budgets(
     axes: Sequence[str],
     coherence_s: float,
     say: Callable[[str], None],
+    begun_s: float = BEGUN_S,
 ) -> list[AxisBudget]:
     found = []
     for axis in axes:
         say(f"axis {axis}")
         laws = _laws(telemetry.file, configuration, axis)
-        found.append(_explained(tracking_stretch(telemetry, configuration, axis), laws, coherence_s))
+        found.append(_explained(tracking_stretch(telemetry, configuration, axis, begun_s), laws, coherence_s))
     return found
 
 

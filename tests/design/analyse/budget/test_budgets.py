@@ -66,16 +66,14 @@ def of(prepared, **changed):
 
 @pytest.mark.long
 def test_a_cause_goes_when_what_causes_it_does(prepared):
-    """Of 14 s: the spectra of 6 s tell force and the tracker's noise apart by a half only."""
     whole = of(prepared)
     calm, quiet = of(prepared, force={"tooth_N": 0.0, "noise_N": 0.0}), of(prepared, tracker={"noise_um": 0.05})
-    # the narrow predictor knew of samples from before the rows, and takes 5 s to forget them
-    assert by_name(whole)[UNEXPLAINED] < 0.25 * whole.rms_um
-    assert by_name(whole)[ACTUATOR] < 0.15 * whole.rms_um
-    assert by_name(calm)[FORCE] < 0.25 * by_name(whole)[FORCE]
-    assert by_name(calm)[TRACKER] == pytest.approx(by_name(whole)[TRACKER], rel=0.15)
-    assert by_name(quiet)[TRACKER] < 0.25 * by_name(whole)[TRACKER]
-    assert by_name(quiet)[FORCE] == pytest.approx(by_name(whole)[FORCE], rel=0.15)
+    assert by_name(whole)[UNEXPLAINED] < 0.06 * whole.rms_um
+    assert by_name(whole)[ACTUATOR] < 0.1 * whole.rms_um
+    assert by_name(calm)[FORCE] < 0.03 * by_name(whole)[FORCE]
+    assert by_name(calm)[TRACKER] == pytest.approx(by_name(whole)[TRACKER], rel=0.03)
+    assert by_name(quiet)[TRACKER] < 0.2 * by_name(whole)[TRACKER]
+    assert by_name(quiet)[FORCE] == pytest.approx(by_name(whole)[FORCE], rel=0.03)
     for budget in (whole, calm, quiet):
         assert budget.bound.rms_um < budget.rms_um
         assert sum(cause.variance_um2 for cause in budget.causes) == pytest.approx(budget.variance_um2)

@@ -46,10 +46,6 @@ class Perturbation:
     swing: float = 0.0
     place: float = 0.5
 
-    def factors(self) -> dict[str, float]:
-        """Name and value of each."""
-        return asdict(self)
-
 
 SPREAD = Perturbation(
     stage_mass=0.2, stiffness=0.15, damping=0.5, delay_cycles=0.5, piezo_gain=0.2, hysteresis_gain=0.3
@@ -61,7 +57,7 @@ def draw(seed: int) -> Perturbation:
     """The perturbation of `seed`: each figure uniform within ``SPREAD``, the place on the hysteresis anywhere."""
     rng = np.random.default_rng(seed)
     values = {}
-    for name, width in SPREAD.factors().items():
+    for name, width in asdict(SPREAD).items():
         share = rng.uniform(-1.0, 1.0)
         if name in ("swing", "place"):
             values[name] = 0.5 + 0.5 * share

@@ -7,7 +7,7 @@ expected to fall by ``WORTH``; and it stays on only where a second trial is not 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -105,10 +105,7 @@ class Coupled:
                 "at_Hz": one.interaction_Hz,
                 "turns": one.turns,
             },
-            "cost_um": {
-                axis: {"ignored": cost.ignored, "decoupled": cost.decoupled, "unsure": cost.unsure, "moved": cost.moved}
-                for axis, cost in self.cost.items()
-            },
+            "cost_um": {axis: asdict(cost) for axis, cost in self.cost.items()},
             "decoupled": list(self.decoupled),
             "decided": list(self.decided),
         }

@@ -173,7 +173,7 @@ def report(analysis: AxisAnalysis) -> dict[str, Any]:
             "limit_cycles": [asdict(c) for c in analysis.stage.cycles],
         }
     document["samples"] = [
-        {"seed": s.seed, "drawn": s.drawn.factors(), "stable": s.stable}
+        {"seed": s.seed, "drawn": asdict(s.drawn), "stable": s.stable}
         | {name: _margins(m) for name, m in (("strain", s.strain), ("stage", s.stage)) if m is not None}
         for s in analysis.samples
     ]

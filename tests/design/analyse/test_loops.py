@@ -1,5 +1,6 @@
 """Both loops as systems: they are what runs, and their margins are those of the design table."""
 
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -114,8 +115,8 @@ def test_draws_stay_in_their_spread_and_follow_their_seed():
     drawn = [draw(seed) for seed in range(300)]
     assert draw(7) == draw(7)
     assert draw(7) != draw(8)
-    for name, width in SPREAD.factors().items():
-        values = np.array([d.factors()[name] for d in drawn])
+    for name, width in asdict(SPREAD).items():
+        values = np.array([getattr(d, name) for d in drawn])
         centre = {"delay_cycles": 0.0, "swing": 0.5, "place": 0.5}.get(name, 1.0)
         width = 0.5 if name in ("swing", "place") else width
         assert np.abs(values - centre).max() <= width

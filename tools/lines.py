@@ -15,7 +15,7 @@ ROOMS = {  # the first that fits a file has it: pattern of paths, budget, ceilin
     "bus, driver": (r"micromanip/(bus|driver)/", 3000, 3824),
     "settings, control": (r"micromanip/(settings|control)/", 5000, 5729),
     "host": (r"micromanip/host/", 7500, 7739),
-    "design, virtual, replay": (r"micromanip/(design|virtual|replay)/", 13500, 14487),
+    "design, virtual, replay": (r"micromanip/(design|virtual|replay)/", 13500, 14157),
     "recordings": (r"micromanip/recordings/", 1900, 2353),
     "gateway": (r"micromanip/gateway/", 4200, 4219),
     "cli": (r"micromanip/cli/", 4300, 4861),

@@ -113,6 +113,8 @@ def main() -> int:
     with tempfile.TemporaryDirectory(prefix=f"{given.name}-") as folder:
         given.folder = Path(folder)
         report: Report = importlib.import_module(f"campaigns.{chosen.module or given.name}").run(given)
+    if not any(report.tables.values()):
+        report.wrong.append(f"nothing was tried: no case is called {given.only}")
     print(json.dumps(asdict(report), indent=2, default=float) if given.json else report.text)
     if given.write:
         head = f"# Report: {given.name}\n\n{chosen.does[0].upper()}{chosen.does[1:]}. Written by"

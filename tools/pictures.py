@@ -30,7 +30,7 @@ from micromanip.virtual.experiment import VirtualExperiment, with_options
 
 ROOT = Path(__file__).resolve().parents[1]
 PICTURES = ROOT / "docs" / "pictures"
-_FORCE_N, _FORCE_START_S, _PERIOD_S = 80.0, 3.0, 1e-4
+_FORCE_N, _FORCE_START_S, _PERIOD_S = 80.0, 4.5, 1e-4
 Drawing = tuple[str, Sequence[Plot], int]
 """Name of a file, what it shows, in how many columns."""
 

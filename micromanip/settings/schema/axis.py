@@ -192,20 +192,8 @@ class Axis(Settings):
         return self.inner.model_copy(update={"K_V_per_um": gain})
 
     def tuning(self) -> dict[str, Any]:
-        """What a commissioning report is about: all but the note of it, what it must reach, limits and authority.
-
-        No notch is no key, nor is no actuator, no coupling or no range of the tooth: the hash of a report from before
-        there were any stays what it was.
-        """
-        tuning = self.model_dump(mode="json", exclude={"commissioned", "faults", "authority_percent", "accept"})
-        if self.inner.notch is None:
-            del tuning["inner"]["notch"]
-        if self.outer is not None and self.outer.oscillation_range_percent == 0.0:
-            del tuning["outer"]["oscillation_range_percent"]
-        for name in ("actuator", "coupling"):
-            if tuning[name] is None:
-                del tuning[name]
-        return tuning
+        """What a commissioning report is about: all but the note of it, what it must reach, limits and authority."""
+        return self.model_dump(mode="json", exclude={"commissioned", "faults", "authority_percent", "accept"})
 
     @model_validator(mode="before")
     @classmethod

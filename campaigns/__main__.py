@@ -104,8 +104,7 @@ def main() -> int:
         print(f"there is no campaign {given.name}; there are {', '.join(CAMPAIGNS)}", file=sys.stderr)
         return 64
     chosen = CAMPAIGNS[given.name]
-    if given.count is None:
-        given.count = chosen.count
+    given.count = chosen.count if given.count is None else given.count
     if chosen.command:
         line = chosen.command.format(count=given.count, only=given.only, machines=shlex.quote(str(_MACHINES)))
         return min(1, subprocess.run(shlex.split(line), cwd=ROOT, check=False).returncode)

@@ -65,7 +65,7 @@ def test_host_and_recorder_killed_and_another_host_started_at_once(run):
         cell.gone()
         assert cell.socket.is_socket()
     cell.socket.unlink()
-    assert len(recorded_rows(cell.folder / "run.mcap")) >= 5000
+    assert len(recorded_rows(cell.folder / "run.mcap", 1e9)) >= 5000  # what it dropped last it could not tell
 
 
 def test_file_that_may_not_grow_and_then_a_recorder_killed(run):

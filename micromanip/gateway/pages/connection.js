@@ -14,7 +14,7 @@ function asked(why) {
   const dialog = element("dialog", {},
     element("form", { method: "dialog" },
       element("h1", {}, "Token"),
-      element("p", { className: "faint" }, "Tokens stand in a file on the computer that runs the gateway; it names the file as it starts. One scope only observes, the other operates."),
+      element("p", { className: "faint" }, "Tokens stand in a file on the computer that runs the gateway; it names the file as it starts. One token only observes, the other operates."),
       element("label", { htmlFor: "token" }, "Token"), input,
       element("div", { className: "notice bad", hidden: !why }, why),
       element("div", { className: "choices" }, element("button", {}, "Open"))));

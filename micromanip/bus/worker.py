@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import random
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -141,10 +140,10 @@ class Worker:
         """Keep the link up; returns when it is to end, raises what is a bug."""
         with self._while_opening():
             self._steady = SteadyService.of(self._driver, self._image)
-        self._keep_up(BackOff(random.Random()))
+        self._keep_up(BackOff().lost)
 
-    def _keep_up(self, back_off: BackOff) -> None:
-        """Open the link again and again until it is to end."""
+    def _keep_up(self, wait_after_s: Callable[[float], float]) -> None:
+        """Open the link again and again until it is to end; `wait_after_s` says when, of how long it held."""
         self._image.tell(ALIVE_NS, time.monotonic_ns())
         while not self._may_leave():
             opened = time.monotonic()
@@ -156,7 +155,7 @@ class Worker:
                 self._wait(math.inf)
             except BusError as problem:
                 self._way.failed(None)
-                wait_s = back_off.lost(time.monotonic() - opened)
+                wait_s = wait_after_s(time.monotonic() - opened)
                 self._tell("lost", str(problem), retry_s=round(wait_s, 3))
                 self._lose(LINK_DOWN)
                 self._wait(wait_s)

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from micromanip.rt.record import record
+from micromanip.rt.jit import plain
+from micromanip.rt.record import arrays, fields, record
 from micromanip.testbus.event_loop import EventLoop, Timer
 
 from .compiled import compiled
@@ -63,34 +64,31 @@ RAMP_NS = 200_000_000
 REST_TOLERANCE_V = 0.5
 """A tripped amplifier takes commands again once they are this close to rest: then nothing jumps."""
 
-ARRIVED = record(("samples", "i8"), ("minimum", "f8"), ("maximum", "f8"), ("largest_step", "f8"), ("last", "f8"))
+ARRIVED = record(*arrays("i8", 1, "samples"), *arrays("f8", 1, "minimum", "maximum", "largest_step", "last"))
 """What came in for one output since the last report; `last` is not a number before the first command."""
 
 
 @compiled
 def note(a: Any, value: float) -> None:
     """One more command for an output."""
-    if a["samples"] == 0:
-        a["minimum"] = a["maximum"] = value
-    a["minimum"], a["maximum"] = min(a["minimum"], value), max(a["maximum"], value)
-    if math.isfinite(a["last"]):
-        a["largest_step"] = max(a["largest_step"], abs(value - a["last"]))
-    a["last"] = value
-    a["samples"] += 1
+    if a["samples"][0] == 0:
+        a["minimum"][0] = a["maximum"][0] = value
+    a["minimum"][0], a["maximum"][0] = min(a["minimum"][0], value), max(a["maximum"][0], value)
+    if math.isfinite(a["last"][0]):
+        a["largest_step"][0] = max(a["largest_step"][0], abs(value - a["last"][0]))
+    a["last"][0] = value
+    a["samples"][0] += 1
 
 
-def _nothing() -> Any:
-    a = np.zeros(1, ARRIVED)[0]
-    a["last"] = math.nan
-    return a
+_note = plain(note)
 
 
 def _taken(a: Any) -> dict[str, Any]:
     """The figures under their names in reports, None where nothing came; they begin anew."""
-    samples, some = int(a["samples"]), a["samples"] > 0
-    figures = {"min": a["minimum"], "max": a["maximum"], "largest_step_V": a["largest_step"]}
-    a["samples"], a["largest_step"] = 0, 0.0
-    return {name: float(value) if some else None for name, value in figures.items()} | {"samples": samples}
+    samples = a["samples"][0]
+    figures = {"min": a["minimum"][0], "max": a["maximum"][0], "largest_step_V": a["largest_step"][0]}
+    a["samples"][0], a["largest_step"][0] = 0, 0.0
+    return {name: value if samples > 0 else None for name, value in figures.items()} | {"samples": samples}
 
 
 class Amplifier:
@@ -110,7 +108,7 @@ class Amplifier:
         self.trips = 0
         self.refused = 0
         """Commands that were not finite."""
-        self._arrived = {name: _nothing() for name in rest_V}
+        self._arrived: dict[str, Any] = {}
         self._plant = plant
         self._watchdog_ns = math.inf if watchdog_ms is None else watchdog_ms * 1e6
         self.in_force = dict(rest_V)
@@ -119,6 +117,7 @@ class Amplifier:
         self._ramp_from: dict[str, float] = {}
         self._ramp_ns = 0
         for name, value in rest_V.items():
+            self.count_in(name, np.zeros(1, ARRIVED)[0])
             plant.write(name, value)
 
     @property
@@ -135,7 +134,9 @@ class Amplifier:
         if not self.ok:
             self.ok = not self._ramp_from and self._asks_for_rest(values)
         for name, value in values.items():
-            note(self._arrived.setdefault(name, _nothing()), value)
+            if name not in self._arrived:
+                self.count_in(name, np.zeros(1, ARRIVED)[0])
+            _note(self._arrived[name], value)
             if name not in self.rest_V:
                 self._plant.write(name, value)
             elif self.ok:
@@ -147,15 +148,17 @@ class Amplifier:
         return self.ok and not self._ramp_from
 
     def count_in(self, name: str, arrived: Any) -> None:
-        """Keep what arrives for an output in this record from now on, where compiled code counts too."""
-        arrived["last"], self._arrived[name] = math.nan, arrived
+        """Keep what arrives for an output in this record from now on, where compiled code may count too."""
+        arrived["last"] = math.nan
+        self._arrived[name] = fields(arrived)
 
     def has_taken(self, clock_ns: int) -> None:
         """Commands went to the plant another way while it `follows`, the last at `clock_ns`, if that is news."""
         if clock_ns <= (self._commanded_ns or 0):
             return
         self._commanded_ns = clock_ns
-        self.in_force |= {name: float(self._arrived[name]["last"]) for name in self.rest_V}
+        last = {name: self._arrived[name]["last"][0] for name in self.rest_V}
+        self.in_force |= {name: volts for name, volts in last.items() if math.isfinite(volts)}
 
     def tick(self, clock_ns: int, plant_ns: int) -> None:
         """Time passes, on the clock and in the plant: look after the watchdog and the ramp."""
@@ -182,7 +185,7 @@ class Amplifier:
         """
         analog = {name: _taken(a) for name, a in self._arrived.items() if name in self.rest_V}
         others = {name: a for name, a in self._arrived.items() if name not in self.rest_V}
-        return analog, {name: _taken(a) for name, a in others.items() if a["samples"] > 0}
+        return analog, {name: _taken(a) for name, a in others.items() if a["samples"][0] > 0}
 
     def _ramp(self, plant_ns: int) -> None:
         share = min(1.0, (plant_ns - self._ramp_ns) / RAMP_NS)

@@ -55,10 +55,6 @@ class PathError:
         self.record[0]["input"][: len(self._names)] = [channels[name] for name in self._names]
         self._errors = self.record[0]
 
-    def note(self, signals: Any, now_ns: int) -> None:
-        """See ``note_errors``."""
-        note_errors(self._errors, signals, now_ns)
-
     def report(self) -> dict[str, Any]:
         """By axis, since the start: rms, max, uncompensated_rms, uncompensated_max; None without samples."""
         axes: dict[str, Any] = {}
@@ -107,7 +103,7 @@ class EmulatedCell:
                 self.plant.write(name, 1.0)
             self.wired_on = ()
         self.plant.advance_to(now_ns)
-        self.errors.note(self.plant.arrays[1], now_ns)
+        note_errors(self.errors.record[0], self.plant.arrays[1], now_ns)
 
     def keep_up(self, now_ns: int) -> None:
         """``advance_to``; but a plant that a message has just brought on stays there, for the next message waits."""

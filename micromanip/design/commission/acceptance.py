@@ -13,7 +13,7 @@ from ..analyse.axis import AxisAnalysis
 from ..analyse.sensitivity import AGREEMENT, KEPT, Sensitivity
 from ..identify.models import OUTER_DELAY
 from ..report.model import Criterion
-from ..validate.criteria import criteria, told
+from ..validate.criteria import Part, criteria, judged, told
 from ..validate.evaluation import Run
 from ..validate.step import RISE_S, STEP_UM
 from .axis import FOLLOWED, Commissioned
@@ -27,16 +27,10 @@ _NO_SWING = "no swing that is not there without the loop"
 _COHERENT_HZ = (2.0, 200.0)
 
 
-Part = tuple[str, bool, str, str] | tuple[str, bool, str, str, bool]
-"""Of a criterion: what it is called, whether it is met, its figure, its limit, whether it asks for accuracy alone."""
-
-
 def acceptance(found: Commissioned, analysis: AxisAnalysis, runs: list[Run], index: int) -> tuple[Criterion, ...]:
     """All criteria of one axis; `runs`: the axis on its sines, `index`: its place in the rows."""
     parts = _found(found), _measured(found, analysis), _sines(found, runs, index), _stage(found), [_coupling(found)]
-    identified, *closed = (
-        [Criterion(found.axis, part[0], bool(part[1]), *part[2:]) for part in each] for each in parts
-    )
+    identified, *closed = (judged(found.axis, each) for each in parts)
     return *identified, *criteria(analysis), *chain.from_iterable(closed)
 
 

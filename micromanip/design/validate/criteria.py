@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict
 from typing import Any
 
@@ -16,13 +16,18 @@ from ..analyse.axis import AxisAnalysis
 from ..analyse.describing import LimitCycle
 from ..report.model import Criterion
 
-Part = tuple[str, bool, str, str]
-"""Of a criterion: what it is called, whether it is met, its figure, its limit."""
+Part = tuple[str, bool, str, str] | tuple[str, bool, str, str, bool]
+"""Of a criterion: what it is called, whether it is met, its figure, its limit, whether it asks for accuracy alone."""
+
+
+def judged(axis: str, parts: Iterable[Part]) -> list[Criterion]:
+    """The criteria of an axis that these are the parts of."""
+    return [Criterion(axis, part[0], bool(part[1]), *part[2:]) for part in parts]
 
 
 def criteria(analysis: AxisAnalysis) -> list[Criterion]:
     """All criteria that the analysis of one axis allows to judge."""
-    return [Criterion(analysis.axis, *part) for part in _parts(analysis)]
+    return judged(analysis.axis, _parts(analysis))
 
 
 def _parts(analysis: AxisAnalysis) -> Iterator[Part]:

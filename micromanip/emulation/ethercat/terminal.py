@@ -132,9 +132,10 @@ def eeprom_of(terminal: Terminal) -> bytes:
 
 
 def _categories(terminal: Terminal) -> Iterator[tuple[int, bytes]]:
-    names = [terminal.name, *(entry.name for pdos in _pdos(terminal) for part in pdos.values() for entry in part)]
+    pdos_of_all = (*terminal.outputs.values(), *terminal.inputs.values())
+    names = [terminal.name, *(entry.name for entries in pdos_of_all for entry in entries)]
     strings = bytes([len(names)]) + b"".join(bytes([len(name)]) + name.encode() for name in names)
-    yield _STRINGS, _even(strings)
+    yield _STRINGS, strings + bytes(len(strings) % 2)
     general = bytearray(32)
     general[0], general[2], general[3], general[5] = 1, 1, 1, 0 if terminal.is_digital else _COE_DETAILS
     yield _GENERAL, bytes(general)
@@ -172,14 +173,6 @@ def _categories(terminal: Terminal) -> Iterator[tuple[int, bytes]]:
                 string += 1
         if data:
             yield category, data
-
-
-def _pdos(terminal: Terminal) -> tuple[Mapping[int, Sequence[Entry]], Mapping[int, Sequence[Entry]]]:
-    return terminal.outputs, terminal.inputs
-
-
-def _even(data: bytes) -> bytes:
-    return data + bytes(len(data) % 2)
 
 
 def _crc(data: bytes) -> int:

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from micromanip.bus.backoff import BackOff
 from micromanip.bus.beginning import opened
 from micromanip.bus.driver import BusDriver
 from micromanip.bus.errors import BusError, PartMissing
@@ -28,11 +27,6 @@ _AGAIN_S = 0.05
 _VERIFY_S, _VERIFY_SHARE = 0.5, 0.01
 """So long after the last write a device may take to read back the safe value, to within this share of the range."""
 _NEVER_NS = 1 << 62
-
-
-class _Soon(BackOff):
-    def lost(self, held_s: float) -> float:  # noqa: ARG002 (as long after a long life)
-        return _AGAIN_S
 
 
 class BusRest(Worker):
@@ -77,7 +71,7 @@ class BusRest(Worker):
     def rest(self) -> list[str]:
         """Bring them to rest; what is not known to be there, and why, a line each."""
         try:
-            self._keep_up(_Soon())
+            self._keep_up(lambda _held_s: _AGAIN_S)
         finally:
             if self._memory is not None:
                 self._memory.close()

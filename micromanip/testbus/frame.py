@@ -6,8 +6,8 @@
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass
 from enum import IntFlag
+from typing import NamedTuple
 
 EXTENDED_FLAG, REMOTE_FLAG, ERROR_FLAG = 0x8000_0000, 0x4000_0000, 0x2000_0000
 """CAN_EFF_FLAG, CAN_RTR_FLAG and CAN_ERR_FLAG of the identifier's word."""
@@ -21,8 +21,7 @@ CLASSIC = struct.Struct("=IBxxx8s")
 FD = struct.Struct("=IBBxx64s")
 
 
-@dataclass(frozen=True, slots=True)
-class Frame:
+class Frame(NamedTuple):
     """One frame; for an error frame, `identifier` holds the error classes of ``linux/can/error.h``."""
 
     identifier: int

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import configparser
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from canopen.objectdictionary import ObjectDictionaryError
@@ -12,6 +12,7 @@ from canopen.objectdictionary import ObjectDictionaryError
 from micromanip.emulation.amplifier import Amplifier
 from micromanip.emulation.cell import EmulatedCell
 from micromanip.emulation.emulated import EmulatedDevice, Surroundings, Wires
+from micromanip.emulation.plant import PERIOD_NS
 from micromanip.errors import UsageError
 
 from .can_bus import CanBus
@@ -82,7 +83,7 @@ def emulate_canopen(name: str, surroundings: Surroundings) -> EmulatedDevice:
             eds = source.path.parent / entry.eds
             behind = _Behind(cell, amplifier, dict(_named(node, entry, wires)))
             try:
-                made = CanOpenNode(devices.line, loop, eds, entry.node_id, behind.read, behind.write)
+                made = CanOpenNode(devices.line, loop, eds, entry.node_id, behind.measure, behind.write)
             except (OSError, ValueError, KeyError, TypeError, configparser.Error, ObjectDictionaryError) as problem:
                 where = ("drivers", name, "nodes", node, "eds")
                 raise source.error(where, f"{eds} can't be used: {problem}") from problem
@@ -106,17 +107,20 @@ class _Behind:
             if match := _NUMBER.fullmatch(given):
                 self._names[node.objects.variable(int(match[1], 16), int(match[2] or "0", 16)).name] = name
 
-    def read(self, name: str) -> float:
-        """Value of a measured object."""
-        self._cell.advance_to(self._cell.clock())
-        return self._cell.read(self._names.get(name, name))
+    def measure(self, names: Iterable[str]) -> list[float]:
+        """Values of measured objects, now."""
+        now_ns = self._cell.clock()
+        if now_ns - self._cell.plant.time_ns >= PERIOD_NS:  # not for each answer to one SYNC
+            self._cell.advance_to(now_ns)
+        return [self._cell.read(self._names.get(name, name)) for name in names]
 
-    def write(self, name: str, volts: float) -> None:
-        """Value of an output; one that the cell doesn't have does nothing."""
-        output = self._names.get(name, name)
-        if output in self._cell.plant.outputs:
+    def write(self, volts: Mapping[str, float]) -> None:
+        """Values of outputs; one that the cell doesn't have does nothing."""
+        named = {self._names.get(name, name): value for name, value in volts.items()}
+        commands = {output: value for output, value in named.items() if output in self._cell.plant.outputs}
+        if commands:
             now_ns = self._cell.clock()
-            self._amplifier.take({output: volts}, now_ns)
+            self._amplifier.take(commands, now_ns)
             self._cell.advance_to(now_ns)
 
 

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
-from canopen.objectdictionary import datatypes
+from collections.abc import Callable, Iterable, Mapping
 
 from micromanip.emulation.amplifier import Watchdog
 from micromanip.testbus.event_loop import EventLoop, Timer
@@ -12,8 +10,6 @@ from micromanip.testbus.frame import Frame
 
 from .canopen_objects import Entry, Objects, Pdo, packed, unpacked
 
-_DUMMIES = 0x20
-"""Objects below stand for data types: gaps in a PDO."""
 _ERROR_MODE, _ERROR_VALUE = 0x6443, 0x6444
 _MS = 1_000_000
 
@@ -29,14 +25,14 @@ class Exchange:
         self,
         loop: EventLoop,
         objects: Objects,
-        read: Callable[[str], float],
-        write: Callable[[str, float], None],
+        measure: Callable[[Iterable[str]], Iterable[float]],
+        write: Callable[[Mapping[str, float]], None],
         send: Callable[[Frame], object],
         left_alone: Callable[[], None],
     ) -> None:
         """`left_alone` is called when no RPDO came for as long as its event timer says."""
         self._loop, self._objects, self._send, self._left_alone = loop, objects, send, left_alone
-        self._read, self._write = read, write
+        self._measure, self._write = measure, write
         self._tpdos: tuple[Pdo, ...] = ()
         self._rpdos: dict[int, Pdo] = {}
         self._running = False
@@ -71,9 +67,7 @@ class Exchange:
         for watch in self._watches.values():
             watch.stop()
         for pdo in self._rpdos.values():
-            for entry in pdo.entries:
-                if entry.variable.index >= _DUMMIES:
-                    self._take(entry, self._error_value(entry.variable.subindex, entry.variable.factor))
+            self._take(pdo, sum(packed(entry, self._error_value(entry)) for entry in pdo.entries))
 
     def on_sync(self) -> None:
         """A SYNC came."""
@@ -81,7 +75,7 @@ class Exchange:
             return
         self._syncs += 1
         for identifier, data in self._pending.items():
-            self._apply(self._rpdos[identifier], data)
+            self._take(self._rpdos[identifier], int.from_bytes(data, "little"))
         self._pending.clear()
         for pdo in self._tpdos:
             if 1 <= pdo.transmission <= 240 and self._syncs % pdo.transmission == 0:
@@ -100,13 +94,10 @@ class Exchange:
         if pdo.transmission <= 240:
             self._pending[identifier] = data
         else:
-            self._apply(pdo, data)
+            self._take(pdo, int.from_bytes(data, "little"))
 
     def _transmit(self, pdo: Pdo) -> None:
-        frame = 0
-        for entry in pdo.entries:
-            if entry.variable.index >= _DUMMIES:
-                frame |= packed(entry, self._read(entry.variable.name))
+        frame = sum(map(packed, pdo.entries, self._measure([entry.variable.name for entry in pdo.entries])))
         self._send(Frame(pdo.identifier, frame.to_bytes(pdo.length, "little")))
 
     def _by_event(self, pdo: Pdo, due_ns: int) -> None:
@@ -116,21 +107,14 @@ class Exchange:
             next_ns = due_ns + pdo.event_ms * _MS
             self._events.append(self._loop.call_at(next_ns, lambda: self._by_event(pdo, next_ns)))
 
-    def _apply(self, pdo: Pdo, data: bytes) -> None:
-        frame = int.from_bytes(data, "little")
+    def _take(self, pdo: Pdo, frame: int) -> None:
+        """The outputs of a PDO get other values, which their objects have from now on."""
         for entry in pdo.entries:
-            if entry.variable.index >= _DUMMIES:
-                self._take(entry, unpacked(entry, frame))
+            self._objects.put_raw(entry, frame)
+        self._write({entry.variable.name: unpacked(entry, frame) for entry in pdo.entries})
 
-    def _take(self, entry: Entry, value: float) -> None:
-        """An output gets another value, which its object has from now on."""
-        variable, raw = entry.variable, value / entry.variable.factor
-        is_real = variable.data_type in datatypes.FLOAT_TYPES
-        self._objects.put(variable.index, variable.subindex, raw if is_real else round(raw))
-        self._write(variable.name, value)
-
-    def _error_value(self, subindex: int, factor: float) -> float:
-        objects = self._objects
+    def _error_value(self, entry: Entry) -> float:
+        objects, subindex = self._objects, entry.variable.subindex
         if not objects.has(_ERROR_VALUE, subindex) or not objects.raw(_ERROR_MODE, subindex):
             return 0.0
-        return objects.raw(_ERROR_VALUE, subindex) * factor
+        return float(objects.raw(_ERROR_VALUE, subindex) * entry.variable.factor)

@@ -9,7 +9,7 @@ when it is stopped, reset, or left alone: at the error value of CiA 401 (object 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 from micromanip.emulation.amplifier import Watchdog
@@ -44,16 +44,21 @@ class CanOpenNode:
         loop: EventLoop,
         eds: Path,
         node_id: int,
-        read: Callable[[str], float],
-        write: Callable[[str, float], None],
+        measure: Callable[[Iterable[str]], Iterable[float]],
+        write: Callable[[Mapping[str, float]], None],
     ) -> None:
-        """`read` gives the value of a measured object by its name, `write` takes that of an output."""
+        """`measure` gives the values of measured objects by their names, `write` takes those of outputs."""
         self.node_id = node_id
         self.state = INITIALISING
         self.objects = Objects(eds, node_id, lambda data: self._send(_SDO_ANSWER, data))
         self._bus, self._loop = bus, loop
         self._exchange = Exchange(
-            loop, self.objects, read, write, lambda frame: bus.send(self, frame), lambda: self._left_alone(NO_OUTPUTS)
+            loop,
+            self.objects,
+            measure,
+            write,
+            lambda frame: bus.send(self, frame),
+            lambda: self._left_alone(NO_OUTPUTS),
         )
         self._errors = 0
         self._beat_timer: Timer | None = None

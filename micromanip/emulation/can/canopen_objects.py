@@ -25,6 +25,8 @@ WRONG_VALUE, NOT_IN_THIS_STATE = 0x06090030, 0x08000022
 _RPDO, _TPDO = 0x1400, 0x1800
 _RPDO_MAPPING, _TPDO_MAPPING = 0x1600, 0x1A00
 _PDOS = 0x200
+_DUMMIES = 0x20
+"""Objects below stand for data types: gaps in a PDO."""
 _HISTORY = 0x1003
 _STORE = 0x1010
 _SAVE = b"save"
@@ -47,12 +49,10 @@ class Pdo:
     identifier: int
     transmission: int
     event_ms: int
+    length: int
+    """Bytes of its frame."""
     entries: tuple[Entry, ...]
-
-    @property
-    def length(self) -> int:
-        """Bytes of its frame."""
-        return (sum(entry.bits for entry in self.entries) + 7) // 8
+    """Without gaps."""
 
 
 class Objects:
@@ -107,6 +107,11 @@ class Objects:
         data = self.variable(index, subindex).encode_raw(value)
         self.node.data_store.setdefault(index, {})[subindex] = data
 
+    def put_raw(self, entry: Entry, frame: int) -> None:
+        """Set an object to its bits in a PDO."""
+        data = (frame >> entry.first_bit & (1 << entry.bits) - 1).to_bytes((entry.bits + 7) // 8, "little")
+        self.node.data_store.setdefault(entry.variable.index, {})[entry.variable.subindex] = data
+
     def remember_error(self, code: int) -> None:
         """Put an emergency's code first into the history of errors, as far as there is one."""
         room = 0
@@ -134,15 +139,18 @@ class Objects:
             if cob_id & PDO_OFF:
                 continue
             event_ms = self.raw(parameters + i, 5) if self.has(parameters + i, 5) else 0
-            entries = tuple(self._entries(mapping + i))
-            yield Pdo(i + 1, cob_id & 0x7FF, self.raw(parameters + i, 2), event_ms, entries)
+            bits, entries = self._mapped(mapping + i)
+            yield Pdo(i + 1, cob_id & 0x7FF, self.raw(parameters + i, 2), event_ms, (bits + 7) // 8, tuple(entries))
 
-    def _entries(self, mapping: int) -> Iterator[Entry]:
-        bit = 0
+    def _mapped(self, mapping: int) -> tuple[int, list[Entry]]:
+        """How many bits a mapping has, and the objects in them."""
+        bit, entries = 0, []
         for i in range(self.raw(mapping, 0)):
             word = self.raw(mapping, i + 1)
-            yield Entry(self.variable(word >> 16, word >> 8 & 0xFF), bit, word & 0xFF)
+            if word >> 16 >= _DUMMIES:
+                entries.append(Entry(self.variable(word >> 16, word >> 8 & 0xFF), bit, word & 0xFF))
             bit += word & 0xFF
+        return bit, entries
 
     def _permit(self, index: int, subindex: int, od: Any, data: bytes) -> None:  # noqa: ARG002
         """A PDO is changed only while it is off, and its objects only while it has none."""
@@ -181,7 +189,7 @@ def unpacked(entry: Entry, frame: int) -> float:
     variable = entry.variable
     raw: int | float = frame >> entry.first_bit & (1 << entry.bits) - 1
     if variable.data_type in datatypes.FLOAT_TYPES:
-        raw = variable.STRUCT_TYPES[variable.data_type].unpack(int(raw).to_bytes(entry.bits // 8, "little"))[0]
+        raw = variable.STRUCT_TYPES[variable.data_type].unpack(int(raw).to_bytes((entry.bits + 7) // 8, "little"))[0]
     elif variable.data_type in datatypes.SIGNED_TYPES and raw >= 1 << entry.bits - 1:
         raw -= 1 << entry.bits
     return raw * variable.factor

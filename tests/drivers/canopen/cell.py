@@ -69,19 +69,17 @@ class Cell:
         self.at, self.do = at, at.ask
         self.channel = at.channel
         self.values = {f"{q}_{axis}": 10.0 * (i + 1) for q in ("strain", "stage") for i, axis in enumerate(AXES)}
-        self.written = []
         self.nodes = {}
 
     def add(self, name, node_id, eds):
         def build():
-            self.nodes[name] = CanOpenNode(self.at.hub, self.at.loop, eds, node_id, self.values.__getitem__, self.write)
+            self.nodes[name] = CanOpenNode(self.at.hub, self.at.loop, eds, node_id, self.measure, self.values.update)
 
         self.do(build)
         return self.nodes[name]
 
-    def write(self, name, value):
-        self.written.append((name, value))
-        self.values[name] = value
+    def measure(self, names):
+        return [self.values[name] for name in names]
 
     def driver(self, folder=CONFIG, **changes):
         return driver(folder, channel=self.channel, **changes)

@@ -53,8 +53,10 @@ class NodesPeer(BusPeer):
         return gates
 
     def node(self, gate, name, node_id):
-        read, write = (lambda signal: self.values[f"{name}.{signal}"]), (lambda *_: None)
-        return CanOpenNode(gate, self.at.loop, EDS / f"{name}.eds", node_id, read, write)
+        def measure(signals):
+            return [self.values[f"{name}.{signal}"] for signal in signals]
+
+        return CanOpenNode(gate, self.at.loop, EDS / f"{name}.eds", node_id, measure, lambda _: None)
 
     def leave(self):
         for node in self.nodes:

@@ -16,7 +16,7 @@ _LOCK = "lock: {time_constant_ms: 100, within_us: 150}"
 
 
 _SOON = (
-    ("coast_ms: 300", "coast_ms: 50"),
+    ("coast_ms: 1000", "coast_ms: 50"),
     ("max_age_us: 500000", "max_age_us: 100000"),
     ("heartbeat_ms: 1000", "heartbeat_ms: 300"),
     ("silence_ms: 600", "silence_ms: 200"),

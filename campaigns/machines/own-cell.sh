@@ -64,7 +64,7 @@ sed -i -e '/^  voltage_/s/}$/, range_V: [-20, 130], slew_V_per_ms: 10}/' \
     -e "s/^    setpoint: {}.*/    centre_um: $centre\n    setpoint: {range_um: [$range], slew_um_per_ms: 1}/" \
     -e "s/^    $after\$/    watchdog: {ms: 100, rest_ms: 250, after_power_on: rest}\n&\n    simulated: true/" \
     -e 's,database: ,&/srv/cell/,' -e 's/interface: socketcan/interface: micromanip/' -e 's/limits: hardware/limits: simulation/' cell.yaml
-echo 'faults: {axis: {strain: {coast_ms: 300}}} # this machine is shared, and stands still at times' >>cell.yaml
+echo 'faults: {axis: {strain: {coast_ms: 1000}}} # this machine is shared, and stands still at times' >>cell.yaml
 echo 'simulation: {force: {static_N: 0, tooth_N: 0, noise_N: 0}}' >>cell.yaml
 typed 0 micromanip check cell.yaml
 

@@ -8,13 +8,13 @@ READY  := $(VENV)/.installed
 PIP    := $(BIN)/pip install --quiet --disable-pip-version-check --no-compile --constraint constraints.txt
 # more than cores: while some tests wait for processes and links, others compute; those of `check` do not wait
 JOBS   ?= 3
-TESTS  := $(BIN)/python -m pytest -p tools.again_alone -n $(JOBS) --dist loadgroup
+TESTS  := $(BIN)/pytest -n $(JOBS) --dist loadgroup
 # Small matrices: on a busy machine, threads that wait for each other are ten times slower than one.
 export OPENBLAS_NUM_THREADS ?= 1
 # Without what Python and pytest keep of a module, each worker of pytest would rewrite all tests once more: 8 s of CPU.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help run check test thorough lint bench campaign docs deb clean compiled collected test-laws-compiled test-laws-checked test-laws-plain
+.PHONY: help run check test thorough lint bench campaign docs deb clean compiled collected test-laws-compiled test-laws-plain
 
 help:             ## this list
 	@grep -hE '^[a-z-]+: .*##|^[a-z-]+:  *##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 16
@@ -44,9 +44,10 @@ lint: $(READY)    ## style, types, who may import whom, how large the rooms are
 check: lint       ## for every commit: lint, and the tests that neither wait for processes and links nor compute for long
 	$(TESTS) -n $(shell nproc) -m 'not live and not long and not thorough' tests
 
-test: $(READY)    ## lint and all tests; the laws compiled, bounds-checked and as plain Python
-	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target test-laws-compiled lint test-laws-plain test-laws-checked collected
-	$(TESTS) -m 'not thorough' tests --ignore=tests/rt
+test: $(READY)    ## lint and all tests; the laws compiled and as plain Python
+	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target test-laws-compiled lint test-laws-plain collected
+	$(TESTS) -m 'not thorough and not realtime' tests --ignore=tests/rt
+	$(BIN)/pytest -m 'realtime and not thorough' tests  # one after the other: each needs its share of the machine
 
 compiled: $(READY)  # by one process, which types each law once; each worker of pytest would do the same
 	@$(BIN)/python -m tools.compiled
@@ -57,15 +58,13 @@ collected: $(READY)  # what pytest makes of a new or changed test is kept; each 
 test-laws-compiled: compiled  # by one process, too
 	$(BIN)/pytest tests/rt
 
-test-laws-checked: $(READY)  # optimised little: it is compiled once and runs shortly
-	NUMBA_BOUNDSCHECK=1 NUMBA_OPT=1 $(BIN)/pytest tests/rt -m 'not compiled_only'
-
 test-laws-plain: $(READY)
 	NUMBA_DISABLE_JIT=1 $(BIN)/pytest tests/rt -m 'not compiled_only and not many_cycles'
 
 thorough: $(READY) ## what `make test` has fewer of: 60 examples of each search of hypothesis, further cells, plants, kills and pages
 	$(TESTS) --hypothesis-profile=thorough -m 'hypothesis or thorough' tests
 	NUMBA_DISABLE_JIT=1 $(BIN)/pytest --hypothesis-profile=thorough -m '(hypothesis or many_cycles) and not compiled_only' tests/rt
+	NUMBA_BOUNDSCHECK=1 NUMBA_OPT=1 $(BIN)/pytest tests/rt -m 'not compiled_only'
 
 bench: $(READY)   ## speed beside references measured in the same run
 	$(BIN)/micromanip system bench

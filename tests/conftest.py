@@ -1,7 +1,7 @@
 """Shared by all tests: how hypothesis searches, and which tests need compiled code.
 
-The laws' tests run in three modes: compiled, with bounds checks (NUMBA_BOUNDSCHECK=1) and as plain
-Python (NUMBA_DISABLE_JIT=1), where a cycle costs a hundred times more and the search is shorter.
+The laws' tests run compiled and as plain Python (NUMBA_DISABLE_JIT=1), where a cycle costs a hundred times more and
+the search is shorter; in ``make thorough`` also with bounds checks of compiled code (NUMBA_BOUNDSCHECK=1).
 ``--hypothesis-profile=thorough`` searches longer (``make thorough``); ``explore`` still longer, and elsewhere in each
 run; ``soak`` takes ten thousand steps of a state machine; ``mutation`` does not ask for the smallest example.
 """
@@ -58,11 +58,11 @@ def pytest_addoption(parser):
 def pytest_configure(config):
     for marker in (
         "compiled_only: needs compiled code, left out under NUMBA_DISABLE_JIT=1",
-        "live: on real processes, links or clocks, which it waits for; left out of `make check`, tried again alone",
-        "long: computes for seconds; left out of `make check`, tried again alone",
+        "live: on real processes, links or clocks, which it waits for; left out of `make check`",
+        "long: computes for seconds; left out of `make check`",
         "many_cycles: takes seconds as plain Python, and runs so in `make thorough` only",
         "thorough: one more case of what another one shows; left out of `make test`, which `make thorough` is for",
-        "realtime: live, and a stall of this machine by some milliseconds makes it fail",
+        "realtime: live, and judges time-outs or a real loop; run one after the other, behind all others",
     ):
         config.addinivalue_line("markers", marker)
 

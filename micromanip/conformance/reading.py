@@ -138,7 +138,7 @@ class ReadingChecks(Hooks):
                 for name, value in wanted.items():
                     wrong = [found for found in self.values_of(session, name) if not self.equal(found, value)]
                     assert not wrong, f"{what} gave {len(wrong)} samples of {name} as {wrong[:3]}; it was {value}"
-                assert session.fresh(5.0), f"no samples in 5 s after {what}; errors: {errors_text(session.errors)}"
+                assert session.fresh(20.0), f"no samples in 20 s after {what}; errors: {errors_text(session.errors)}"
 
     def skipped(self, peer: Peer, session: Session, count: int) -> None:
         """Let the device leave out `count` readings: so many are lost on every input, no more and no less."""

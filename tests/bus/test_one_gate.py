@@ -33,7 +33,7 @@ from micromanip.rt.io.worker_records import (
     UNCONFIRMED,
 )
 
-RATE_HZ, DEAD_NS, BEGINS_NS = 2000.0, 10**8, 10**12
+RATE_HZ, DEAD_NS, BEGINS_NS, FRESH_NS = 2000.0, 10**8, 10**12, 10**10
 OUTPUTS = (
     SafeOutput(VOLTAGE, 0.0, -20.0, 150.0, 10.0 * RATE_HZ),
     SafeOutput(SWITCH, 1.0, 0.0, 1.0),
@@ -101,12 +101,12 @@ class Cell:
         self.on_the_way.clear()
         return 0
 
-    def want(self, wanted, age_ns=0):
-        """The loop's outputs."""
+    def want(self, wanted, age_ns=-FRESH_NS):
+        """The loop's outputs; fresh for a while, so that a test that stands still does not play a dead loop."""
         self.record["value"][0][:5] = wanted
         self.record["words"][0][WRITTEN_NS] = time.monotonic_ns() - age_ns
         rests = all(abs(wanted[i] - SAFE[i]) <= 1e-9 for i in STEP_V)
-        self.may_move = not age_ns and (self.may_move or (rests and self.safe.state == RESTING))
+        self.may_move = age_ns < 0 and (self.may_move or (rests and self.safe.state == RESTING))
 
     def python_turn(self):
         while (task := self.schedule.take(time.monotonic_ns())) is None:
@@ -170,7 +170,7 @@ def test_no_output_steps_and_none_moves_that_may_not(steps):
             cell.safe.leave()
             cell.may_move = False
             assert place(cell.safe, KEEPS if what == "cut" else WATCHDOG, now_ns, [None] * 5) == []
-        cell.want(wanted, 2 * DEAD_NS if what == "dead" else 0)
+        cell.want(wanted, 2 * DEAD_NS if what == "dead" else -FRESH_NS)
         cell.turn(compiled)
         if cell.safe.state == RESTING:
             assert all(abs(cell.has[i] - SAFE[i]) <= 1e-9 for i in STEP_V)

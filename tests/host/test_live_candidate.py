@@ -31,8 +31,6 @@ def tracking(tmp_path_factory):
 @pytest.fixture
 def client(tracking):
     with Client(tracking.socket) as client:
-        if client.status()["candidate"] in ("shadowing", "on trial"):
-            client.candidate_discard()  # of a test that is tried again
         client.set(pid(K_V_per_um=USUAL_K))
         tracking.go_on(10_000)  # the figures of what runs are a mean over a second
         yield client

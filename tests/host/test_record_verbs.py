@@ -55,10 +55,10 @@ def test_start_mark_stop(run, tmp_path):
         assert [(mark["text"], mark["by"]) for mark in telemetry.marks[1:]] == [("coolant on", "root")]
         assert marked["cycle"] == telemetry.marks[1]["cycle"]
         assert telemetry.configuration == cell.config.read_text()
-        again = replay(telemetry)
-        assert again.difference is None
-        assert bool(again.gaps) == missing(rows, ended["dropped"])
-        assert again.cycles + again.left_out == len(rows)
+        if not missing(rows, ended["dropped"]):  # with gaps: tests/replay/test_gaps.py
+            again = replay(telemetry)
+            assert (again.difference, again.gaps) == (None, [])
+            assert again.cycles + again.left_out == len(rows)
         with pytest.raises(UsageError, match=r"part17\.mcap is there already"):
             client.recording_start("part17")
 

@@ -6,7 +6,7 @@ from campaigns.running_controller import Running
 from tests.cells import changed
 
 PATIENT = "host: {silent_ms: 10000}"
-"""On a machine that is busy with other tests the host may be late; a test that is tried again needs the cell alive."""
+"""On a machine that is busy with other tests the host may be late."""
 
 
 def patient(text):

@@ -58,7 +58,7 @@ class SerialAdapter:
     def _serve(self):
         due = time.monotonic()
         while not self._ends:
-            due = max(due, time.monotonic() - 0.2)
+            due = max(due, time.monotonic() - 1.0 / self.rate_hz)  # no burst after it was held up
             if select.select([self._master] if self.reads else [], [], [], max(0.0, min(0.02, due - time.monotonic())))[
                 0
             ]:

@@ -13,13 +13,13 @@ from micromanip.bus.inbox import Inbox
 
 from .serial_adapter import DBC, SerialAdapter, seeedstudio, slcan
 
-pytestmark = pytest.mark.live  # an adapter in a thread
+pytestmark = pytest.mark.realtime  # an adapter in a thread, whose port takes so many bytes
 
 RATE_HZ = 200
 KINDS = {"slcan": (slcan, {"sleep_after_open": 0.0}), "seeedstudio": (seeedstudio, {"timeout": 0.01})}
 
 
-def driver(folder, interface, **options):
+def driver(folder, interface, silence_ms=500, **options):
     (folder / "node.dbc").write_text(DBC, encoding="utf-8")
     if interface not in KINDS:  # of a library that is played nothing but its port is there
         (folder / "tty").touch()
@@ -31,6 +31,7 @@ def driver(folder, interface, **options):
                 "bitrate": 500_000,
                 "interface_options": {**KINDS.get(interface, (None, {}))[1], **options},
                 "database": "node.dbc",
+                "silence_ms": silence_ms,
                 "receive": {"Gauge": {"rate_hz": RATE_HZ, "counter": "Count"}},
                 "send": {"Command": {"rate_hz": 50, "counter": "Count"}},
             }
@@ -69,7 +70,7 @@ def served(bus, until, voltage=50.0):
 
 @pytest.mark.parametrize("interface", KINDS)
 def test_each_sample_comes_and_each_voltage_goes(tmp_path, interface):
-    bus = driver(tmp_path, interface)
+    bus = driver(tmp_path, interface, silence_ms=10_000)
     assert bus.steady() is None, "it has no socket for compiled turns"
     with adapter(tmp_path, interface) as device:
         assert opened(bus, patient)
@@ -83,27 +84,27 @@ def test_each_sample_comes_and_each_voltage_goes(tmp_path, interface):
 
 
 @pytest.mark.parametrize(
-    ("interface", "spoil", "missing"),
+    ("interface", "spoil", "least", "most"),
     [
-        ("slcan", lambda frame: [(0.0, frame[:7] + b"G" + frame[8:])], 1),
-        ("slcan", lambda frame: [(0.0, frame[:7] + b"\xff" + frame[8:])], 1),
-        ("slcan", lambda frame: [(0.0, frame[:6] + b"\r")], 1),
-        ("slcan", lambda frame: [(0.0, frame[:5]), (0.05, frame[5:])], 0),
-        ("seeedstudio", lambda frame: [(0.0, frame[:1]), (0.05, frame[1:])], 1),
-        ("seeedstudio", lambda frame: [(0.0, frame[:2]), (0.05, frame[2:])], 1),
-        ("seeedstudio", lambda frame: [(0.0, frame[:-1] + b"\x00")], 1),
+        ("slcan", lambda frame: [(0.0, frame[:7] + b"G" + frame[8:])], 7, 21),
+        ("slcan", lambda frame: [(0.0, frame[:7] + b"\xff" + frame[8:])], 7, 21),
+        ("slcan", lambda frame: [(0.0, frame[:6] + b"\r")], 7, 21),
+        ("slcan", lambda frame: [(0.0, frame[:5]), (0.05, frame[5:])], 0, 0),
+        ("seeedstudio", lambda frame: [(0.0, frame[:1]), (0.05, frame[1:])], 0, 21),  # on a busy computer in one piece
+        ("seeedstudio", lambda frame: [(0.0, frame[:2]), (0.05, frame[2:])], 0, 21),
+        ("seeedstudio", lambda frame: [(0.0, frame[:-1] + b"\x00")], 7, 21),
     ],
 )
-def test_a_bad_frame_is_one_frame(tmp_path, interface, spoil, missing):
+def test_a_bad_frame_is_one_frame(tmp_path, interface, spoil, least, most):
     said = lambda number, frame: [(0.0, frame)] if number % 50 else spoil(frame)  # noqa: E731
-    bus = driver(tmp_path, interface)
+    bus = driver(tmp_path, interface, silence_ms=10_000)  # a test beside others is held up
     with adapter(tmp_path, interface, said=said) as device:
         assert opened(bus, patient)
         samples, problems = served(bus, lambda _: device.sent >= 380)
         bus.close()
     assert not problems
     # a good frame or two that follow at once may be read as the rest of the bad one
-    assert 7 * missing <= sum(sample.lost for sample in samples) <= 3 * 7 * missing
+    assert least <= sum(sample.lost for sample in samples) <= most
     assert samples
 
 

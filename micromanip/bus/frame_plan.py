@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 
 from micromanip.errors import ConfigError
 from micromanip.rt.io.counting import COUNTED, OLD, missing_before
-from micromanip.rt.io.frames import FRAME, MAX_BYTES, MAX_GOOD, MAX_GROUPS, checksum
+from micromanip.rt.io.frames import FRAME, MAX_BYTES, MAX_GOOD, MAX_GROUPS, RULES, checksum
 from micromanip.rt.io.numbers import FLOATING, SIGNED, UNSIGNED
 from micromanip.rt.record import move
 from micromanip.rt.records import MAX_SIGNALS
 
 from .number_options import number_range
 
-_MOST_COUNTER_BITS = 32
+_MOST_COUNTS, _TRIALS = 1 << 32, 32
 """Of a wider counter the lowest bits count as well."""
 
 
@@ -109,21 +109,20 @@ def _fill_checksum(frame: Any, keys: Any) -> None:
     c["table"] = [function(bytes([byte])) ^ nothing for byte in range(256)]
     covered = int(frame["length"]) - keys.size - keys.first
     c["constant"] = function(bytes(covered))
-    trial = np.random.default_rng(1).integers(0, 256, int(frame["length"]), np.uint8)
-    expected = function(trial[keys.first : keys.first + covered].tobytes())
-    for reflected in (0, 1):
-        c["reflected"] = reflected
-        if int(checksum(frame, trial)) == expected:
+    trials = np.random.default_rng(1).integers(0, 256, (_TRIALS, int(frame["length"])), np.uint8)
+    expected = [function(trial[keys.first : keys.first + covered].tobytes()) for trial in trials]
+    for c["rule"] in RULES:
+        if [int(checksum(frame, trial)) for trial in trials] == expected:
             return
     raise ConfigError(f"{keys.name} takes its bits in one order and gives them in another, which is not supported")
 
 
 class DeviceCounter:
-    """The counter of a device's packets, of so many `bits`: Python and compiled code go on in one record."""
+    """The counter of a device's packets, which begins anew after `counts`: Python and compiled code share a record."""
 
-    def __init__(self, bits: int) -> None:
+    def __init__(self, counts: int) -> None:
         self.record = np.zeros(1, COUNTED)[0]
-        self.record["counts"] = 1 << min(bits, _MOST_COUNTER_BITS)
+        self.record["counts"] = min(counts, _MOST_COUNTS)
 
     def move_to(self, record: Any) -> None:
         """Count in this record from now on, from where it stands."""

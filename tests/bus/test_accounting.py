@@ -46,7 +46,7 @@ def test_each_sample_is_counted_once(cycles, before):
     bridge = BusBridge(OneInput(), BusOptions(), 10**12)
     context = bridge.context()
     image = ProcessImage(context.view(IMAGE))
-    counter, inbox, signals = DeviceCounter(8), Inbox(), np.zeros(MAX_SIGNALS, SIGNAL)
+    counter, inbox, signals = DeviceCounter(256), Inbox(), np.zeros(MAX_SIGNALS, SIGNAL)
     sensor, count, taken, lost = np.zeros(1, SENSOR_STATE)[0], 0, 0, 0
 
     def comes(number, value):

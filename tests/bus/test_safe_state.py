@@ -152,8 +152,8 @@ def test_a_dead_loop_is_a_ramp_to_rest_amplifier_last(device):
 
 
 def test_the_loop_lives_or_is_dead_by_the_age_of_what_it_wrote(device):
-    for _ in range(3):
-        device.turn(0.0)
+    device.turn(40.0)
+    assert device.state.state == RESTING
     device.state.decided([0.0, 1.0, 0.0, 9.0], 7 * DEAD_NS, 8 * DEAD_NS)
     assert device.state.state == FOLLOWING
     assert device.state.decided([5.0, 1.0, 0.0, 9.0], 7 * DEAD_NS, 8 * DEAD_NS) == [5, 1, 0, 0.25]
@@ -211,6 +211,8 @@ def test_outputs_that_the_loop_itself_has_at_rest_stay_in_its_hand(device):
 
 
 def test_what_nobody_uses_is_given_its_safe_value_whatever_it_had(device):
+    device.state.remember([60.0, 0.0, 1.0, 7.0])
+    assert device.turn(takes=False)[SPARE] == 0.25, "on the ramp as well"
     device.state.remember([0.0, 0.0, 1.0, 7.0])
     values = device.turn(0.0, takes=False)
     device.state.given([VOLT, ENABLE, FEED_HOLD], values)
@@ -337,13 +339,19 @@ def test_how_an_output_was_left():
     assert state.left(1) == Left(**known | {"last": 60.0}, given=(50.0, 75.0), register=(50.0, 75.0))
     assert note_taken(state.fields, ONE, 1003)
     assert [state.silent_ns(i, 2000) for i in (1, 2)] == [(997, 1000), (997, 2000)]
-    taken = Left(**known | {"last": 75.0}, given=(75.0, 75.0), register=(75.0, 75.0))
+    for volts in (45.0, 46.0):
+        state.fields["value"][0], state.fields["value"][1] = 1.0, volts
+        note_sent(state.fields, ONE, 1000, 1002)
+    assert state.left(0).register == (0.0, 1.0)
+    assert state.left(1).register == (45.0, 75.0)
+    assert note_taken(state.fields, ONE, 1003)
+    taken = Left(**known | {"last": 46.0}, given=(46.0, 46.0), register=(46.0, 46.0))
     state.assume_safe(where_unknown=True)
     assert state.left(1) == taken
     assert state.left(2) == replace(untouched, given=(10.0, 10.0))
     state.assume_safe()
     assert state.left(1) == Left(**known, given=(10.0, 10.0), register=(-math.inf, math.inf))
-    assert state.left(0).last == 0.0, "a person spoke of voltages"
+    assert state.left(0).last == 1.0, "a person spoke of voltages"
 
 
 @pytest.mark.parametrize("off_V", [0.0, 8.0, -8.0, STEP_V, STEP_V + 0.1])
@@ -479,6 +487,30 @@ def test_voltages_of_tasks_of_their_own_ramp_each_at_its_rate():
     assert state.state == RESTING
 
 
+def test_an_output_of_any_place_is_limited_and_led_to_rest():
+    """Two voltages behind a switch, a spare output and an amplifier's enable."""
+    state = Gate([OUTPUTS[i] for i in (FEED_HOLD, SPARE, VOLT, ENABLE, VOLT)], [PERIOD_S] * 5, RAMP_S, DEAD_NS)
+
+    def turn(first, second, age_ns=0):
+        values = state.decided([0.0, 9.0, first, 1.0, second], 0, age_ns)
+        state.given(range(5), values)
+        return values
+
+    assert [turn(0.0, 0.0) for _ in range(2)][1] == [0.0, 0.25, 0.0, 1.0, 0.0]
+    assert turn(60.0, 30.0) == [0.0, 0.25, 10.0, 1.0, 10.0]
+    for _ in range(5):
+        turn(60.0, 30.0)
+    first = turn(60.0, 30.0, DEAD_NS + 1)
+    assert first == [1.0, 0.25, pytest.approx(60.0, abs=0.01), 1.0, pytest.approx(30.0, abs=0.01)]
+
+
+def test_a_task_is_judged_by_its_own_outputs():
+    tasks = [Task("far", 1.0 / PERIOD_S, (0,)), Task("near", 1.0 / PERIOD_S, (1,))]
+    state = SafeState([OUTPUTS[VOLT]] * 2, tasks, RAMP_S, DEAD_NS, [RESTS_AT_V, 0.0], BEGINS_NS)
+    state.assume_safe()
+    assert [may_have_moved(state.fields, task, BEGINS_NS + 1) for task in (0, 1)] == [True, False]
+
+
 def test_a_task_that_is_held_up_holds_up_no_other():
     state = Gate([OUTPUTS[VOLT]] * 2, [PERIOD_S] * 2, RAMP_S, DEAD_NS)
     state.read_back([80.0, 80.0])
@@ -547,7 +579,8 @@ def test_what_is_sent_may_be_there_until_it_is_confirmed(two_tasks):
 
 def test_silence_may_have_moved_what_is_further_than_a_step_from_rest(two_tasks):
     g = two_tasks.fields
-    for volts, moved in ((19.0, True), (20.0, False), (30.0, False), (40.0, False), (41.0, True), (49.0, True)):
+    within = 40.0 + 5e-10
+    for volts, moved in ((19.0, True), (20.0, False), (30.0, False), (within, False), (41.0, True), (49.0, True)):
         for _ in range(3):
             two_tasks.decide([volts, 0.0, 0.0, 0.0], 0, 0)
             note_sent(g, ONE, 500, 600)
@@ -567,6 +600,7 @@ def test_what_nobody_knows_may_have_moved():
     tasks = [Task("other", 1.0 / PERIOD_S, (0,)), Task("one", 1.0 / PERIOD_S, (1,))]
     state = SafeState((OUTPUTS[FEED_HOLD], OUTPUTS[VOLT]), tasks, RAMP_S, DEAD_NS, [0.0] * 2, BEGINS_NS)
     assert may_have_moved(state.fields, ONE, BEGINS_NS + 1)
+    assert not may_have_moved(state.fields, 0, BEGINS_NS + 1), "a switch goes at once"
     state.assume_safe()
     assert not may_have_moved(state.fields, ONE, BEGINS_NS + 1)
 

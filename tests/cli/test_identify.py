@@ -1,30 +1,19 @@
-"""``identify``: a recording from the simulation, in virtual time and through the running loop."""
+"""``identify``: a recording from the simulation, in virtual time."""
 
-import os
-import signal
-import subprocess
-import uuid
 from functools import partial
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
-from campaigns.running_controller import MICROMANIP, PATIENCE_S, TAG, descriptor_of, tagged, until
+from micromanip.cli.live_experiment import LiveCell
 from micromanip.cli.new import text_for
-from micromanip.host.shared_memory import STATUS, Segment
-from micromanip.rt import mailbox as w
-from micromanip.rt.states import TRACKING
 from tests.cells import changed
 
 from . import command
 
 FACTORY = Path(__file__).parents[2] / "config" / "factory.yaml"
-SHORT = (
-    ("cpu: 1 ", "cpu: null "),
-    ("spin_us: 60 ", "spin_us: 10 "),
-    ("loop:\n", "start: {check_s: 0.05, sweep_s: 0.3, lift_s: 0.2, settle_s: 0.1, authority_s: 0.2}\n\nloop:\n"),
-)
 SLOW_BUS = "seed: 1, bus: {input_rate_Hz: 250, input_latency_us: 6000, output_rate_Hz: 250, output_latency_us: 6000}}"
 OLDER = "_x: {driver: cell, max_age_us: 30000, range_um: "
 
@@ -85,62 +74,6 @@ def test_a_gauge_of_the_wrong_sign_is_told_at_once_and_the_recording_stays(tmp_p
     assert len(table(out / "x_multisine.csv")) >= 1000
 
 
-class Live:
-    """``micromanip identify --live`` in a session of its own."""
-
-    def __init__(self, folder, seconds):
-        self.tag, self.folder, self.out = uuid.uuid4().hex, folder, folder / "out"
-        config = folder / "cell.yaml"
-        config.write_text(changed(FACTORY.read_text(), *SHORT))
-        arguments = ["--axis", "x", "--live", "--seconds", str(seconds), "--out", str(self.out)]
-        with (folder / "stdout").open("wb") as out, (folder / "stderr").open("wb") as err:
-            self.process = subprocess.Popen(
-                [str(MICROMANIP), "identify", str(config), *arguments, "--socket", str(folder / "control.sock")],
-                stdin=subprocess.DEVNULL,
-                stdout=out,
-                stderr=err,
-                start_new_session=True,
-                cwd=folder,
-                env=os.environ | {TAG: self.tag, "TMPDIR": str(folder), "COLUMNS": "200"},
-            )
-
-    @property
-    def said(self):
-        return (self.folder / "stderr").read_text()
-
-    def reach_tracking(self):
-        found = lambda: next(filter(None, (descriptor_of(pid, "micromanip-status") for pid in tagged(self.tag))), None)  # noqa: E731
-        descriptor = until(found, lambda: self.said)
-        try:
-            until(lambda: os.fstat(descriptor).st_size >= STATUS.itemsize, "the status")
-            status = Segment.attach(descriptor, writable=False).record(STATUS)
-            until(lambda: self.process.poll() is not None or status["words"][w.STATE] == TRACKING, lambda: self.said)
-        finally:
-            os.close(descriptor)
-        assert self.process.poll() is None, self.said
-
-    def end(self):
-        """Exit code; nothing of it may be left."""
-        code = self.process.wait(PATIENCE_S)
-        until(lambda: not tagged(self.tag), "processes are left behind")
-        return code
-
-
-@pytest.fixture
-def live(tmp_path):
-    started = []
-
-    def start(seconds):
-        started.append(Live(tmp_path, seconds))
-        return started[-1]
-
-    yield start
-    for each in started:
-        for pid in tagged(each.tag):
-            os.kill(pid, signal.SIGKILL)
-        each.process.wait()
-
-
 def lag_ms(file):
     """By how much the strain is behind the voltage, to the millisecond of the rows."""
     columns, most = table(file), 40
@@ -164,11 +97,10 @@ def test_the_ways_of_a_slow_bus_are_not_in_a_recording(tmp_path):
     assert abs(lags_ms[1] - lags_ms[0]) <= 2
 
 
-@pytest.mark.live
-def test_an_interrupted_experiment_leaves_no_file(live):
-    run = live(30)
-    run.reach_tracking()
-    run.process.send_signal(signal.SIGINT)
-    assert run.end() == 1
-    assert "the experiment was cut short. Nothing is written" in " ".join(run.said.split())
-    assert not run.out.exists()
+def test_an_experiment_that_is_cut_short_leaves_no_file(monkeypatch, tmp_path, capsys):
+    """The stage rests by then: test_broken_off.py."""
+    monkeypatch.setattr(LiveCell, "play", Mock(side_effect=KeyboardInterrupt))
+    arguments = ("--axis", "x", "--live", "--socket", tmp_path / "control.sock", "--out", tmp_path / "out")
+    assert code_of(FACTORY, *arguments) == 1
+    assert "the experiment was cut short. Nothing is written" in " ".join(capsys.readouterr().err.split())
+    assert not (tmp_path / "out").exists()

@@ -151,6 +151,12 @@ def whole_number(key: str, message: Any, name: str) -> Any:
     return found
 
 
+def counts(signal: Any) -> int:
+    """After how many a signal of cantools that counts begins anew: behind its maximum where it has one."""
+    most: int = (1 << signal.length) - 1
+    return 1 + min(most, int(signal.maximum or most))
+
+
 def identity(message: Any) -> tuple[int, bool]:
     """(identifier, extended) of a message of cantools."""
     return message.frame_id, message.is_extended_frame

@@ -212,7 +212,7 @@ def give(c: Any, values: Any, task: int) -> int:
         put_stamp(packet, now_ns(s["timespec"]))
     error = send(s, before + m["bytes"])
     if error == 0:
-        m["count"] = (m["count"] + 1) & m["mask"]
+        m["count"] = (m["count"] + 1) % m["counts"]
         c["frames_out"] += 1
         return 0
     for full in _FULL:

@@ -8,7 +8,7 @@ from micromanip.driver import Channel, ConfigError, Inbox, OutputRefused
 from micromanip.driver.wire import DeviceCounter
 
 from ..line.frame_options import BAD
-from .database import identity, start_value, switches_bitrate, whole_number
+from .database import counts, identity, start_value, switches_bitrate, whole_number
 from .options import Received, Sent
 from .plan import Incoming, Outgoing, UnpackPlan, bit_field
 
@@ -35,7 +35,7 @@ class ReceivedMessage(Incoming):
         values = [one for one in message.signals if one not in own]
         if not values:
             raise ConfigError(f"{key}: {self.title} has no signals but its counter and status")
-        self.counter = DeviceCounter(own[0].length) if options.counter else None
+        self.counter = DeviceCounter(counts(own[0])) if options.counter else None
         self.own = [bit_field(one, self.length) for one in own]
         """Its counter and its status, as far as it has them."""
         self.fields = [bit_field(one, self.length) for one in values]
@@ -81,6 +81,7 @@ class SentMessage(Outgoing):
             [bit_field(one, length) for one in signals],
             first,
             bit_field(counter, length) if counter else None,
+            counts(counter) if counter else 0,
             is_fd=message.is_fd,
             bitrate_switch=message.is_fd and switches_bitrate(message),
         )

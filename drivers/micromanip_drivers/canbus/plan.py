@@ -191,11 +191,12 @@ class Outgoing(Layout):
         fields: Sequence[BitField] = (),
         first: int = 0,
         counter: BitField | None = None,
+        counts: int = 0,
         **flags: bool,
     ) -> None:
-        """`counter` is incremented with each; `flags` are python-can's."""
+        """`counter` is incremented with each, to 0 after `counts`; `flags` are python-can's."""
         self.identity, self.length, self.fields, self.counter = identity, len(data), fields, counter
-        self.indices = tuple(range(first, first + len(fields)))
+        self.counts, self.indices = counts, tuple(range(first, first + len(fields)))
         self._head: dict[str, Any] = {"arbitration_id": identity[0], "is_extended_id": identity[1], **flags}
         self._data, self._own = data, slice(first, first + len(fields))
         self._counting = np.zeros(1, [("count", "i8")])[0]
@@ -223,4 +224,4 @@ class Outgoing(Layout):
     def was_sent(self) -> None:
         """The last frame is on its way: count on."""
         if self.counter is not None:
-            self._counting["count"] = (int(self._counting["count"]) + 1) & self.counter.mask
+            self._counting["count"] = (int(self._counting["count"]) + 1) % self.counts

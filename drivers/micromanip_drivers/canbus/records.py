@@ -42,7 +42,7 @@ SENT = record(
     ("fields", "i8"),
     ("counted", "i8"),
     ("counter_field", FIELD),
-    ("mask", "i8"),
+    ("counts", "i8"),
     ("count", "i8"),
 )
 """A message that is sent: `packet` is it before anything is written into its data, a ``struct canfd_frame``."""

@@ -149,7 +149,7 @@ class MessageTables(Tables):
                 _describe(row["status_field"], message.own[-1])
         for row, out in zip(self._c["sent"], sent, strict=False):
             if out.counter is not None:
-                row["counted"], row["mask"] = 1, (1 << min(out.counter.bits, _EXACT_BITS)) - 1
+                row["counted"], row["counts"] = 1, min(out.counts, 1 << _EXACT_BITS)
                 _describe(row["counter_field"], out.counter)
             out.count_in(row)
 

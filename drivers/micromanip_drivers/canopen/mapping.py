@@ -35,11 +35,6 @@ class Mapped:
     bits: int
 
     @property
-    def is_dummy(self) -> bool:
-        """True for a gap: the objects below 0x20 stand for data types."""
-        return self.variable.index < 0x20
-
-    @property
     def entry(self) -> int:
         """The word that stands for it in the mapping."""
         return self.variable.index << 16 | self.variable.subindex << 8 | self.bits

@@ -143,7 +143,8 @@ def _pdo(node: str, dictionary: Dictionary, direction: Direction, pdo: int, opti
             raise ConfigError(f"{key}.signals.{name}: {where}: {name} and {other} are the same object")
         carried[name] = found
     if direction == "rpdo":
-        missing = [m.variable.name for m in laid.objects if not m.is_dummy and m not in carried.values()]
+        objects = [m for m in laid.objects if m.variable.index >= 0x20]  # those below stand for gaps
+        missing = [m.variable.name for m in objects if m not in carried.values()]
         if missing:
             raise ConfigError(f"{key}.signals: {where} carries {', '.join(missing)} too, which signals does not name")
     wires = tuple(wire(f"{node}.{name}", carried[name], signal) for name, signal in signals.items())

@@ -95,11 +95,6 @@ class Output(LoopOutput, Entry):
     def numbers(self) -> tuple[float, float]:
         return number_range(self.type)
 
-    @property
-    def is_off_when_safe(self) -> bool:
-        """Whether `safe` is the number 0: what a terminal without frames puts out by itself."""
-        return round((self.safe - self.offset) / self.scale) == 0
-
 
 class OutputPdo(Section):
     """A PDO to the terminal."""
@@ -159,7 +154,8 @@ class Terminal(Section):
     def _lines_are_off_when_safe(self) -> Terminal:
         for pdo_name, pdo in self.outputs.items():
             for name, field in pdo.fields.items():
-                if field.type in PACKED and not field.is_off_when_safe and not self.settings:
+                is_on = round((field.safe - field.offset) / field.scale) != 0
+                if field.type in PACKED and is_on and not self.settings:
                     raise ValueError(
                         f"outputs.{pdo_name}.fields.{name}: safe {field.safe:g} is a line that is on, and a terminal "
                         "without frames switches it off: wire it the other way round and say scale: -1, offset: 1, "

@@ -6,14 +6,15 @@ value = scale x number + offset.
 
 from __future__ import annotations
 
-import difflib
+import functools
+import operator
 from collections.abc import Callable, Iterable
 from typing import Annotated, Literal
 
 import fastcrc
 from pydantic import AfterValidator, Field, field_validator, model_validator
 
-from micromanip.driver import Commanded, Scaled, Section, Typed, number_range
+from micromanip.driver import Commanded, Scaled, Section, Typed, did_you_mean, number_range
 
 
 def _hexadecimal(text: str) -> str:
@@ -36,7 +37,18 @@ Whole = Annotated[int, Field(strict=True, ge=-(2**63), le=2**64 - 1)]
 
 ByteOrder = Literal["little", "big"]
 _WIDTHS = {"crc8": 1, "crc16": 2, "crc32": 4, "crc64": 8}
-CRC_NAMES = [f"{width}.{name}" for width in _WIDTHS for name in sorted(getattr(fastcrc, width).algorithms_available)]
+_CHECKSUMS: dict[str, tuple[int, Callable[[bytes], int]]] = {
+    **{
+        f"{width}.{name}": (size, getattr(getattr(fastcrc, width), name))
+        for width, size in _WIDTHS.items()
+        for name in sorted(getattr(fastcrc, width).algorithms_available)
+    },
+    "xor8": (1, lambda covered: functools.reduce(operator.xor, covered, 0)),
+    "sum8": (1, lambda covered: sum(covered) & 0xFF),
+    "lrc8": (1, lambda covered: -sum(covered) & 0xFF),
+    "sum16": (2, lambda covered: sum(covered) & 0xFFFF),
+}
+"""Bytes that it has, and what it makes of those that it covers."""
 
 
 class Number(Typed):
@@ -118,30 +130,30 @@ def overlap(parts: Iterable[tuple[str, int, int]]) -> str | None:
 class Crc(Section):
     """A checksum at the end of the frame."""
 
-    name: str = Field(description="Name in fastcrc: crc16.modbus, crc16.ibm_3740, crc32.iso_hdlc, crc8.smbus, ...")
+    name: str = Field(
+        description="Name in fastcrc: crc16.modbus, crc32.iso_hdlc, crc8.smbus, ...; or xor8, sum8, sum16, and lrc8, "
+        "which makes the sum of all bytes 0."
+    )
     byte_order: ByteOrder = Field(default="little", description="Order of its bytes.")
     first: Place = Field(default=0, description="First byte covered; all following are, too.")
 
     @field_validator("name")
     @classmethod
     def _is_known(cls, name: str) -> str:
-        if name not in CRC_NAMES:
-            near = difflib.get_close_matches(name.lower().replace("-", "_").replace("/", "."), CRC_NAMES, 3)
-            hint = f"did you mean {', '.join(near)}?" if near else "its documentation lists them, e.g. crc16.modbus"
-            raise ValueError(f"fastcrc has no {name}: {hint}")
+        if name not in _CHECKSUMS:
+            known = name.lower().replace("-", "_").replace("/", ".")
+            raise ValueError(f"neither fastcrc has {name} nor this driver; {did_you_mean(known, _CHECKSUMS)}")
         return name
 
     @property
     def size(self) -> int:
         """How many bytes it has."""
-        return _WIDTHS[self.name.split(".")[0]]
+        return _CHECKSUMS[self.name][0]
 
     @property
     def function(self) -> Callable[[bytes], int]:
         """From the bytes that it covers to the checksum."""
-        width, name = self.name.split(".")
-        function: Callable[[bytes], int] = getattr(getattr(fastcrc, width), name)
-        return function
+        return _CHECKSUMS[self.name][1]
 
     def of(self, frame: bytes) -> bytes:
         """The checksum of a frame that has none yet."""

@@ -87,7 +87,7 @@ class PacketCounter(DeviceCounter):
     """`by_sample`: the number is that of the packet's first sample, else that of the packet."""
 
     def __init__(self, options: Number, by_sample: bool = False) -> None:
-        super().__init__(8 * options.size)
+        super().__init__(1 << 8 * options.size)
         self._codec, self.by_sample = NumberCodec(options), by_sample
         self._more = 0
 

@@ -66,7 +66,8 @@ class Client:
             assert options.tcp is not None
             self._framing, self._port = TcpFraming(), TcpConnection(options.tcp, _UNACKNOWLEDGED_MS)
         self._serial = options.serial is not None
-        self._timeout_ns, self._drain_ns = round(options.timeout_ms * 1e6), round(options.drain_s * 1e9)
+        drain_ms = 3.0 * options.timeout_ms if options.drain_ms is None else options.drain_ms
+        self._timeout_ns, self._drain_ns = round(options.timeout_ms * 1e6), round(drain_ms * 1e6)
         self._gap_ns = round(timing.gap_s * 1e9)
         self._buffer = bytearray()
         self._request: _Request | None = None

@@ -248,8 +248,3 @@ class ModbusOptions(BusOptions):
     def device(self) -> str:
         """The port by name, e.g. "tcp 192.168.0.20:502" or "/dev/ttyUSB0"."""
         return self.serial.device if self.serial else f"tcp {self.tcp.host}:{self.tcp.port}" if self.tcp else ""
-
-    @property
-    def drain_s(self) -> float:
-        """How long a serial line must have been silent after a time-out."""
-        return 1e-3 * (3.0 * self.timeout_ms if self.drain_ms is None else self.drain_ms)

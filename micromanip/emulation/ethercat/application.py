@@ -80,7 +80,7 @@ from .controller import (
     local_ns,
     system_ns,
 )
-from .mailbox import Mailbox, Objects
+from .mailbox import ASSIGNED_INPUTS, ASSIGNED_OUTPUTS, Mailbox, Objects
 from .terminal import DIGITAL_OUTPUTS, MAILBOX_BYTES, MAILBOX_IN, MAILBOX_OUT, Area, Terminal, eeprom_of
 
 _ESC_KIND, _RAM_KB, _PORTS = 0x11, 8, 0x0F
@@ -251,7 +251,7 @@ class Application:
         if wanted >= PREOP and not all(self._manages(area, MAILBOX_BYTES) for area in _MAILBOXES):
             return INVALID_MAILBOX
         if wanted >= SAFEOP:
-            outputs, inputs = self.objects.mapped_outputs, self.objects.mapped_inputs
+            outputs, inputs = map(self.objects.mapped, (ASSIGNED_OUTPUTS, ASSIGNED_INPUTS))
             if not self._manages(self.terminal.output_area, bytes_of(entry.bits for entry in outputs)):
                 return INVALID_OUTPUTS
             if not self._manages(self.terminal.input_area, bytes_of(entry.bits for entry in inputs)):

@@ -36,7 +36,7 @@ from micromanip.bus.ethercat.coe import (
 from .terminal import Entry, Terminal
 
 _PDO_OF_OUTPUTS, _PDO_OF_INPUTS, _PDOS = 0x1600, 0x1A00, 0x200
-_SYNC_TYPES, _ASSIGNED_OUTPUTS, _ASSIGNED_INPUTS = 0x1C00, 0x1C12, 0x1C13
+_SYNC_TYPES, ASSIGNED_OUTPUTS, ASSIGNED_INPUTS = 0x1C00, 0x1C12, 0x1C13
 
 
 class SdoRefusedError(Exception):
@@ -61,7 +61,7 @@ class Objects:
             0x1018: _array([struct.pack("<I", number) for number in identity]),
             _SYNC_TYPES: _array([bytes([kind]) for kind in (1, 2, 3, 4)]),
         }
-        for assigned, pdos in ((_ASSIGNED_OUTPUTS, terminal.outputs), (_ASSIGNED_INPUTS, terminal.inputs)):
+        for assigned, pdos in ((ASSIGNED_OUTPUTS, terminal.outputs), (ASSIGNED_INPUTS, terminal.inputs)):
             self._data[assigned] = _array([struct.pack("<H", index) for index in pdos])
             for index, entries in pdos.items():
                 self._data[index] = _array([struct.pack("<I", entry.mapping) for entry in entries])
@@ -105,16 +105,6 @@ class Objects:
         mappings = [mapping for index in self._words(assigned, "<H") for mapping in self._words(index, "<I")]
         return [Entry(mapping >> 16, mapping >> 8 & 0xFF, mapping & 0xFF) for mapping in mappings]
 
-    @property
-    def mapped_outputs(self) -> Sequence[Entry]:
-        """Of the outputs."""
-        return self.mapped(_ASSIGNED_OUTPUTS)
-
-    @property
-    def mapped_inputs(self) -> Sequence[Entry]:
-        """Of the inputs."""
-        return self.mapped(_ASSIGNED_INPUTS)
-
     def _words(self, index: int, form: str) -> list[int]:
         entries = self._data.get(index, [b"\0"])
         return [struct.unpack(form, entry)[0] for entry in entries[1 : entries[0][0] + 1]]
@@ -123,7 +113,7 @@ class Objects:
         """Of the entries of an object by which PDOs are made."""
         if index not in self._data:
             raise SdoRefusedError(NO_OBJECT)
-        assigns = index in (_ASSIGNED_OUTPUTS, _ASSIGNED_INPUTS)
+        assigns = index in (ASSIGNED_OUTPUTS, ASSIGNED_INPUTS)
         if not assigns and not any(first <= index < first + _PDOS for first in (_PDO_OF_OUTPUTS, _PDO_OF_INPUTS)):
             raise SdoRefusedError(READ_ONLY)
         if not self._may_map():

@@ -61,7 +61,8 @@ class BinaryBoard(LineDevice):
 
     def _take(self, frame: bytes, peer: Peer) -> None:
         if self._who is not None and frame == self._who.request:
-            self._answer(peer, self._identity_frame(self._who))
+            wrong, who = self._line.active("identity") is not None, self._who
+            self._answer(peer, who.layout.built({name: number + wrong for name, number in who.values.items()}))
             return
         kind = self._form.kind.code(frame) if self._form.kind is not None else None
         layout, reply = self._received.get(kind, (None, None))
@@ -87,10 +88,6 @@ class BinaryBoard(LineDevice):
 
     def _frame(self, layout: FrameLayout, count: int) -> bytes:
         return layout.built({name: self._behind.read(name) for name in layout.fields}, count)
-
-    def _identity_frame(self, who: Introduction) -> bytes:
-        wrong = self._line.active("identity") is not None
-        return who.layout.built({name: number + wrong for name, number in who.values.items()})
 
 
 class Introduction:

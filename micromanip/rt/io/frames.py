@@ -40,14 +40,14 @@ CHECKSUM = record(
     ("size", "i8"),
     ("first", "i8"),
     ("big", "i8"),
-    ("reflected", "i8"),
+    ("rule", "i8"),
     ("constant", "u8"),
     ("table", "u8", (256,)),
 )
-"""A CRC: a register that begins with 0 and takes in the bytes from `first` on, xor a constant.
-
-Initial value and final xor of a CRC add a constant to it that depends on the number of bytes alone, which is fixed.
-"""
+"""A register that begins with 0 and takes in the bytes from `first` on, xor a constant: a CRC, its highest bit first or
+its lowest, or a sum of what the table has for each byte. A CRC's initial value and final xor are in the constant, which
+depends on the number of bytes alone."""
+SHIFTED, REFLECTED, SUMMED = RULES = range(3)
 
 GROUP = record(("counter", NUMBER), ("latency_ns", "i8"))
 """Numbers that were sampled together, `latency_ns` before the frame was finished; without a counter with each frame."""
@@ -95,17 +95,16 @@ _U0, _U8, _BYTE, _ONES = np.uint64(0), np.uint64(8), np.uint64(255), np.uint64(0
 def checksum(f: Any, data: Any) -> Any:
     """The checksum (uint64) that belongs to a frame; what stands in its own place doesn't matter."""
     c = f["checksum"]
-    register = _U0
-    end = f["length"] - c["size"]
-    if c["reflected"] != 0:
-        for i in range(c["first"], end):
-            register = (register >> _U8) ^ c["table"][np.int64((register ^ np.uint64(data[i])) & _BYTE)]
-    else:
-        top = np.uint64(8 * c["size"] - 8)
-        mask = (_BYTE << top) | ((np.uint64(1) << top) - np.uint64(1))
-        for i in range(c["first"], end):
-            index = np.int64(((register >> top) ^ np.uint64(data[i])) & _BYTE)
-            register = ((register << _U8) & mask) ^ c["table"][index]
+    register, top = _U0, np.uint64(8 * c["size"] - 8)
+    mask = (_BYTE << top) | ((np.uint64(1) << top) - np.uint64(1))
+    for i in range(c["first"], f["length"] - c["size"]):
+        byte = np.uint64(data[i])
+        if c["rule"] == REFLECTED:
+            register = (register >> _U8) ^ c["table"][np.int64((register ^ byte) & _BYTE)]
+        elif c["rule"] == SHIFTED:
+            register = ((register << _U8) & mask) ^ c["table"][np.int64(((register >> top) ^ byte) & _BYTE)]
+        else:
+            register = (register + c["table"][data[i]]) & mask
     return register ^ c["constant"]
 
 

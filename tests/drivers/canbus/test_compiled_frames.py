@@ -87,7 +87,7 @@ def counting():
         frame_id=0x123,
         name="M",
         length=4,
-        signals=[Signal("value", 0, 8), Signal("Status", 8, 8), Signal("Count", 16, 4)],
+        signals=[Signal("value", 0, 8), Signal("Status", 8, 8), Signal("Count", 16, 4, maximum=14)],
     )
 
 
@@ -113,6 +113,14 @@ def test_counter_and_status_are_judged_the_same(frames):
         assert row["sequence"] == at.inbox[0]["received"] + at.inbox[0]["missing"][0]
         for name in ("lost", "doubled", "late", "restarts"):
             assert shared.counter.counted(name) == reference.counter.counted(name)
+
+
+def test_a_count_begins_anew_behind_its_maximum():
+    """As in AUTOSAR's profile 1, where 15 is no count."""
+    message, inbox = received(counting(), counter="Count"), Inbox()
+    for k in range(40):
+        message.take(bytes([7, 1, k % 15, 0]), 0, inbox)
+    assert (len(inbox), message.counter.counted("lost")) == (80, 0)
 
 
 def test_what_is_out_of_the_ordinary_is_left_to_python_and_the_rest_is_taken():
@@ -149,7 +157,9 @@ def command():
 
 
 def test_a_full_queue_is_tried_again_by_python_and_leaves_no_gap():
-    message = Message(frame_id=0x100, name="C", length=2, signals=[Signal("value", 0, 8), Signal("Count", 8, 8)])
+    message = Message(
+        frame_id=0x100, name="C", length=2, signals=[Signal("value", 0, 8), Signal("Count", 8, 8, maximum=14)]
+    )
     with compiled([], [sent(message, counter="Count")]) as at:
         taken = 0
         while at.send([1.0]) == 0:
@@ -158,4 +168,4 @@ def test_a_full_queue_is_tried_again_by_python_and_leaves_no_gap():
         at.far.recv(256)
         assert at.send([1.0]) == 0
         counts = [packet[9] for packet in iter(at.heard, None)]
-        assert counts == [k % 256 for k in range(1, taken + 1)]
+        assert counts == [k % 15 for k in range(1, taken + 1)]

@@ -2,7 +2,7 @@
 
 from micromanip_drivers.line.binary_options import Binary
 
-CRCS = ("crc8.smbus", "crc8.maxim_dow", "crc16.modbus", "crc16.ibm_3740", "crc32.iso_hdlc", "crc64.ecma_182")
+CRCS = ("crc8.maxim_dow", "crc16.modbus", "crc16.ibm_3740", "crc32.iso_hdlc", "xor8", "sum8", "lrc8", "sum16")
 UNSIGNED = ("uint8", "uint16", "uint24", "uint32", "uint64")
 TYPES = (*UNSIGNED, "int8", "int16", "int24", "int32", "int64", "float32", "float64")
 SIZES = {name: {"float32": 4, "float64": 8}.get(name) or int(name.lstrip("uint")) // 8 for name in TYPES}

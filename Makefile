@@ -8,7 +8,8 @@ READY  := $(VENV)/.installed
 PIP    := $(BIN)/pip install --quiet --disable-pip-version-check --no-compile --constraint constraints.txt
 # more than cores: while some tests wait for processes and links, others compute; those of `check` do not wait
 JOBS   ?= 3
-TESTS  := $(BIN)/pytest -n $(JOBS) --dist loadgroup
+PYTEST := $(BIN)/python -m pytest -p tools.again_alone
+TESTS  := $(PYTEST) -n $(JOBS) --dist loadgroup
 # Small matrices: on a busy machine, threads that wait for each other are ten times slower than one.
 export OPENBLAS_NUM_THREADS ?= 1
 # Without what Python and pytest keep of a module, each worker of pytest would rewrite all tests once more: 8 s of CPU.
@@ -47,7 +48,7 @@ check: lint       ## for every commit: lint, and the tests that neither wait for
 test: $(READY)    ## lint and all tests; the laws compiled and as plain Python
 	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target test-laws-compiled lint test-laws-plain collected
 	$(TESTS) -m 'not thorough and not realtime' tests --ignore=tests/rt
-	$(BIN)/pytest -m 'realtime and not thorough' tests  # one after the other: each needs its share of the machine
+	$(PYTEST) -m 'realtime and not thorough' tests  # one after the other: each needs its share of the machine
 
 compiled: $(READY)  # by one process, which types each law once; each worker of pytest would do the same
 	@$(BIN)/python -m tools.compiled

@@ -16,7 +16,7 @@ from typing import IO, cast
 from .hooks import Hooks, settle
 from .peer import Peer
 
-_STOPPED_S, _AFTER_S = 0.5, 1.0
+_STOPPED_S, _AFTER_S = 0.5, 0.3
 
 
 class DeathChecks(Hooks):

@@ -3,9 +3,10 @@
 import itertools
 import math
 
+import numpy as np
 import pytest
 
-from micromanip.emulation.amplifier import Amplifier
+from micromanip.emulation.amplifier import ARRIVED, Amplifier
 
 MS = 1_000_000
 REST = {"voltage_x": 0.0, "voltage_y": -5.0}
@@ -51,6 +52,15 @@ def test_silence_ramps_to_rest_in_a_fifth_of_a_second(scene):
     assert all(later <= earlier for earlier, later in itertools.pairwise(course))
     assert max(abs(b - a) for a, b in itertools.pairwise(course)) < 0.5, "no step that rings the stage"
     assert scene.told.now == REST
+
+
+def test_an_output_that_no_command_has_reached_stays_at_rest(scene):
+    """Compiled code counted a command of the other one, and says so."""
+    record = np.zeros(1, ARRIVED)[0]
+    scene.amplifier.count_in("voltage_x", record)
+    record["last"] = 60.0
+    scene.amplifier.has_taken(MS)
+    assert scene.amplifier.in_force == {"voltage_x": 60.0, "voltage_y": -5.0}
 
 
 def test_a_tripped_one_follows_again_only_from_rest(scene):

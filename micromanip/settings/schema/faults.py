@@ -125,7 +125,7 @@ class ReferenceLost(Settings):
     """No usable sample of the reference signal."""
 
     stale_periods: Positive | None = _default(2.0, "Periods of the signal until the warning.", simulation=20.0)
-    time_ms: Milliseconds | None = _default(20.0, "Time until the reaction.", simulation=2000.0)
+    time_ms: Milliseconds | None = _default(20.0, "Time until the reaction.", simulation=500.0)
     identical: Count | None = Field(default=200, description="Identical readings in a row until the warning.")
     decay_ms: NeverWeaker[Milliseconds] = Field(
         default=200.0, description="Time in which the hold returns to the working point."

@@ -45,7 +45,7 @@ CAMPAIGNS = {
     "faults": Campaign("faults of nine buses on the whole daemon, each noticed in time and undone", "15 min"),
     "robustness": Campaign("drawn plants commissioned; true margins beside those claimed", "25 min", 100),
     "foreign": Campaign(
-        "the same for plants of a class that the design does not know", "25 min", 40, module="robustness"
+        "plants of a class that the design does not know; their true margins", "25 min", 40, module="robustness"
     ),
     "accuracy": Campaign("path error and sines of our axes and of drawn plants, beside the bound", "15 min", 50),
     "tune": Campaign("commission config/factory.yaml; write the tuned configurations", "3 min"),

@@ -179,8 +179,8 @@ def test_wrong_configuration_is_not_tried_again(service):
     assert service.show("NRestarts") == "0"
     assert f"micromanip: {CONFIG}:" in service.journal()
     assert "loop.rate_hz" in service.journal()
-    assert "outputs at their safe value: cell" in service.journal(), "by what ran before"
-    assert "as of the run of" in service.journal()
+    until(lambda: "outputs at their safe value: cell" in service.journal(), service.journal, 10.0)
+    assert "as of the run of" in service.journal(), "by what ran before"
 
 
 def test_reload_keeps_everything_running(service):
@@ -198,9 +198,10 @@ def test_one_controller_a_device(service):
     service.start().track()
     second = done(PROGRAM, "run", str(CONFIG), "--socket", "/tmp/second.sock", user="cell-operator")
     assert second.returncode == 69
+    user = Path(f"/proc/{service.host}").stat().st_uid
     assert second.stderr == (
-        f"micromanip: device bench is in use by another controller (process {service.host}, `systemctl stop "
-        "micromanip.service`, or the loop that it left); stop it first\n"
+        f"micromanip: device bench is in use by another controller (process {service.host} of user {user}, `systemctl "
+        "stop micromanip.service`, or the loop that it left); stop it first\n"
     )
     refused = done(PROGRAM, "park", str(CONFIG), user="cell-operator")
     assert refused.returncode == 1

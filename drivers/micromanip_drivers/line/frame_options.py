@@ -142,7 +142,7 @@ class Crc(Section):
     def _is_known(cls, name: str) -> str:
         if name not in _CHECKSUMS:
             known = name.lower().replace("-", "_").replace("/", ".")
-            raise ValueError(f"neither fastcrc has {name} nor this driver; {did_you_mean(known, _CHECKSUMS)}")
+            raise ValueError(f"there is no checksum {name}; {did_you_mean(known, _CHECKSUMS)}")
         return name
 
     @property

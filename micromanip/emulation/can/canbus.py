@@ -34,8 +34,8 @@ class DbcMessage:
         self._fd = bool(message.is_fd)
         self._bitrate_switch = self._fd and _switches_bitrate(message)
         self._ends = {signal.name: _ends(signal) for signal in message.signals}
-        counting = [signal for signal in message.signals if signal.name == counter]
-        self._counts = max((1 + int(signal.maximum or (1 << signal.length) - 1) for signal in counting), default=0)
+        ends = [((1 << signal.length) - 1, signal.maximum) for signal in message.signals if signal.name == counter]
+        self._counts = max((1 + min(most, int(maximum or most)) for most, maximum in ends), default=0)
 
     def frame(self, values: Mapping[str, float], count: int) -> Frame:
         """A frame; a value that its signal can't hold is the nearest one that it can.

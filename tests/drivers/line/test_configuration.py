@@ -48,12 +48,7 @@ REFUSED = [
     (BOARD, "serial", None, "give one port, serial, tcp or udp; there is none"),
     (BOARD, "tcp", PIEZO["tcp"], "give one port, serial, tcp or udp; there are serial and tcp"),
     (BOARD, "binary.sync", "aa 5", '"aa 5" is not hexadecimal'),
-    (
-        BOARD,
-        "binary.crc.name",
-        "crc8.smbuss",
-        "neither fastcrc has crc8.smbuss nor this driver; did you mean",
-    ),
+    (BOARD, "binary.crc.name", "crc8.smbuss", "there is no checksum crc8.smbuss; did you mean crc8.smbus?"),
     (BOARD, "binary.receive.strains.fields.strain_x.type", "in32", "there is no type in32; did you mean int32?"),
     (BOARD, "binary.receive.strains.fields.strain_x.byte_order", None, "byte_order must be given for int32"),
     (BOARD, "binary.receive.strains.fields.strain_x.scale", 0.0, "a scale of 0 makes every value the same"),

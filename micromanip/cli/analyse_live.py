@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from micromanip.client import Client
-from micromanip.errors import CheckFailed
+from micromanip.errors import CheckFailed, require_axis
 
 from .echo import echo
 from .options import Answer, Quantity, moved_axis_option, one_axis_option, socket_option, subcommand
@@ -137,7 +137,6 @@ def health(only: str, amplitude_um: float, seed: int, socket_path: Path) -> Answ
 def _measured(axis: str, amplitude_um: float, seed: int, socket_path: Path) -> list[Check]:
     """The axes asked for, of what runs."""
     from micromanip.design.analyse.health import DRAWS, checked, closed_loops
-    from micromanip.settings.excitation_plan import require_axis
     from micromanip.settings.load import validate_document
     from micromanip.settings.text.source import Source
     from micromanip.settings.wiring.timing import FeedbackPath
@@ -146,7 +145,7 @@ def _measured(axis: str, amplitude_um: float, seed: int, socket_path: Path) -> l
     with Client(socket_path) as client:
         configuration = validate_document(Source.parse(Path("(running)"), client.configuration()["text"]))
         if axis != "all":
-            require_axis(configuration, axis)
+            require_axis(axis, configuration.axes)
         for name in configuration.axes if axis == "all" else [axis]:
             loops = closed_loops(configuration.axes[name], name)
             found = {loop: inject(client, name, loop, amplitude_um, seed, DRAWS) for loop in loops}

@@ -9,10 +9,10 @@ from typing import Any
 
 import click
 
-from micromanip.errors import UsageError
+from micromanip.errors import UsageError, require_axis
 
 from .echo import echo
-from .options import Answer, Quantity, config_argument, require_axis_of, subcommand
+from .options import Answer, Quantity, config_argument, subcommand
 from .progress import show_compiling, steps
 from .results import out_option, pictures_in, provenance
 
@@ -34,7 +34,7 @@ def command(config: Path, only: str | None, seed: int | None, folder: Path | Non
     prepared = prepare(config, seed)
     names = list(prepared.configuration.axes)
     if only is not None:
-        require_axis_of(names, only, config)
+        require_axis(only, names, f" in {config}")
     real = [name for name, driver in prepared.wiring.drivers.items() if not driver.virtual]
     if real:
         raise UsageError(f"evaluate runs in virtual time: driver {real[0]} of {config} can't, it has a time of its own")

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from micromanip.errors import CheckFailed, sentence
+from micromanip.errors import CheckFailed, require_axis, sentence
 
 from .echo import echo
-from .options import Answer, Quantity, config_argument, one_axis_option, require_axis_of, socket_option, subcommand
+from .options import Answer, Quantity, config_argument, one_axis_option, socket_option, subcommand
 from .results import out_option, require_new, results_folder
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ def command(
 
     prepared = prepare(config)
     configuration = prepared.configuration
-    require_axis_of(configuration.axes, axis, config)
+    require_axis(axis, configuration.axes, f" in {config}")
     file = folder / f"{axis}_{kind}.csv"
     require_new(file, "--out")
     excitation = design(configuration, axis, kind, seconds or DEFAULT_SECONDS[kind], seed)

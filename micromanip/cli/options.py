@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 import click
 
 from micromanip.client import Client, default_socket
-from micromanip.errors import UsageError, nearest
+from micromanip.errors import nearest, require_axis
 
 from .echo import echo
 
@@ -150,16 +150,10 @@ def wants_json() -> bool:
     return bool(click.get_current_context().params["as_json"])
 
 
-def require_axis_of(axes: Collection[str], axis: str, file: Path) -> None:
-    """Raise UsageError where `axis` is none of the `axes` in `file`."""
-    if axis not in axes:
-        raise UsageError(f"there is no axis {axis} in {file}; its axes are {', '.join(axes)}")
-
-
 def chosen_axes(axes: Collection[str], only: str, file: Path) -> list[str]:
     """What `axis_option` means of the `axes` in `file`; UsageError where there is no such one."""
     if only != "all":
-        require_axis_of(axes, only, file)
+        require_axis(only, axes, f" in {file}")
     return list(axes) if only == "all" else [only]
 
 

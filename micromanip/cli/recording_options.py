@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
-from micromanip.errors import UsageError, system_error
+from micromanip.errors import UsageError, require_axis, system_error
 
 from .echo import echo
-from .options import Quantity, require_axis_of
+from .options import Quantity
 from .progress import show_compiling
 from .results import require_room
 
@@ -82,7 +82,7 @@ class Target(NamedTuple):
         if into is None or axis is None:
             return None
         configuration, source = load_with_source(into)
-        require_axis_of(configuration.axes, axis, into)
+        require_axis(axis, configuration.axes, f" in {into}")
         require_room(into.parent, f"--into {into}")
         return cls(configuration, source, axis)
 

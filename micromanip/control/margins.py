@@ -15,6 +15,8 @@ from scipy.optimize import minimize_scalar
 
 from micromanip.control.system import Array, Complex, Response, System
 
+Unsure = Callable[[Array], Array]
+"""Uncertainty (n,) of a plant's response at angular frequencies (n,), as a share of it."""
 _ROUNDS, _LARGEST = 14, 40_000
 _ROOT_STEPS, _ROOT = 60, 1e-13
 _LOWEST = 1e-5
@@ -123,6 +125,29 @@ def sensitivity(loop: System) -> float:
         return float(np.inf)
     _, L = refined(loop.response, grid(loop.period_s, np.concatenate([loop.poles, closed])))
     return float(1.0 / np.abs(1.0 + L).min())
+
+
+def within(found: Margins, loop: System, unsure: Unsure) -> Margins:
+    """`found` of `loop`, with the worst gain margin and distance to -1 of any plant that is as near as it is known.
+
+    L is anywhere in discs of radius ``|L| unsure``. The phase margin stays that of the model.
+    """
+    omega, L = refined(loop.response, grid(loop.period_s, loop.poles))
+    radius = np.abs(L) * unsure(omega)
+    real = radius > np.abs(L.imag)  # discs that reach the real axis
+    half = np.sqrt(radius[real] ** 2 - L.imag[real] ** 2)
+    ends = np.concatenate([L.real[real] - half, L.real[real] + half])
+    factors, near = -1.0 / ends[ends < 0.0], np.abs(1.0 + L) - radius
+    k = int(np.argmin(near))
+    if near[k] <= 0.0:  # -1 itself may be reached
+        return replace(found, gain_up=1.0, gain_down=1.0, modulus=0.0, peak_Hz=float(omega[k]) / (2 * np.pi))
+    return replace(
+        found,
+        gain_up=min([found.gain_up, *factors[factors > 1.0].tolist()]),
+        gain_down=max([found.gain_down, *factors[factors < 1.0].tolist()]),
+        modulus=min(found.modulus, float(near[k])),
+        peak_Hz=found.peak_Hz if near[k] >= found.modulus else float(omega[k]) / (2 * np.pi),
+    )
 
 
 def curve_margins(response: Response, omega: Array) -> Margins:

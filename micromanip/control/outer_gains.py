@@ -193,7 +193,7 @@ def process_innovation(outer: Outer, gains: OuterGains, step_um: float, rise_cyc
     Its force is `step_um` in terms of the set-point, 95 % of it after `rise_cycles`, plus half of it as an oscillation
     at the tooth-passing frequency. The filter is that of `gains`, which does not expect it.
     """
-    angle = 0.0 if outer.oscillation_Hz is None else _angle(gains)
+    angle = 0.0 if outer.oscillation_Hz is None else math.acos(min(1.0, float(gains.A[-2, -2])))  # rad a cycle
     b = np.array(outer.model.B, dtype=float)
     filtered = gains.A, b, gains.C, gains.observer
     return _largest_innovation(*filtered, outer.sample_cycles, angle, step_um, rise_cycles, time_cycles)
@@ -228,11 +228,6 @@ def _convolved(x: Matrix, y: Matrix) -> Matrix:
     """The beginning (n,) of the convolution of two (n,)."""
     size = 2 * len(x)
     return np.asarray(np.fft.irfft(np.fft.rfft(x, size) * np.fft.rfft(y, size), size)[: len(x)], dtype=np.float64)
-
-
-def _angle(gains: OuterGains) -> float:
-    """Angle (rad) that the oscillation turns by in a cycle."""
-    return math.acos(min(1.0, float(gains.A[-2, -2])))
 
 
 def steady_lag(outer: Outer) -> float:

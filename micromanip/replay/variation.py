@@ -61,7 +61,7 @@ class Variation:
             return self.values[min(int(share * len(self.values)), len(self.values) - 1)]
         low, high = map(math.log, self.values) if self.log else self.values
         at = low + share * (high - low)
-        return rounded(math.exp(at) if self.log else at)
+        return float(rounded(math.exp(at) if self.log else at))
 
 
 def drawn(variations: Sequence[Variation], count: int, seed: int) -> list[dict[str, float]]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from micromanip.control.injection import Injection, highest_Hz, injection
 from micromanip.control.outer_gains import outer_gains
 from micromanip.control.stage_loop import model_system, stage_loop
-from micromanip.errors import CheckFailed, UsageError, did_you_mean
+from micromanip.errors import CheckFailed, require_axis
 
 from .schema.axis import Axis
 from .schema.model import Configuration
@@ -26,12 +26,6 @@ _MOST_SUPPRESSED = 4.0
 Array = NDArray[np.float64]
 
 
-def require_axis(configuration: Configuration, axis: str) -> None:
-    """Raise UsageError where there is no such axis."""
-    if axis not in configuration.axes:
-        raise UsageError(f"there is no axis {axis!r:.40}; {did_you_mean(axis, configuration.axes, 'there are')}")
-
-
 def plan_excitation(
     configuration: Configuration, path: FeedbackPath, axis: str, loop: str, amplitude_um: float, seed: int
 ) -> Injection:
@@ -40,7 +34,7 @@ def plan_excitation(
     Raises UsageError where there is no such axis, CheckFailed where that loop is not closed, or the amplitude
     asks for more than half of the set-point's slew limit.
     """
-    require_axis(configuration, axis)
+    require_axis(axis, configuration.axes)
     settings = configuration.axes[axis]
     if settings.mode == "voltage" or (loop == "stage" and settings.mode != "stage"):
         raise CheckFailed(f"sensitivity refused: axis {axis} is in mode {settings.mode}, its {loop} loop is open")

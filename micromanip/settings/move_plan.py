@@ -14,12 +14,11 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from micromanip.control.moves import Move
-from micromanip.errors import CheckFailed
+from micromanip.errors import CheckFailed, require_axis
 from micromanip.quantities import Distance, Micrometres
 from micromanip.rt.laws.feedforward import NONE, feedforward_voltage
 from micromanip.rt.laws.move import MAX_PLACES
 
-from .excitation_plan import require_axis
 from .schema.base import Settings
 from .schema.model import Configuration
 
@@ -84,7 +83,7 @@ def plan_move(configuration: Configuration, axis: str, wanted: MoveRequest, held
     Raises UsageError where there is no such axis, CheckFailed where it is in mode voltage, or the move would leave what
     is allowed.
     """
-    require_axis(configuration, axis)
+    require_axis(axis, configuration.axes)
     if configuration.axes[axis].mode == "voltage":
         raise CheckFailed(f"move refused: axis {axis} is in mode voltage, its loops are open")
     rate_hz = float(configuration.loop.rate_hz)

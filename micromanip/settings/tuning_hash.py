@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterator, Mapping
-from typing import Any
 
 from micromanip.settings.schema.axis import HASH_DIGITS, Axis
 from micromanip.settings.text.digits import rounded
@@ -18,7 +17,7 @@ def tuning_hash(axis: Axis) -> str:
     Canonical JSON, keys sorted, numbers rounded as where they are written to a file: a file that was written
     and loaded again has the same hash. Defaults count: it is the same whether a key is left out or spelt out.
     """
-    text = json.dumps(_canonical(axis.tuning()), sort_keys=True, separators=(",", ":"), allow_nan=False)
+    text = json.dumps(rounded(axis.tuning()), sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()[:HASH_DIGITS]
 
 
@@ -28,21 +27,11 @@ def changes_since(axes: Mapping[str, Axis]) -> Iterator[Finding]:
     A report is about both loops, so it stays that of its axis in any mode.
     """
     for name, axis in axes.items():
-        if axis.commissioned is not None and axis.commissioned.hash not in _hashes(axis):
+        if axis.commissioned is not None and axis.commissioned.hash not in {
+            tuning_hash(axis.model_copy(update={"mode": mode})) for mode in ("strain", "stage", axis.mode)
+        }:
             yield (
                 ("axes", name, "commissioned"),
                 f"axis {name} was changed after it was commissioned (report {axis.commissioned.report}, "
                 f"{axis.commissioned.date}): commission it again, or remove the section commissioned",
             )
-
-
-def _hashes(axis: Axis) -> set[str]:
-    return {tuning_hash(axis.model_copy(update={"mode": mode})) for mode in ("strain", "stage", axis.mode)}
-
-
-def _canonical(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _canonical(entry) for key, entry in value.items()}
-    if isinstance(value, list):
-        return [_canonical(entry) for entry in value]
-    return rounded(value) + 0.0 if isinstance(value, float) else value  # + 0.0: there is no negative zero

@@ -166,16 +166,11 @@ def _descend(document: Any, path: KeyPath, *, create: bool) -> Any:
             if not create:
                 return None
             section[part] = CommentedMap()
-        elif _occurrences(document)[id(child)] > 1:  # written once, meant for several places (*alias)
+        elif Counter(id(node) for node in _sections(document))[id(child)] > 1:  # an *alias
             section[part] = copy.deepcopy(child)
             section[part].yaml_set_anchor(None)
         section = section[part]
     return section
-
-
-def _occurrences(document: Any) -> Counter[int]:
-    """How many places of the document each section stands in."""
-    return Counter(id(node) for node in _sections(document))
 
 
 def _sections(node: Any) -> Iterable[Any]:
@@ -190,15 +185,7 @@ def _sections(node: Any) -> Iterable[Any]:
 
 def written(model: BaseModel, **how: Any) -> Any:
     """What a model says, with the digits that are written."""
-    return _rounded(model.model_dump(mode="json", **how))
-
-
-def _rounded(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _rounded(entry) for key, entry in value.items()}
-    if isinstance(value, list):
-        return [_rounded(entry) for entry in value]
-    return rounded(value) if isinstance(value, float) else value
+    return rounded(model.model_dump(mode="json", **how))
 
 
 def _with(text: str, change: Callable[[Any], None]) -> str:

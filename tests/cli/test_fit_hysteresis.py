@@ -123,7 +123,7 @@ def test_into_takes_no_unit_for_granted(csv, cell, header, factor, columns, says
 
 REFUSED = {
     "--axis alone": (("--axis", "x"), 64, "--into and --axis go together"),
-    "no such axis": (("--into", "cell.yaml", "--axis", "w"), 64, "there is no axis w in cell.yaml"),
+    "no such axis": (("--into", "cell.yaml", "--axis", "w"), 64, "there is no axis 'w' in cell.yaml"),
     "another rate": (("--validate", "other.csv"), 1, "other.csv: sampled every 0.004 s"),
     "no such model": (("--model", "cubic"), 64, "--model"),
 }

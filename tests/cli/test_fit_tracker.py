@@ -70,7 +70,7 @@ def test_what_can_not_be_done_is_told_and_nothing_written(recorded, tmp_path):
     with pytest.raises(ConfigError, match=r"reference\.source must be signal"):
         asked(recorded, "--axis", "x", "--into", held, "--json")
     assert held.read_text() == text
-    with pytest.raises(UsageError, match="there is no axis q"):
+    with pytest.raises(UsageError, match="there is no axis 'q'"):
         asked(recorded, "--axis", "q")
     with pytest.raises(CheckFailed, match="no recording of ours"):
         asked(Path(__file__))

@@ -197,7 +197,7 @@ NO_AXIS = ["identify", "commission", "analyse margins", "evaluate", "analyse pat
 def test_an_axis_that_is_not_there_is_64_and_leaves_nothing(typed, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert code_of(*typed.split(), CONFIG, "--axis", "w", "--out", "out") == 64
-    assert f"there is no axis w in {CONFIG}; its axes are x, y, z" in capsys.readouterr().err
+    assert f"there is no axis 'w' in {CONFIG}; there are x, y, z" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
 
 

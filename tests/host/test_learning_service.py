@@ -202,7 +202,7 @@ def test_a_candidate_has_the_rows_but_no_number(service, loop):
 def test_reset_ends_what_is_played_at_once_and_until_the_process_has_forgotten_nothing_of_it_is_taken(service, loop):
     show(service, loop, 0.1)
     look(service)
-    with pytest.raises(UsageError, match="there is no axis w; the axes are x, y, z"):
+    with pytest.raises(UsageError, match="there is no axis 'w'; there are x, y, z"):
         asyncio.run(service.reset(["w"]))
     loop.cell["part"] = 4  # also while a part is made
     (change,) = asyncio.run(service.reset(["y"]))

@@ -8,6 +8,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+import numpy as np
+
+from micromanip.control.margins import Unsure
 from micromanip.design.analyse.loops import monte_carlo
 from micromanip.settings.schema.axis import Axis
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
@@ -42,10 +45,12 @@ def analyse_axis(
     *,
     jobs: int | None = None,
     actuator: Actuator | None = None,
+    unsure: Unsure = np.zeros_like,
     progress: Callable[[str], None] = lambda _: None,
 ) -> AxisAnalysis:
     """Analyse `axis`; `experiment` records its actuator (None: nothing may move), unless `actuator` is known.
 
+    `unsure` gives the uncertainty of the stage's response as a share of it; the outer loop's margins are those within.
     `seeds` draws the plants, one a seed. `progress` is told what comes next.
     """
     settings, missing = configuration.axes[axis], []
@@ -79,7 +84,7 @@ def analyse_axis(
     else:
         tracker = configuration.reference.of(axis) if isinstance(configuration.reference, Tracker) else None
         late = experiment.path(configuration, axis).stage_late if experiment is not None else 0
-        stage = analyse_stage(settings, tracker, period_s, late, strain)
+        stage = analyse_stage(settings, tracker, period_s, late, strain, unsure)
     samples: list[Sample] = []
     strain_side, stage_side = strain.side if strain else None, stage.side if stage else None
     if strain_side or stage_side:

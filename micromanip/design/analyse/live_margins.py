@@ -29,8 +29,8 @@ from micromanip.settings.wiring.timing import FeedbackPath
 from ..identify.actuation import DELAYS
 from ..identify.response import Measured, Wanted, identify, of_spectra
 from ..identify.response.choice import NOTHING
-from .loop_analysis import SMALL_HZ, analyse_inverse, slopes_of
-from .sensitivity import AGREEMENT, Sensitivity, judge_loop
+from .loop_analysis import analyse_inverse, slopes_of
+from .sensitivity import AGREEMENT, SMALL_HZ, Sensitivity, judge_loop
 
 DRAWS = 2
 """Injections with other phases: what differs between them is not linear."""

@@ -8,7 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from micromanip.control.margins import Margins, grid, margins, refined
+from micromanip.control.margins import Margins, Unsure, grid, margins, refined, within
 from micromanip.control.outer_gains import outer_gains
 from micromanip.control.stage_loop import model_system, stage_loop
 from micromanip.control.system import Array, System
@@ -32,14 +32,13 @@ from .describing import (
     judge,
 )
 from .saturation import Reach, Samples, comes_to_rest
+from .sensitivity import SMALL_HZ
 
 SLOPES, _APART = (0.75, 1.0, 1.3), 1.35
 """Multiples of the identified slope for which margins must hold in any case: amplitude, place, ageing; and how far
 apart, at most, those are that margins are taken at."""
-SMALL_HZ = 20.0
-"""Where the response shows the slope of its small swing: below, creep and a lag of the hysteresis add to it."""
 _ADDED = 1.15
-"""What they, and the other frequencies of a multisine, may still add there."""
+"""What creep, a lag of the hysteresis, and the other frequencies of a multisine, may still add there."""
 _AMPLITUDES = 200
 
 
@@ -68,6 +67,7 @@ class Strain:
 class Stage:
     """The whole outer loop around its model; limit cycles where the inverse does not fit the actuator.
 
+    `margins` are the worst within what is known of the plant, at the slope of 1, too.
     `at_slopes`: multiples of the actuator's slope with the margins there, the feedforward held at its own slope, as an
     inverse would be that does not fit. `rests`: a swing of any size dies out although the set-point's slew is limited.
     """
@@ -158,11 +158,17 @@ def analyse_strain(settings: Axis, actuator: Actuator, inverse: Inverse | None) 
 
 
 def analyse_stage(
-    settings: Axis, tracker: AxisTracker | None, period_s: float, late_cycles: int = 0, strain: Strain | None = None
+    settings: Axis,
+    tracker: AxisTracker | None,
+    period_s: float,
+    late_cycles: int = 0,
+    strain: Strain | None = None,
+    unsure: Unsure = np.zeros_like,
 ) -> Stage:
     """Margins of the loop broken at the set-point; limit cycles with an inverse that is wrong by ``SPREAD``.
 
-    With the `strain` loop that it is around, the margins at its slopes, too.
+    With the `strain` loop that it is around, the margins at its slopes, too. `unsure`: how well the stage's response is
+    known, as a share of it; the margins are the worst within.
     """
     outer = settings.outer
     if outer is None:
@@ -178,13 +184,13 @@ def analyse_stage(
     side = StageSide(gains, outer.model, outer.sample_cycles, late_cycles)
     samples, alone = Samples(outer.sample_cycles, late_cycles), outer_gains(outer, None, period_s)
     rests = comes_to_rest(alone, len(outer.model.A), Reach.of(settings, period_s), period_s, samples)
+    known = within(margins(loop), loop, unsure)
     at_slopes: tuple[tuple[float, Margins], ...] = ()
     if strain is not None:
         plants = [(slope, held_plant(slope, strain.side, outer.model, period_s)) for slope in strain.slopes]
-        at_slopes = tuple(
-            (slope, margins(stage_loop(gains, plant, outer.sample_cycles, late_cycles))) for slope, plant in plants
-        )
-    return Stage(side, loop, margins(loop), tuple(cycles), rests, at_slopes)
+        loops = [(slope, stage_loop(gains, plant, outer.sample_cycles, late_cycles)) for slope, plant in plants]
+        at_slopes = tuple((slope, known if slope == 1.0 else margins(each)) for slope, each in loops)
+    return Stage(side, loop, known, tuple(cycles), rests, at_slopes)
 
 
 def mismatches(model: PrandtlIshlinskii, offset_um: float) -> list[Callable[[float], complex]]:

@@ -190,11 +190,6 @@ def model_dynamics(model: LinearModel, period_s: float) -> System:
     return System(np.array(model.A), np.array(model.B), np.array(model.C), 0.0, period_s)
 
 
-def perturbed_delay(model: LinearModel, p: Perturbation, period_s: float) -> System:
-    """The plant's delay, with that of `p` added."""
-    return delay(max(0.0, model.delay_cycles + p.delay_cycles), period_s)
-
-
 def over_path(actuator: System, path: FeedbackPath) -> System:
     """`actuator` as the PID sees it over a bus: late, and a step from sample to sample."""
     late = path.strain_late + path.output_late
@@ -319,7 +314,7 @@ def drawn_plant(drawn: Perturbation, strain: StrainSide | None, model: LinearMod
         late = delay(max(0.0, strain.own_delay + drawn.delay_cycles), period_s)
         own, moved = delay(strain.own_delay, period_s), shift(strain.actuator, drawn)
         mechanics = closed_ratio(strain.inner, strain.actuator, moved, late, slope, own).then(dynamics)
-    return perturbed_delay(model, drawn, period_s).then(mechanics)
+    return delay(max(0.0, model.delay_cycles + drawn.delay_cycles), period_s).then(mechanics)
 
 
 def held_plant(slope: float, strain: StrainSide, model: LinearModel, period_s: float) -> System:

@@ -11,7 +11,7 @@ model is not the plant.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,6 +32,8 @@ _SURE, _UNKNOWN = 2.0, 20.0
 WINDOW, _NARROW = 7, 3
 """Lines over which measured and modelled plant are compared by default; by fewer it is seen what that flattens."""
 _MARGIN_DRAWS = 24
+SMALL_HZ, _SMALL_LINES = 20.0, 31
+"""Where a response shows the slope of its small swing: below, creep and a lag of the hysteresis add to it."""
 _JUDGED = 1.25
 """Where 1/|S| is below this, the sensitivity matters: further away from -1 nothing happens."""
 
@@ -65,8 +67,18 @@ class Sensitivity:
     @property
     def as_predicted(self) -> bool:
         """The same, and its margins are those that were predicted, but for a share of `KEPT`."""
-        found, said = self.measured_margins(), self.margins
-        return self.agrees and found.gain_dB >= KEPT * said.gain_dB and found.phase_deg >= KEPT * said.phase_deg
+        return self.agrees and self.keeps((1.0,), (self.margins,))
+
+    def keeps(self, slopes: Sequence[float], claimed: Sequence[Margins]) -> bool:
+        """Whether it has a share of `KEPT` of the least margins that are `claimed`, at `slopes` times its gain."""
+        measured = least([self.measured_margins(slope) for slope in slopes])
+        return all(found >= KEPT * said for found, said in zip(measured, least(claimed), strict=True))
+
+    def relative(self, slopes: Sequence[float]) -> list[float]:
+        """Multiples of the identified slope as multiples of the measured one: another swing has another slope."""
+        near = np.argsort(np.abs(np.log(self.frequency_Hz / SMALL_HZ)))[:_SMALL_LINES]
+        own = float(np.median(np.abs(self.measured / self.predicted)[near]))
+        return [slope / own for slope in slopes]
 
     @property
     def seen(self) -> bool:
@@ -74,14 +86,9 @@ class Sensitivity:
         return bool(self.frequency_Hz[0] <= self.margins.peak_Hz <= self.frequency_Hz[-1])
 
     @property
-    def bounded(self) -> bool:
-        """Whether the measurement leaves an upper end of Ms at all."""
-        return self.most <= _UNKNOWN
-
-    @property
     def between(self) -> str:
         """The Ms that the measurement's confidence leaves, in words."""
-        if not self.bounded:
+        if self.most > _UNKNOWN:
             return f"at least {self.least:.2f}, its upper end was not measured"
         return f"{self.least:.2f} to {self.most:.2f}"
 
@@ -121,6 +128,11 @@ class Sensitivity:
             return np.asarray(self.model(w) * np.interp(w, omega, ratio))
 
         return curve_margins(response, omega)
+
+
+def least(found: Sequence[Margins]) -> tuple[float, float]:
+    """The least gain (dB) and the least phase margin (degrees) of a loop at several slopes."""
+    return min(m.gain_dB for m in found), min(m.phase_deg for m in found)
 
 
 def judge_loop(

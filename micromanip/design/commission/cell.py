@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
+import numpy as np
+
 from micromanip.errors import CheckFailed
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.schema.reference import Jog
@@ -206,7 +208,8 @@ def commission_cell(
         say(_of(each.axis, "acceptance"))
         runs = follow(configuration, watched, each.axis)
         say(_of(each.axis, "analysis"))
-        analysis = analyse_axis(configuration, each.axis, watched, DRAWN, jobs=1, actuator=each.actuator)
+        known = each.outer.stage.found.unsure_at if each.outer else np.zeros_like
+        analysis = analyse_axis(configuration, each.axis, watched, DRAWN, jobs=1, actuator=each.actuator, unsure=known)
         analyses.append(analysis)
         story = evidence(each, analysis, runs, names.index(each.axis))
         judged = () if coupled is None else (coupled.criterion(each.axis),)

@@ -12,7 +12,6 @@ import numpy as np
 from micromanip.control.margins import sensitivity
 from micromanip.control.outer_gains import OuterGains, outer_gains
 from micromanip.control.stage_loop import stage_loop
-from micromanip.control.system import Array
 from micromanip.errors import CheckFailed
 from micromanip.settings.schema.accept import Accept
 from micromanip.settings.schema.axis import Axis, LinearModel, Outer
@@ -121,7 +120,7 @@ def close_strain(
         measured = measure_strain_loop(closed, bench.experiment, bench.axis, bench.seed + 10 + again)
         nominal = pid.margins[slopes.index(1.0)]
         loop = judge_loop("strain loop", measured, actuator.system, strain_loop(pid.inner, seen), nominal)
-        if loop.agrees or by_bus:
+        if by_bus or (loop.agrees and (again or loop.keeps(loop.relative(slopes), pid.margins))):
             return actuator, pid, loop, strain_prices(tune, given, actuator, pid)
         bench.learned.append(loop.sentence)
         actuator = replace(actuator, found=identify(measured, bench.period_s, Wanted(ORDERS, DELAYS)))
@@ -192,8 +191,6 @@ def close_outer(
     strain = analyse_strain(settings, actuator, bench.inverse)
     for again in (False, True):
         bench.say("outer loop")
-        hertz = stage.found.measured.frequency_Hz
-        relative = stage.found.radius / np.maximum(np.abs(stage.found.at(hertz)), 1e-12)
         tune = partial(
             tune_outer,
             stage.linear,
@@ -209,7 +206,7 @@ def close_outer(
         )
         given: dict[str, Any] = {
             "noise_um": stage.noise_um if options.noise_um is None else options.noise_um,
-            "unsure": partial(_interpolated, hertz=hertz, values=relative),
+            "unsure": stage.found.unsure_at,
             "bears": Borne(stage.linear, strain.side, path.stage_late, period_s, settings.accept, strain.slopes),
             "reach": Reach.of(settings, period_s),
         }
@@ -225,10 +222,6 @@ def close_outer(
         bench.learned.append(loop.sentence)
         stage = with_response(stage, measured, period_s)
     return stage, outer, loop, partial(outer_prices, tune, given, outer)
-
-
-def _interpolated(omega: Array, hertz: Array, values: Array) -> Array:
-    return np.asarray(np.interp(omega, 2 * np.pi * hertz, values))
 
 
 _RUNGS, _CALMER = 3, 0.5

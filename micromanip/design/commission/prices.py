@@ -6,6 +6,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from micromanip.control.system import delay
 from micromanip.errors import CheckFailed
 
@@ -54,7 +56,7 @@ def strain_prices(
 
 
 _HELP: dict[str, tuple[str, dict[str, Any]]] = {
-    UNKNOWN: ("with a response that is known exactly", {"unsure": None}),
+    UNKNOWN: ("with a response that is known exactly", {"unsure": np.zeros_like}),
     FRAGILE: ("for the nominal plant alone, at its own slope", {"bears": None}),
     SLEWED: ("with a set-point of any speed", {"reach": None}),
 }

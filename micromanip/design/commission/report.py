@@ -11,7 +11,7 @@ from pathlib import Path
 from micromanip.settings.write import write_atomically
 
 from ..report import page
-from ..report.model import Criterion, Evidence, Verdict, of_axis, overall, sentence
+from ..report.model import Evidence, Verdict, of_axis, overall, sentence
 
 _SIGNS = {Verdict.PASS: "✓", Verdict.LESS: "✓", Verdict.FAIL: "✗", Verdict.NONE: "–"}
 
@@ -75,7 +75,7 @@ def _axes_table(axes: Sequence[Evidence], hashes: Mapping[str, str]) -> str:
 def _criteria_table(evidence: Evidence) -> str:
     """One row per criterion: what was found, what was asked for, PASS or FAIL."""
     rows = [
-        (escape(c.name), _badge(_verdict(c)), escape(c.value), escape(c.limit))
+        (escape(c.name), _badge(Verdict.PASS if c.passed else Verdict.FAIL), escape(c.value), escape(c.limit))
         for c in sorted(evidence.criteria, key=lambda c: c.passed)
     ]
     return page.table_of(f"Criteria of axis {evidence.axis}", ("Criterion", "Verdict", "Found", "Limit"), rows)
@@ -90,10 +90,6 @@ def _axis_part(evidence: Evidence, of_hash: str | None, ids: Iterator[int]) -> s
         f'<section class="axis" id="{_anchor(evidence)}"><h2>Axis {escape(evidence.axis)} '
         f"{_badge(of_axis(evidence))}</h2><p>{tuning}{back}</p>{sections}</section>\n"
     )
-
-
-def _verdict(criterion: Criterion) -> Verdict:
-    return Verdict.PASS if criterion.passed else Verdict.FAIL
 
 
 def _anchor(evidence: Evidence) -> str:

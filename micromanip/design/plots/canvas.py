@@ -22,7 +22,6 @@ def save(plots: Sequence[Plot], folder: Path, name: str, title: str = "", column
     figure = drawn(plots, title, columns)
     if about:
         figure.supxlabel(about, fontsize="x-small", color="dimgrey")
-    lay_out(figure, _DPI)
     file = folder / f"{name}.svg"
     try:
         with rc_context({"svg.hashsalt": "micromanip"}):  # the same figure, the same bytes
@@ -31,15 +30,6 @@ def save(plots: Sequence[Plot], folder: Path, name: str, title: str = "", column
         file.unlink(missing_ok=True)
         raise
     return file
-
-
-def lay_out(figure: Figure, dpi: float) -> None:
-    """Place the panels of `figure` once; a file of it would be laid out, and drawn in vain, by itself."""
-    engine = figure.get_layout_engine()
-    if engine is not None:
-        figure.dpi = dpi
-        engine.execute(figure)
-        figure.set_layout_engine(None)
 
 
 def drawn(plots: Sequence[Plot], title: str = "", columns: int = 1) -> Figure:

@@ -15,9 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from micromanip.control.margins import Margins
+from micromanip.control.margins import Margins, Unsure
 from micromanip.control.outer_gains import OuterGains
-from micromanip.control.system import Array
 from micromanip.errors import CheckFailed
 from micromanip.settings.schema.axis import LinearModel, Outer
 
@@ -54,7 +53,7 @@ def tune_outer(
     period_s: float,
     noise_um: float,
     *,
-    unsure: Callable[[Array], Array] | None = None,
+    unsure: Unsure = np.zeros_like,
     bears: Callable[[Outer, OuterGains], bool] | None = None,
     reach: Reach | None = None,
     gain_dB: float = GAIN_DB,
@@ -137,8 +136,8 @@ def _refused(search: Search, asked: str, gain_dB: float, phase_deg: float) -> st
         )
     if not asked and UNKNOWN in search.obstacles:
         return (
-            f"outer loops have their margins around the model, but Ms is above {ROBUST:g} somewhere within what "
-            "the measured response leaves open: measure with less noise, or ask for a calmer loop with --noise"
+            f"outer loops have their margins around the model, but not {gain_dB:g} dB and Ms below {ROBUST:g} within "
+            "all that the measured response leaves open: measure with less noise, or ask for a calmer loop with --noise"
         )
     if not asked and SLEWED in search.obstacles:
         return (

@@ -299,15 +299,10 @@ def _polished(task: _Task, inner: Inner, limit: float) -> tuple[float, Inner] | 
     if fixed is not None:
         figures += [fixed.frequency_Hz, fixed.width_Hz]
     begin = np.log(figures)
-    result = minimize(
-        cost, begin, method="Nelder-Mead", options={"maxfev": _POLISHED, "initial_simplex": _simplex(begin)}
-    )
+    simplex = np.vstack([begin, begin + 0.25 * np.eye(len(begin))])
+    result = minimize(cost, begin, method="Nelder-Mead", options={"maxfev": _POLISHED, "initial_simplex": simplex})
     tuned = at(result.x)
     return (float(result.fun), tuned) if result.fun < 1e3 and task.holds(tuned) else None
-
-
-def _simplex(begin: Array) -> Array:
-    return np.vstack([begin, begin + 0.25 * np.eye(len(begin))])
 
 
 def _limit(task: _Task, inner: Inner) -> str:

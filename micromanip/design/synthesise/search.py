@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from micromanip.control.margins import Margins, grid, margins, refined
+from micromanip.control.margins import Margins, Unsure, grid, margins, within
 from micromanip.control.outer_gains import OuterGains, StationaryFilter, augment, outer_gains, stationary_filter
 from micromanip.control.stage_loop import model_system, stage_loop
 from micromanip.control.system import Array, Complex, System
@@ -26,7 +26,10 @@ _DISTURBANCE_UM = 0.03
 """Random walk of the set-point, rms a cycle, that is to be removed: the tool's force, wandering."""
 _BESIDE = 0.1
 ROBUST, HOPELESS, _STEP_S = 3.0, 4.0, 0.2
-UNKNOWN, FRAGILE = "Ms within what the measured response leaves open", "Ms over the plants drawn around the model"
+UNKNOWN, FRAGILE = (
+    "the margins within what the measured response leaves open",
+    "Ms over the plants drawn around the model",
+)
 SLEWED = "a large swing, which the set-point's slew limit keeps alive,"
 
 
@@ -81,7 +84,7 @@ class Task:
     oscillation_Hz: float | None
     sample_cycles: int
     late_cycles: int
-    unsure: Callable[[Array], Array] | None
+    unsure: Unsure
     bears: Callable[[Outer, OuterGains], bool] | None
     reach: Reach | None
     gain_dB: float
@@ -161,23 +164,14 @@ class Task:
             return "the gain margin"
         if found.phase_deg < self.phase_deg + _RESERVE_DEG:
             return "the phase margin"
-        if self.unsure is not None and _robust(candidate.loop, self.unsure) > ROBUST:
+        known = within(found, candidate.loop, self.unsure)
+        if known.sensitivity > ROBUST or known.gain_dB < self.gain_dB:
             return UNKNOWN
-        if not self._comes_to_rest(candidate.gains):
+        samples = Samples(self.sample_cycles, self.late_cycles)
+        given = candidate.gains, len(self.model.A)
+        if self.reach is not None and not comes_to_rest(*given, self.reach, self.period_s, samples):
             return SLEWED
         return None if self.bears is None or self.bears(candidate.outer, candidate.gains) else FRAGILE
-
-    def _comes_to_rest(self, gains: OuterGains) -> bool:
-        if self.reach is None:
-            return True
-        samples = Samples(self.sample_cycles, self.late_cycles)
-        return comes_to_rest(gains, len(self.model.A), self.reach, self.period_s, samples)
-
-
-def _robust(loop: System, unsure: Callable[[Array], Array]) -> float:
-    """Ms wherever within its uncertainty the plant may be."""
-    omega, L = refined(loop.response, grid(loop.period_s, loop.poles))
-    return float(1.0 / np.maximum(np.abs(1.0 + L) - np.abs(L) * unsure(omega), 1e-3).min())
 
 
 _INPUTS_UM, _AT_ONCE_UM = (1e-4, 1e-3, 1e-2, 1e-1), (1.0,)

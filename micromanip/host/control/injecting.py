@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from micromanip.control.injection import Injection
-from micromanip.errors import CheckFailed, MicromanipError, UsageError
+from micromanip.errors import CheckFailed, MicromanipError, UsageError, require_axis
 from micromanip.replies import Injected, Response
 from micromanip.rt.states import HOLDING, STATE_NAMES, TRACKING
-from micromanip.settings.excitation_plan import COLUMNS, plan_excitation, require_axis
+from micromanip.settings.excitation_plan import COLUMNS, plan_excitation
 from micromanip.settings.wiring.timing import feedback_path
 from micromanip.virtual.own_time import at_own_time
 
@@ -51,7 +51,7 @@ class Injecting:
         self.require_none()
         prepared, state = self._controller.prepared, self._controller.state
         configuration = prepared.configuration
-        require_axis(configuration, axis)
+        require_axis(axis, configuration.axes)
         path = feedback_path(configuration, prepared.wiring, axis)
         wave = await asyncio.to_thread(plan_excitation, configuration, path, axis, loop, amplitude_um, seed)
         if state not in _ALLOWED:

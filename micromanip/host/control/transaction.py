@@ -16,7 +16,7 @@ from dataclasses import replace
 from typing import Any
 
 from micromanip import replies
-from micromanip.errors import CheckFailed
+from micromanip.errors import CheckFailed, require_axis
 from micromanip.replies import Change, Differences, Injected, Jogged, Moved, Parameter, Saved, Swap
 from micromanip.rt import mailbox as w
 from micromanip.rt.states import (
@@ -36,7 +36,6 @@ from micromanip.rt.states import (
 )
 from micromanip.settings.change import WEAKENS, demands
 from micromanip.settings.check import Prepared, revise, validate, validate_with_options
-from micromanip.settings.excitation_plan import require_axis
 from micromanip.settings.load import validate_document
 from micromanip.settings.move_plan import MoveRequest
 from micromanip.settings.schema.key import DISARM
@@ -109,7 +108,7 @@ class Tuning:
             reference = configuration.reference
             if not isinstance(reference, Jog):
                 raise CheckFailed(f"jog refused: reference.source is {reference.source}, not jog")
-            require_axis(configuration, axis)
+            require_axis(axis, configuration.axes)
             present_um = reference.target_um.get(axis, reference.offset_um)
             target_um = present_um + (by_um or 0.0) if to_um is None else to_um
             key = f"reference.target_um.{axis}"

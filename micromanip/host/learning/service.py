@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from micromanip.errors import CheckFailed, UsageError
+from micromanip.errors import CheckFailed, require_axis
 from micromanip.faults import KINDS
 from micromanip.host.child import Child
 from micromanip.host.controller import Controller
@@ -109,8 +109,7 @@ class LearningService:
         UsageError for what is no axis, CheckFailed where the files stay.
         """
         for name in axes:
-            if name not in self._axes:
-                raise UsageError(f"there is no axis {name}; the axes are {', '.join(self._axes)}")
+            require_axis(name, self._axes)
         wanted, before = list(axes) or self._axes, self._handover.memories.generations
         self._begin_anew(wanted, keep=False)
         await self._put(lambda: None)

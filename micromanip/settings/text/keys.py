@@ -108,11 +108,9 @@ def _at(document: Any, path: Path) -> Any:
 
 
 def _may_take(section: Any, part: str | int) -> bool:
-    return isinstance(section, Mapping) if isinstance(part, str) else _has_entry(section, part)
-
-
-def _has_entry(section: Any, part: str | int) -> bool:
-    return isinstance(section, list) and isinstance(part, int) and part < len(section)
+    if isinstance(part, str):
+        return isinstance(section, Mapping)
+    return isinstance(section, list) and part < len(section)
 
 
 def _unknown(document: Mapping[str, Any], paths: list[Path]) -> UsageError:

@@ -114,14 +114,10 @@ def _from_quantity(place: Place, number: str, given: str) -> str:
         return correct
     if wanted is None:
         return f"the number goes without a unit, {correct}"
-    if _unit_words(given) == wanted:
+    plain = given.replace("µ", "u").replace("μ", "u").replace("/", "_per_").replace("%", "percent")
+    if (units.words(plain) or plain) == wanted:
         return f"the key names the unit, {correct}"
     return f"the key names the unit, write the number in {wanted}"
-
-
-def _unit_words(text: str) -> str:
-    text = text.replace("µ", "u").replace("μ", "u").replace("/", "_per_").replace("%", "percent")
-    return units.words(text) or text
 
 
 def _key(place: Place) -> str:

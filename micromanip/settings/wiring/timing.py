@@ -48,19 +48,14 @@ def signal_timing(configuration: Configuration, wiring: Wiring, name: str) -> Ch
     return _timing(configuration, name, entry, wiring.drivers[entry.driver].slow_inputs)
 
 
-def longest_age_us(channel: Channel) -> float:
-    """How old a sample may be where the file says nothing: on its way, and until the next after `_LOST` lost ones."""
-    return round(1e6 * (channel.latency_s + (1 + _LOST) / channel.rate_hz), 1)
-
-
 def with_ages(configuration: Configuration, wiring: Wiring) -> Configuration:
-    """Each signal of whose ``max_age_us`` the file says nothing gets what its driver's rate and latency allow."""
-    signals = {
-        name: entry
-        if "max_age_us" in entry.model_fields_set or entry.driver not in wiring.drivers
-        else entry.model_copy(update={"max_age_us": longest_age_us(signal_timing(configuration, wiring, name))})
-        for name, entry in configuration.signals.items()
-    }
+    """Each signal of whose ``max_age_us`` the file says nothing: on its way, and until the next after `_LOST`."""
+    signals = dict(configuration.signals)
+    for name, entry in configuration.signals.items():
+        if "max_age_us" not in entry.model_fields_set and entry.driver in wiring.drivers:
+            timing = signal_timing(configuration, wiring, name)
+            oldest_us = round(1e6 * (timing.latency_s + (1 + _LOST) / timing.rate_hz), 1)
+            signals[name] = entry.model_copy(update={"max_age_us": oldest_us})
     return configuration.model_copy(update={"signals": signals})
 
 

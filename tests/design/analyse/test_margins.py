@@ -6,7 +6,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from micromanip.control.margins import curve_margins, grid, margins
+from micromanip.control.margins import curve_margins, grid, margins, within
 from micromanip.control.system import System, delay
 
 PERIOD_S = 1e-3
@@ -43,6 +43,17 @@ def test_agrees_with_control_on_known_systems(name):
     assert found.modulus == pytest.approx(np.abs(1.0 + loop(np.exp(0.05j * dense))).min(), rel=1e-6)
     assert found.modulus == pytest.approx(distance, rel=5e-3)
     assert 2 * np.pi * found.peak_Hz == pytest.approx(at, rel=5e-2)
+
+
+@given(st.sampled_from(sorted(KNOWN)), st.floats(0.0, 0.4), st.integers(0, 30), st.sampled_from([-1.0, 1.0]))
+def test_no_plant_within_what_is_known_has_less(name, share, late, sign):
+    loop = of_control(control.ss(control.sample_system(KNOWN[name], 0.05, "tustin")))
+    known = within(nominal := margins(loop), loop, lambda w: np.full_like(w, share))
+    error = lambda w: sign * share * np.exp(-0.05j * late * w)  # noqa: E731
+    found = curve_margins(lambda w: loop.response(w) * (1.0 + error(w)), grid(0.05, loop.poles))
+    assert found.modulus >= known.modulus - 1e-3
+    assert found.gain_dB >= known.gain_dB - 0.1  # that of the grid, coarse where L is small
+    assert known.gain_dB <= max(nominal.gain_dB - 20.0 * np.log10(1.0 + share), 0.0) + 0.1
 
 
 def test_agrees_with_control_on_a_frequency_response_alone():

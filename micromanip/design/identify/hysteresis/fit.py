@@ -180,15 +180,11 @@ def fit(
         raise ValueError("no start of the fit converged; the record may not show a hysteresis loop")
     best = min(tried, key=lambda candidate: candidate[1])[0]
     x, cost = _solve(centred, best, v, y, used, 200)
-    wrong = _spikes(centred.value(x, v)[0] - y, y) & used
+    left = centred.value(x, v)[0] - y  # spikes stand out of the measurement itself, not only of the model
+    wrong = find_spikes(left) & (off_median(y) > 0.5 * off_median(left)) & used
     if wrong.any():
         x, cost = _solve(centred, x, v, y, used & ~wrong, 200)
     return _judged(structure, x, cost, v, y, used & ~wrong, middle, range_um, wrong)
-
-
-def _spikes(error: Array, y: Array) -> Flags:
-    """Samples (n,) that the model leaves alone and that stand out of the measurement itself, not only of the model."""
-    return find_spikes(error) & (off_median(y) > 0.5 * off_median(error))
 
 
 def delayed(fitted: HysteresisFit, samples: float, v: Array, y: Array, used: Flags, range_um: Range) -> HysteresisFit:

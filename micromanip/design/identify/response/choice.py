@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d
+from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
-from micromanip.control.system import Array, Complex, System
+from micromanip.control.system import Array, Complex, System, delay
 from micromanip.design.identify.linear import Modes
 from micromanip.errors import CheckFailed
 
@@ -95,8 +95,6 @@ class Identified:
 
     def system(self) -> System:
         """Model and delay, a step per sample."""
-        from micromanip.control.system import delay
-
         dynamics = self.dynamics()
         return delay(self.delay, self.dt).then(dynamics) if self.delay else dynamics
 
@@ -109,10 +107,16 @@ class Identified:
         """Radius of uncertainty (n,) at angular frequencies (n,), rad/s; that of the end lines beyond them."""
         return np.asarray(np.interp(omega, 2 * np.pi * self.measured.frequency_Hz, self.radius))
 
+    def unsure_at(self, omega: Array) -> Array:
+        """The same as a share (n,) of the model's response."""
+        hertz = self.measured.frequency_Hz
+        share = self.radius / np.maximum(np.abs(self.at(hertz)), 1e-12)
+        return np.asarray(np.interp(omega, 2 * np.pi * hertz, share))
+
 
 def identify(measured: Measured, dt: float, wanted: Wanted) -> Identified:
     """The model of `measured` in the smallest order, and the delay, that the held-out draw asks for."""
-    weight = _weight(measured)
+    weight = np.hypot(measured.deviation, _FLOOR * np.abs(measured.response))
     half = len(measured.draws) // 2  # of a single draw all is seen
     seen, unseen = measured.draws[: max(half, 1)].mean(axis=0), measured.draws[half:].mean(axis=0)
     hertz = measured.frequency_Hz
@@ -144,7 +148,7 @@ def identify(measured: Measured, dt: float, wanted: Wanted) -> Identified:
     tried = {order: held_out(order, delay) for order in wanted.orders}
     limit = _ENOUGH * min(tried.values())
     first = next(n for n, error in tried.items() if error <= limit)
-    size, found = np.abs(measured.response), None
+    size, found = _size(measured), None
     # what the mean of all lines does not show, one mode that is missing, may take a larger order
     for order in (n for n in wanted.orders if n >= first):
         plain = within(order)
@@ -157,14 +161,15 @@ def identify(measured: Measured, dt: float, wanted: Wanted) -> Identified:
     return found
 
 
-def _weight(measured: Measured) -> Array:
-    return np.asarray(np.hypot(measured.deviation, _FLOOR * np.abs(measured.response)))
-
-
 def _error(model: Complex, measured: Measured) -> Array:
-    share = (model - measured.response) / np.maximum(np.abs(measured.response), 1e-300)
     # what is the same over neighbouring lines is the model's, the rest the measurement's
-    return np.abs(smoothed(share, _WINDOW))
+    return np.abs(smoothed((model - measured.response) / _size(measured), _WINDOW))
+
+
+def _size(measured: Measured) -> Array:
+    """Of the response (k,), over neighbouring lines: a line that noise leaves nothing of would be none of theirs."""
+    power = uniform_filter1d(np.abs(measured.response) ** 2, _WINDOW, mode="nearest")
+    return np.asarray(np.sqrt(np.maximum(power, 1e-300)))
 
 
 def _matters(measured: Measured, wanted: Wanted) -> NDArray[np.bool_]:

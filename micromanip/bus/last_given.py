@@ -2,8 +2,9 @@
 
 A worker, or ``park``, that takes over after everything was killed goes on from there where the device can't be
 asked. The file lies beside the device's lock and is written by whoever holds that lock. The folder is gone after a
-power cycle; a file of an earlier start of the machine counts as none, and so does that of a pseudo terminal which had
-the same number before. A device that came back under another path takes its file along: `follow`.
+power cycle; a file of an earlier start of the machine, or one that is not known, counts as none, and so does that of a
+pseudo terminal which had the same number before. A device that came back under another path takes its file along:
+`follow`.
 
 Two slots are written in turn, each a number that grows, the values, and a checksum of them and the header: a writer
 that is killed leaves the slot before, and what is not whole counts as nothing. A write is one system call: a file that
@@ -134,7 +135,7 @@ def _size(count: int) -> int:
 
 
 def _start(device: str) -> str:
-    """When the machine was started, and the pseudo terminal made if it is one: their numbers are given again."""
+    """When the machine was started, and the pseudo terminal made if it is one (their numbers recur); "": not known."""
     with contextlib.suppress(OSError):
         machine = _START.read_text(encoding="ascii").strip()
         return f"{machine} {Path(device).stat().st_ctime_ns}" if device.startswith(_PSEUDO_TERMINALS) else machine
@@ -164,7 +165,7 @@ def _known(path: Path, device: str) -> Mapping[str, float] | None:
     try:
         header = json.loads(os.pread(descriptor, _HEADER_BYTES, 0))
         names, count = list(header["names"]), len(header["names"])
-        if (header["device"], header["start"]) != (device, _start(device)):
+        if not header["start"] or (header["device"], header["start"]) != (device, _start(device)):
             return None
         if os.fstat(descriptor).st_size != _size(count):
             return None

@@ -59,9 +59,10 @@ def test_outputs_keep_their_values_where_the_configuration_has_others(tmp_path):
 
 
 def test_an_earlier_start_of_the_machine_does_not_count(tmp_path, monkeypatch):
-    LastGiven.open(DEVICE, NAMES, tmp_path).write([80.0, 20.0])
-    monkeypatch.setattr(last_given, "_start", lambda _: "another")
-    assert reopened(tmp_path) is None
+    for start in ("one", "another", "", ""):  # one that is not known is never the same
+        monkeypatch.setattr(last_given, "_start", lambda _, start=start: start)
+        assert reopened(tmp_path) is None
+        LastGiven.open(DEVICE, NAMES, tmp_path).write([80.0, 20.0])
 
 
 @pytest.mark.parametrize("content", [b"", b"\0" * 40000, b"[1, 2]", b'{"names": 3}', b'{"names": ["voltage_x"]}'])
@@ -163,8 +164,7 @@ def test_what_was_written_for_another_device_or_start_counts_as_nothing(tmp_path
     LastGiven.open(DEVICE, NAMES, tmp_path).write([46.0, 20.0])
     other = LastGiven.open("udp 10.0.0.6:5005", NAMES, tmp_path)
     (file,) = tmp_path.glob("*10.0.0.6*")
-    mine = file_in(tmp_path).read_bytes()
-    slots = 2 * 8 * (2 + len(NAMES))
+    mine, slots = file_in(tmp_path).read_bytes(), 2 * 8 * (2 + len(NAMES))
     file.write_bytes(file.read_bytes()[:-slots] + mine[-slots:])
     assert LastGiven.open("udp 10.0.0.6:5005", NAMES, tmp_path).read() is None
     assert other.read() is None

@@ -80,6 +80,9 @@ def take(file: Path, wanted: Wanted) -> TimeSeries:
         if len(values) != samples:
             raise CheckFailed(f"{file}: {name} has {len(values)} values, {other} {samples}: not one recording")
     stacked = np.column_stack([columns[name] for name in names])
+    if t is not None and len(t) > 1 and np.all(np.diff(t) < 0.0):
+        t, stacked, table.lines = t[::-1], stacked[::-1], table.lines and table.lines[::-1]
+        notes.append(f"{time_name} falls with every row: the newest stands first, read from the last on")
     rows = usable(table, names, stacked, time_name, t, fill=wanted.rate_hz is not None, clean=wanted.bridge)
     if time_name is None:
         clock = even(rows.number, wanted.step_s or 1.0)

@@ -124,7 +124,7 @@ class Table(Mapping[str, Array]):
         never fall, one by a word only if another doesn't.
         """
         others = [name for name in self if name not in names]
-        timed = [name for name in others if _dimension(self.unit(name)) == "time"]
+        timed = [name for name in others if (unit := known(self.unit(name) or "")) and unit.dimension == "time"]
         plain = [name for name in others if self.unit(name) is None]
         called = [name for name in plain if called_time(name) or called_time(name.rpartition(".")[2])]
         like_t = [name for name in [*timed, *plain] if name.lower().startswith("t")]
@@ -160,8 +160,3 @@ def _shared(name: str, other: str) -> int:
     """How many groups two columns are both in: 1 for run.t and run.u."""
     pairs = zip(name.split(".")[:-1], other.split(".")[:-1], strict=False)
     return sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], pairs))
-
-
-def _dimension(unit: str | None) -> str | None:
-    found = known(unit) if unit else None
-    return found.dimension if found else None

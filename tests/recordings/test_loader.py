@@ -64,8 +64,7 @@ def test_a_linear_record_takes_pieces_as_experiments(tmp_path):
 def recording(file, cycles):
     """A file as `run --record` makes it, of these cycles."""
     rows = np.zeros(len(cycles), ROW)
-    rows["cycle"] = cycles
-    rows["version"] = 1
+    rows["cycle"], rows["version"] = cycles, 1
     rows["axis"]["voltage_V"][:, 0] = U[: len(cycles)]
     rows["axis"]["strain_um"][:, 0] = Y[: len(cycles)]
     written = begun(file)

@@ -123,7 +123,7 @@ REFUSED = {
     "a clock that was set": (shown(timed(lambda t: t - 0.35 * (t > 2.0))), r"x:403: t falls by 0.345 s here"),
     "a word that falls": (
         shown(timed(lambda t: t % 1.0), "sampling_time,u,y"),
-        r"x:202: sampling_time falls by 0.995 s",
+        "x:202: sampling_time falls by 0.995 s",
     ),
     "JSON": (json.dumps({"t": T.tolist(), "u": U.tolist()}), r"x: this is JSON: save its columns as CSV"),
 }

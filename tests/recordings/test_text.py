@@ -44,13 +44,17 @@ def test_what_is_said_behind_a_table_is_left_out_with_its_lines(tmp_path):
     assert taken.notes == ("line 603 to 604: no rows, behind the table, left out",)
 
 
+def test_a_table_with_the_newest_row_first_is_turned_round(tmp_path):
+    taken = same(written(tmp_path / "x.csv", "\n".join(["t,u,y", *lines()[::-1]])))
+    assert taken.notes == ("t falls with every row: the newest stands first, read from the last on",)
+
+
 @pytest.mark.parametrize("often", [3, None], ids=["evenly", "at random"])
 def test_rows_that_repeat_the_one_before_are_left_out(often, tmp_path):
     rng = np.random.default_rng(0)
     times = [often or int(rng.integers(3, 6)) for _ in T]
-    file = written(
-        tmp_path / "x.csv", "t,u,y\n" + "\n".join(r for r, n in zip(lines(), times, strict=True) for _ in range(n))
-    )
+    rows = (row for row, count in zip(lines(), times, strict=True) for _ in range(count))
+    file = written(tmp_path / "x.csv", "t,u,y\n" + "\n".join(rows))
     told = f"{sum(times) - SAMPLES} rows repeat the one before and are left out, the first at {file}:3"
     assert same(file).notes == (told,)
 
@@ -68,9 +72,8 @@ def test_rows_that_lack_a_number_are_left_out(tmp_path):
     rows = lines()
     for k in range(550, -1, -50):
         rows.insert(k + 1, f"{T[k] + 0.3 * STEP_S:.6f},," + ("nan" if k else ""))
-    taken = same(
-        written(tmp_path / "x.csv", "__time,/amp/u_V,/gauge/y_um\n" + "\n".join(rows)), ("/amp/u_V", "/gauge/y_um")
-    )
+    file = written(tmp_path / "x.csv", "__time,/amp/u_V,/gauge/y_um\n" + "\n".join(rows))
+    taken = same(file, ("/amp/u_V", "/gauge/y_um"))
     assert taken.notes == (f"12 rows lack a number and are left out, the first at {tmp_path}/x.csv:3",)
 
 

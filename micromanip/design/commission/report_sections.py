@@ -135,10 +135,11 @@ def _outer(found: Commissioned, closed: ClosedOuter, analysis: AxisAnalysis) -> 
     }
     for name, share in found.coupling.items():
         figures[f"seen by {name}"] = f"{100 * share:+.2f} %"
-    plots = () if analysis.stage is None else loop_plots("Outer loop", analysis.stage.loop, analysis.stage.margins)
+    plots = () if analysis.stage is None else loop_plots("Outer loop", analysis.stage.loop, design.margins)
     text = (
         "Kalman filter and LQG on the capacitive sensor: of those whose step is as accepted and that keep their "
-        "margins, the one that leaves least of a disturbance."
+        "margins, the one that leaves least of a disturbance. The curves are the model's, the "
+        "criteria's gain margin and Ms the worst within what the measured response leaves open."
     )
     return Section("Outer loop", text, figures, (*plots, step_response(closed.validation)))
 

@@ -2,14 +2,11 @@
 
 from typing import Any
 
-WRITTEN_DIGITS = 10
-
 
 def rounded(value: Any) -> Any:
-    """JSON data with as many digits of each number as are written; what was loaded again stays as it is."""
+    """JSON data with as many digits of each number as are written, and no negative zero; it stays so when loaded."""
     if isinstance(value, dict):
         return {key: rounded(entry) for key, entry in value.items()}
     if isinstance(value, list):
         return [rounded(entry) for entry in value]
-    # + 0.0: there is no negative zero
-    return float(f"{value:.{WRITTEN_DIGITS}g}") + 0.0 if isinstance(value, float) else value
+    return float(f"{value:.10g}") + 0.0 if isinstance(value, float) else value

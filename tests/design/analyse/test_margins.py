@@ -52,7 +52,7 @@ def test_no_plant_within_what_is_known_has_less(name, share, late, sign):
     error = lambda w: sign * share * np.exp(-0.05j * late * w)  # noqa: E731
     found = curve_margins(lambda w: loop.response(w) * (1.0 + error(w)), grid(0.05, loop.poles))
     assert found.modulus >= known.modulus - 1e-3
-    assert found.gain_dB >= known.gain_dB - 0.1  # that of the grid, coarse where L is small
+    assert found.gain_dB >= min(known.gain_dB, 25.0) - 0.1  # the grid is coarse where L is small
     assert known.gain_dB <= max(nominal.gain_dB - 20.0 * np.log10(1.0 + share), 0.0) + 0.1
 
 

@@ -20,12 +20,11 @@ from scipy.signal import welch
 from micromanip.control.system import Array, Complex
 from micromanip.errors import CheckFailed
 from micromanip.recordings import Telemetry
+from micromanip.replay.window import recorded_configuration
 from micromanip.rt.states import TRACKING
 from micromanip.rt.telemetry import DEVIATION_FRESH
-from micromanip.settings.load import validate_document
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.schema.reference import AxisTracker, Tracker
-from micromanip.settings.text.source import Source
 from micromanip.virtual.experiment import at_limit
 
 from .budget import BIN_HZ, PREDICTION, TRACKER, Grid
@@ -216,7 +215,7 @@ def predicted_shares(telemetry: Telemetry, axis: str, found: AxisTracker) -> dic
 
     With the tracker as it ran and as it was `found`.
     """
-    configuration = validate_document(Source.parse(telemetry.file, telemetry.sure_configuration()))
+    _, configuration = recorded_configuration(telemetry)
     if not isinstance(configuration.reference, Tracker):
         return {"before_um": None, "after_um": None, "reason": "what ran followed no tracker"}
 

@@ -27,11 +27,10 @@ from scipy.signal import csd, welch
 from micromanip.control.system import Array
 from micromanip.errors import CheckFailed
 from micromanip.recordings import Telemetry
+from micromanip.replay.window import recorded_configuration
 from micromanip.settings.check import Prepared
-from micromanip.settings.load import validate_document
 from micromanip.settings.schema.model import Configuration
 from micromanip.settings.schema.reference import Tracker
-from micromanip.settings.text.source import Source
 from micromanip.virtual.experiment import VirtualExperiment
 
 from .budget import FORCE, PREDICTION, STAGE, TRACKER, AxisBudget, Bound, Grid, prediction_variance, shared_out
@@ -54,7 +53,7 @@ def recorded_budget(
     telemetry: Telemetry, axes: Sequence[str], coherence_s: float, say: Callable[[str], None]
 ) -> list[AxisBudget]:
     """The budget of each of `axes`. CheckFailed where the recording has no tracking, no tracker, or no model."""
-    configuration = validate_document(Source.parse(telemetry.file, telemetry.sure_configuration()))
+    _, configuration = recorded_configuration(telemetry)
     return _budgets(telemetry, configuration, axes, coherence_s, say)
 
 

@@ -54,6 +54,8 @@ def analyse_axis(
     `seeds` draws the plants, one a seed. `progress` is told what comes next.
     """
     settings, missing = configuration.axes[axis], []
+    if settings.outer is not None:  # it runs in mode stage alone, around the whole gain of the PID
+        settings = settings.model_copy(update={"mode": "stage"})
     period_s = configuration.loop.period_ns * 1e-9
     progress("describing function")
     inverse = None

@@ -26,10 +26,8 @@ _DISTURBANCE_UM = 0.03
 """Random walk of the set-point, rms a cycle, that is to be removed: the tool's force, wandering."""
 _BESIDE = 0.1
 ROBUST, HOPELESS, _STEP_S = 3.0, 4.0, 0.2
-UNKNOWN, FRAGILE = (
-    "the margins within what the measured response leaves open",
-    "Ms over the plants drawn around the model",
-)
+UNKNOWN = "the margin within what the measured response leaves open"
+FRAGILE = "Ms over the plants drawn around the model"
 SLEWED = "a large swing, which the set-point's slew limit keeps alive,"
 
 

@@ -44,8 +44,7 @@ def begin(cell, tmp_path):
 
 @pytest.mark.live
 def test_one_daemon_serves_experiments_and_none_is_made_again(begin, cell, tmp_path):
-    live, configuration = begin(), cell.configuration
-    play = LiveExperiment(live)
+    configuration, play = cell.configuration, LiveExperiment(live := begin())
     rows = play(configuration, SECONDS, FIRST)
     with Client(tmp_path / "control.sock") as client:
         assert client.status()["state"] == "READY"
@@ -60,6 +59,7 @@ def test_one_daemon_serves_experiments_and_none_is_made_again(begin, cell, tmp_p
     assert again.left == 2
     assert np.array_equal(LiveExperiment(again)(configuration, SECONDS, FIRST)["cycle"], rows["cycle"])
     assert not (tmp_path / "control.sock").exists(), "read"
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job ignores it
     threading.Timer(4.0, lambda: os.kill(os.getpid(), signal.SIGINT)).start()
     with pytest.raises(KeyboardInterrupt):
         LiveExperiment(again)(configuration, 30.0, SECOND)

@@ -23,10 +23,10 @@ from micromanip.settings.text.source import Source
 from micromanip.virtual.experiment import VirtualExperiment
 
 from .drawn_plants import drawn_cell, narrowed
-from .report import ROOT, Asked, Report
+from .report import CONFIG, Asked, Report
 from .tune import commissioned, missed
 
-FACTORY, AXIS, FIRST_PLANT, SLEW_UM_PER_MS, TRIAL_SEED = ROOT / "config" / "factory.yaml", "x", 200, 10.0, 7
+FACTORY, AXIS, FIRST_PLANT, SLEW_UM_PER_MS, TRIAL_SEED = CONFIG / "factory.yaml", "x", 200, 10.0, 7
 """Where all begin; axis, first seed and the slew limit of the set-point of the drawn plants, as in the campaign
 `robustness`; seed of the trial's noise."""
 _TRUTHS = ("true_strain", "true_stage", "path_error", "uncompensated")

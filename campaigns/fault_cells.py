@@ -5,10 +5,7 @@ import re
 import socket
 from string import Template
 
-from .report import CONFIGURATIONS, ROOT
-
-CONFIG = ROOT / "config"
-
+from .report import CONFIG, CONFIGURATIONS
 
 _DATAGRAMS = socket.SOCK_DGRAM
 _LOCK = "lock: {time_constant_ms: 100, within_us: 150}"

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
-CONFIGURATIONS = ROOT / "campaigns" / "configurations"
+CONFIG, CONFIGURATIONS = ROOT / "config", ROOT / "campaigns" / "configurations"
 
 
 class Asked(Namespace):

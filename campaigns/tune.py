@@ -19,9 +19,8 @@ from micromanip.settings.tuning_hash import tuning_hash
 from micromanip.settings.write import edited, node, with_tuning, write_atomically, written
 from micromanip.virtual.experiment import VirtualExperiment, with_options
 
-from .report import ROOT, Asked, Report
+from .report import CONFIG, Asked, Report
 
-CONFIG = ROOT / "config"
 TOOTH_HZ = 200.0
 NAMES = ("simulated.yaml", "ethercat.yaml", "udp.yaml")
 

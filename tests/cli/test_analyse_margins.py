@@ -3,17 +3,16 @@
 import contextlib
 import io
 import json
-from pathlib import Path
 
 import pytest
 
+from campaigns.report import CONFIG
 from micromanip.cli.main import main
 
 from .command import code_of
 
 pytestmark = pytest.mark.long
 
-CONFIG = Path(__file__).parents[2] / "config"
 PAPER_CELL = CONFIG / "paper.yaml"
 SIMULATED, FACTORY = str(CONFIG / "simulated.yaml"), str(CONFIG / "factory.yaml")
 

@@ -2,13 +2,13 @@
 
 import json
 import shutil
-from pathlib import Path
 
 import pytest
 
+from campaigns.report import CONFIG
+
 from .command import code_of
 
-CONFIG = Path(__file__).parents[2] / "config"
 SENSOR_EDS = (CONFIG / "can/sensor.eds").read_text()
 DBC = (CONFIG / "can/manipulator.dbc").read_text()
 

@@ -2,11 +2,11 @@
 
 import json
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+from campaigns.report import CONFIG
 from micromanip.cli import commission
 from micromanip.design.commission import axis as steps
 from micromanip.design.commission.axis import commission_axis
@@ -18,7 +18,6 @@ from micromanip.virtual.experiment import VirtualExperiment
 
 from .command import code_of
 
-CONFIG = Path(__file__).parents[2] / "config"
 SHORT_S = 3.0
 """Of the major loop, which is long for its picture's sake."""
 

@@ -4,16 +4,15 @@ import errno
 import os
 import re
 import stat
-from pathlib import Path
 
 import pytest
 
+from campaigns.report import CONFIG
 from micromanip.cli.results import pictures_in, publish, run_folder
 from micromanip.errors import DeviceUnavailable, PermissionDenied, UsageError, system_error
 
 from .command import code_of
 
-CONFIG = Path(__file__).parents[2] / "config"
 FACTORY, SIMULATED = CONFIG / "factory.yaml", CONFIG / "simulated.yaml"
 
 

@@ -1,7 +1,6 @@
 """The simulated cell called as the loop does: by the addresses of its four functions."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 from micromanip_drivers.simulated.driver import SimulatedCell
@@ -10,7 +9,6 @@ from micromanip_drivers.simulated.records import CHANNELS, CONTEXT
 
 from .called import Called
 
-CONFIG = Path(__file__).resolve().parents[2] / "config"
 PERIOD_NS = 100_000
 
 QUIET_PLANT = {

@@ -2,14 +2,13 @@
 
 import re
 import shutil
-from pathlib import Path
 
 import pytest
 
+from campaigns.report import CONFIG
 from micromanip.errors import ConfigError
 from micromanip.settings.wiring.single_driver import driver_to_probe
 
-CONFIG = Path(__file__).parents[2] / "config"
 VOLTAGE = re.compile(r"(voltage_x: \{(?!driver)[^}]*)\}")
 """Keys of an output in the section of its driver."""
 

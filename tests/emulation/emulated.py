@@ -2,15 +2,14 @@
 
 import itertools
 import os
-from pathlib import Path
 
 import cantools
 from testbus.virtual_bus import VirtualLoop
 
+from campaigns.report import CONFIG
 from micromanip.emulation.devices import Devices
 from micromanip.testbus.frame import Frame
 
-CONFIG = Path(__file__).parents[2] / "config"
 DATABASE = cantools.database.load_file(CONFIG / "can" / "manipulator.dbc")
 AT_REST = dict.fromkeys(("voltage_x", "voltage_y", "voltage_z", "feed_hold", "heartbeat"), 0) | {"amplifier_enable": 1}
 _numbers = itertools.count()

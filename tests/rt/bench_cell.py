@@ -7,10 +7,10 @@ sines: every branch of the cycle at once. The plant is good enough to be control
 import copy
 import functools
 import math
-from pathlib import Path
 
 import numpy as np
 
+from campaigns.report import CONFIG
 from micromanip.rt.cell import cell_cycle
 from micromanip.rt.laws.reference import SINES
 from micromanip.rt.records import CELL_STATE, MAX_OUTPUTS, MAX_SIGNALS, SIGNAL
@@ -19,7 +19,6 @@ from micromanip.rt.transitions import begin_cycle
 from micromanip.settings.check import prepare
 from micromanip.settings.compile.limits import NEVER
 
-CONFIG = Path(__file__).resolve().parents[2] / "config"
 X, Y, Z = range(3)
 STRAIN = 1
 

@@ -1,10 +1,9 @@
 """Loops that swing from end to end are stopped by X-216, whatever the limits; what only works hard is not."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
+from campaigns.report import CONFIG
 from micromanip.design.experiment import open_loop, with_axes, with_reference
 from micromanip.design.validate import paper
 from micromanip.errors import CheckFailed
@@ -20,12 +19,11 @@ from micromanip.virtual.experiment import VirtualExperiment
 from .protected import Protected
 
 X = 0
-FOLDER = Path(__file__).parents[2] / "config"
 
 
 def cell(name, change):
     """The cell of an example, with the limits of a simulation, and `change` made to the record of its axis x."""
-    prepared = prepare(FOLDER / f"{name}.yaml")
+    prepared = prepare(CONFIG / f"{name}.yaml")
     parameters = prepared.parameters.copy()
     change(parameters[0]["axis"][X])
     return VirtualCell(parameters, prepared.wiring)
@@ -85,7 +83,7 @@ def worst(state):
 
 
 def test_the_paper_s_sines_are_no_limit_cycle():
-    prepared = prepare(FOLDER / "simulated.yaml")
+    prepared = prepare(CONFIG / "simulated.yaml")
     experiment = VirtualExperiment(prepared)
     moving = with_axes(prepared.configuration, mode="strain", inner=paper.ANCHOR_PID)
     for frequency_hz in paper.FREQUENCIES_HZ:
@@ -126,7 +124,7 @@ def resonating(prepared):
 
 def test_a_stage_that_swings_while_it_is_identified_is_stopped():
     """In open loop, no voltage at its end, far below the slew limit: the stage goes from sensor end to sensor end."""
-    prepared = prepare(FOLDER / "factory.yaml")
+    prepared = prepare(CONFIG / "factory.yaml")
     samples, seconds = resonating(prepared)
     experiment = VirtualExperiment(prepared)
     with pytest.raises(CheckFailed, match=r"X-216 axis x: limit cycle.*stage"):
@@ -140,7 +138,7 @@ def test_a_stage_that_swings_while_it_is_identified_is_stopped():
 
 def test_a_gauge_that_fails_while_it_is_identified_ends_that(tmp_path):
     """Its axis needs it then; the gauge of an axis that rests may be unplugged."""
-    text = (FOLDER / "factory.yaml").read_text(encoding="utf-8")
+    text = (CONFIG / "factory.yaml").read_text(encoding="utf-8")
     for axis, ends in (("x", True), ("y", False)):
         failing = f"    seed: 1\n    faults: [{{at_s: 2.5, channel: strain_{axis}, kind: nan}}]\n"
         file = tmp_path / f"{axis}.yaml"
@@ -155,7 +153,7 @@ def test_a_gauge_that_fails_while_it_is_identified_ends_that(tmp_path):
 
 
 def test_no_key_switches_it_off():
-    prepared = prepare(FOLDER / "simulated.yaml")
+    prepared = prepare(CONFIG / "simulated.yaml")
     watch = compile_cell(prepared.configuration, prepared.wiring)[0]["axis"]["watch"]
     assert (watch["swings"][:3] == 8).all()
     assert (watch["swing_cycles"][:3] == 20_000).all()

@@ -1,11 +1,11 @@
 """Which cell tracks, following what; and how its trial is judged."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+from campaigns.report import CONFIG
 from micromanip.design.commission.production import in_production, tried
 from micromanip.design.commission.quiescent_spectrum import AtRest
 from micromanip.design.experiment import with_axes, with_axis
@@ -14,8 +14,7 @@ from micromanip.settings.load import load
 from micromanip.settings.schema.reference import Hold, Tracker
 from micromanip.settings.write import with_production
 
-FOLDER = Path(__file__).parents[3] / "config"
-TUNED, FACTORY = load(FOLDER / "simulated.yaml"), load(FOLDER / "factory.yaml")
+TUNED, FACTORY = load(CONFIG / "simulated.yaml"), load(CONFIG / "factory.yaml")
 UNFOLLOWED = with_axes(TUNED, mode="strain").model_copy(update={"reference": Hold(source="hold", offset_um=66.0)})
 REST = AtRest(500.0, 0.3, 6.5, 200.0, 2.0)
 NAMES = tuple("xyz")
@@ -53,7 +52,7 @@ def test_a_tuning_that_misses_a_criterion_does_not_follow_a_robot():
 
 
 def test_the_file_says_how_it_runs_and_one_that_says_so_is_not_touched(tmp_path):
-    text = (FOLDER / "simulated.yaml").read_text(encoding="utf-8")
+    text = (CONFIG / "simulated.yaml").read_text(encoding="utf-8")
     assert load_text(tmp_path, with_production(text, TUNED)) == TUNED
     changed = in_production(UNFOLLOWED, REST).configuration
     written = load_text(

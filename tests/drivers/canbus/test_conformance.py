@@ -2,11 +2,11 @@
 
 import random
 import struct
-from pathlib import Path
 
 import pytest
 from micromanip_drivers.canbus.driver import CanBus
 
+from campaigns.report import CONFIG
 from micromanip.bus.can_bits import FD_LENGTHS
 from micromanip.conformance.lifetime import LifetimeChecks
 from micromanip.conformance.link import LinkChecks
@@ -19,7 +19,6 @@ from .hub_in_thread import BITRATE, DATA_BITRATE, bench
 
 pytestmark = pytest.mark.realtime  # the contract judges time-outs, silence and load
 
-FOLDER = Path(__file__).parents[3] / "config"
 RATE_HZ = 200
 VOLTAGES, SENSORS = 0x100, 0x101
 FD = {"fd": True, "bitrate_switch": True}
@@ -113,7 +112,7 @@ class TestCanBus(BusDriverContract):
     """A device that hangs and dies, on a bus that goes on."""
 
     driver = CanBus
-    folder = FOLDER
+    folder = CONFIG
     checksummed = False
     out_of_range = (150.0015, -20.0024)
     golden_inputs = (
@@ -162,7 +161,7 @@ class TestBusThatDies(LinkChecks, LifetimeChecks):
     """Adapter unplugged, network down."""
 
     driver = CanBus
-    folder = FOLDER
+    folder = CONFIG
 
     def peer(self):
         return ManipulatorPeer(None)

@@ -1,7 +1,6 @@
 """What the driver makes of options and frames; and what it says of options that make no sense."""
 
 import re
-from pathlib import Path
 
 import can
 import cantools
@@ -10,13 +9,13 @@ from micromanip_drivers.canbus.database import Database, switches_bitrate
 from micromanip_drivers.canbus.driver import CanBus, CanBusOptions
 from pydantic import ValidationError
 
+from campaigns.report import CONFIG
 from micromanip.bus.errors import DeviceFault
 from micromanip.bus.inbox import Inbox
 from micromanip.emulation.can.canbus import DbcMessage
 from micromanip.errors import ConfigError
 
-FOLDER = Path(__file__).parents[3] / "config"
-DATABASE = cantools.database.load_file(FOLDER / "can/manipulator.dbc")
+DATABASE = cantools.database.load_file(CONFIG / "can/manipulator.dbc")
 SENSORS = DATABASE.get_message_by_name("Sensors")
 REST = dict.fromkeys((signal.name for signal in SENSORS.signals), 0)
 
@@ -36,7 +35,7 @@ def options(database="can/manipulator.dbc", **keys):
 
 @pytest.fixture
 def bus():
-    bus = CanBus(options(), FOLDER)
+    bus = CanBus(options(), CONFIG)
     bus.open()
     yield bus
     bus.close()
@@ -61,7 +60,7 @@ def samples(bus):
 
 def test_a_status_of_zero_can_be_bad(peer):
     status = {"signal": "Status", "good": [1, 3]}
-    bus = CanBus(options(receive={"Sensors": {"rate_hz": 1.0, "status": status}}), FOLDER)
+    bus = CanBus(options(receive={"Sensors": {"rate_hz": 1.0, "status": status}}), CONFIG)
     bus.open()
     for value in (0, 1, 2, 3):
         send(peer, Status=value)

@@ -5,10 +5,10 @@ import copy
 import itertools
 import os
 import time
-from pathlib import Path
 
 from micromanip_drivers.canopen.driver import CanOpen
 
+from campaigns.report import CONFIG
 from micromanip.bus.errors import TransientError
 from micromanip.bus.inbox import Inbox
 from micromanip.emulation.can.canopen_node import CanOpenNode
@@ -16,7 +16,6 @@ from micromanip.emulation.can.canopen_node import CanOpenNode
 from ..canbus.hub_in_thread import bench
 from ..changed_options import put
 
-CONFIG = Path(__file__).parents[3] / "config"
 EDS = CONFIG / "can"
 AXES = "xyz"
 SENSOR, AMPLIFIER = 5, 6

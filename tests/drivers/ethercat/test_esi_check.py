@@ -1,17 +1,16 @@
 """A configuration beside the ESI files that it names: each difference is refused at its key, with the file's line."""
 
 import re
-from pathlib import Path
 
 import pytest
 from micromanip_drivers.ethercat.esi_check import compare_with_file, differences
 from micromanip_drivers.ethercat.options import Terminal
 
+from campaigns.report import CONFIG
 from micromanip.bus.ethercat.esi import read_esi
 from micromanip.errors import ConfigError
 from micromanip.settings.check import prepare
 
-CONFIG = Path(__file__).parents[3] / "config"
 SAMPLE = CONFIG / "ethercat" / "piezo-cell.xml"
 CELL = (CONFIG / "ethercat.yaml").read_text()
 FOUND_AT = "        product: {}\n"

@@ -2,16 +2,15 @@
 
 import time
 from contextlib import contextmanager
-from pathlib import Path
 
 import yaml
 from testbus.loop_in_thread import LoopInThread
 
+from campaigns.report import CONFIG
 from micromanip.emulation.devices import Devices
 
 from ..line.wires import free_port, socket
 
-CONFIG = Path(__file__).parents[3] / "config"
 QUIET = {"strain_noise_nm": 0.0, "strain_hum_nm": 0.0, "stage_noise_nm": 0.0}
 PATIENCE_S = 20.0
 

@@ -94,11 +94,14 @@ def nearest(name: str, known: Iterable[str]) -> str | None:
     return lowered[near[0]] if near else None
 
 
+_MOST_TOLD = 100
+
+
 def did_you_mean(name: str, known: Iterable[str], there: str = "it has") -> str:
     """The end of a message about a `name` that is not `known`: the nearest of them, else what is `there`."""
     known = list(map(str, known))
-    near, more = nearest(name, known), [f"{len(known) - 100} more"] if len(known) > 100 else []
-    return f"did you mean {near}?" if near else f"{there} {', '.join([*known[:100], *more]) or 'none'}"
+    near, others = nearest(name, known), [f"{len(known) - _MOST_TOLD} more"] if len(known) > _MOST_TOLD else []
+    return f"did you mean {near}?" if near else f"{there} {', '.join([*known[:_MOST_TOLD], *others]) or 'none'}"
 
 
 def require_axis(axis: str, axes: Iterable[str], where: str = "") -> None:

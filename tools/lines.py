@@ -16,14 +16,14 @@ ROOMS = {  # the first that fits a file has it: pattern of paths, budget, ceilin
     "settings, control": (r"micromanip/(settings|control)/", 5000, 5718),
     "host": (r"micromanip/host/", 7500, 7733),
     "design, virtual, replay": (r"micromanip/(design|virtual|replay)/", 13500, 14156),
-    "recordings": (r"micromanip/recordings/", 1900, 2352),
+    "recordings": (r"micromanip/recordings/", 1900, 2353),
     "gateway": (r"micromanip/gateway/", 4200, 4219),
     "cli": (r"micromanip/cli/", 4300, 4850),
     "drivers and their devices": (r"drivers/|micromanip/emulation/\w+/", 15500, 16348),
     "emulation, testbus, conformance": (r"micromanip/(emulation|testbus|conformance)/", 3200, 3212),
-    "campaigns, benchmarks, tools": (r"(campaigns|benchmarks|tools)/", 4200, 4682),
-    "tests": (r"tests/", 40000, 41621),
-    "the rest": (r"", 2000, 1856),
+    "campaigns, benchmarks, tools": (r"(campaigns|benchmarks|tools)/", 4200, 4680),
+    "tests": (r"tests/", 40000, 41619),
+    "the rest": (r"", 2000, 1857),
 }
 WORDS, DECISIONS = (45000, 43700), (30, 29)
 """Of the manual, without the decisions; how many decisions."""

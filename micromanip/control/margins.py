@@ -134,8 +134,8 @@ def within(found: Margins, loop: System, unsure: Unsure) -> Margins:
     """
     omega, L = refined(loop.response, grid(loop.period_s, loop.poles))
     i = np.flatnonzero(L.imag[:-1] * L.imag[1:] <= 0.0)  # small discs reach the axis between points of the grid
-    omega = np.concatenate([omega, [2 * np.pi * found.peak_Hz], np.linspace(omega[i], omega[i + 1], 40).ravel()])
-    L = loop.response(omega)
+    added = np.concatenate([[2 * np.pi * found.peak_Hz], np.linspace(omega[i], omega[i + 1], 40).ravel()])
+    omega, L = np.concatenate([omega, added]), np.concatenate([L, loop.response(added)])
     radius = np.abs(L) * unsure(omega)
     real = radius > np.abs(L.imag)  # discs that reach the real axis
     half = np.sqrt(radius[real] ** 2 - L.imag[real] ** 2)

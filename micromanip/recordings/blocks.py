@@ -152,8 +152,7 @@ class BlockCodec:
         floats = self._floats[wanted]
         bits[floats] = _ordered(bits[floats])
         return {
-            (column := self.columns[k]).path: each.view("<f8") if column.format == "<f8" else each.astype(column.format)
-            for k, each in zip(wanted, bits, strict=True)
+            self.columns[k].path: _typed(each, self.columns[k].format) for k, each in zip(wanted, bits, strict=True)
         }
 
     def rows(self, block: bytes) -> NDArray[Any]:
@@ -165,6 +164,10 @@ class BlockCodec:
         for path, values in columns.items():
             rows[path] = values
         return rows.view(self.dtype)
+
+
+def _typed(bits: _Bits, kind: str) -> NDArray[Any]:
+    return bits.view(np.float64) if kind == "<f8" else bits.astype(kind)
 
 
 def _ordered(bits: _Bits) -> _Bits:

@@ -7,7 +7,7 @@ import pytest
 from click.testing import CliRunner
 
 from micromanip.cli.analyse_error import command
-from micromanip.errors import CheckFailed
+from micromanip.errors import CheckFailed, UsageError
 
 CONFIG = Path(__file__).parents[2] / "config"
 
@@ -28,6 +28,8 @@ def test_the_document_sums_to_the_whole_and_pictures_are_drawn(tmp_path):
 
 
 def test_what_can_not_be_budgeted_is_told():
+    with pytest.raises(UsageError, match=r"there is no axis 'q' in .*; there are x, y, z"):
+        asked(CONFIG / "simulated.yaml", "--axis", "q")
     with pytest.raises(CheckFailed, match=r"what ran followed no tracker \(reference\.source"):
         asked(CONFIG / "factory.yaml")
     with pytest.raises(CheckFailed, match="no recording of ours"):

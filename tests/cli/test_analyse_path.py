@@ -51,6 +51,7 @@ def test_a_path_that_does_not_fit_ends_with_1_and_says_where(tmp_path):
 def test_what_can_not_be_previewed_is_told(tmp_path):
     file = path_file(tmp_path, 10.0)
     for arguments, kind, message in (
+        ((file, "--config", CONFIG, "--axis", "q"), UsageError, "there is no axis 'q'"),
         ((file, "--config", CONFIG, "--reserve", "70"), CheckFailed, "a reserve of 70 um leaves nothing"),
         ((tmp_path / "gone.csv", "--config", CONFIG), CheckFailed, "no such file"),
         ((CONFIG, "--config", CONFIG), CheckFailed, "simulated.yaml"),

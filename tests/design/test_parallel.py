@@ -3,6 +3,7 @@
 import os
 import signal
 
+import joblib
 import pytest
 
 from micromanip.design.analyse.loops import monte_carlo
@@ -11,8 +12,17 @@ from micromanip.errors import DeviceUnavailable
 from tests.design.analyse.test_loops import PERIOD_S, sides
 
 
+def square(seed):
+    return seed * seed
+
+
 def die(seed):
     os.kill(os.getpid(), signal.SIGKILL)
+
+
+def test_results_come_in_the_order_of_the_items():
+    with joblib.parallel_config(backend="threading"):
+        assert list(each(square, range(20), 3)) == [seed * seed for seed in range(20)]
 
 
 @pytest.mark.live

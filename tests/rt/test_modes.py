@@ -16,6 +16,10 @@ def test_an_index_out_of_bounds_is_noticed():
         play_course(np.zeros(5), 1.0, 0.0, np.zeros(3))
 
 
+def test_compiled_or_not():
+    assert hasattr(play, "py_func") != bool(numba.config.DISABLE_JIT)
+
+
 @pytest.mark.compiled_only
 def test_compiled_code_holds_the_rules():
     """No GIL, no exceptions, no fast-math."""

@@ -67,18 +67,13 @@ class Sensitivity:
     @property
     def as_predicted(self) -> bool:
         """The same, and its margins are those that were predicted, but for a share of `KEPT`."""
-        return self.agrees and self.keeps((1.0,), (self.margins,))
+        return self.agrees and kept([self.measured_margins()], [self.margins])
 
-    def keeps(self, slopes: Sequence[float], claimed: Sequence[Margins]) -> bool:
-        """Whether it has a share of `KEPT` of the least margins that are `claimed`, at `slopes` times its gain."""
-        measured = least([self.measured_margins(slope) for slope in slopes])
-        return all(found >= KEPT * said for found, said in zip(measured, least(claimed), strict=True))
-
-    def relative(self, slopes: Sequence[float]) -> list[float]:
-        """Multiples of the identified slope as multiples of the measured one: another swing has another slope."""
+    def at_slopes(self, slopes: Sequence[float]) -> list[Margins]:
+        """Measured margins at multiples of the identified slope; the one measured is that of another swing."""
         near = np.argsort(np.abs(np.log(self.frequency_Hz / SMALL_HZ)))[:_SMALL_LINES]
         own = float(np.median(np.abs(self.measured / self.predicted)[near]))
-        return [slope / own for slope in slopes]
+        return [self.measured_margins(slope / own) for slope in slopes]
 
     @property
     def seen(self) -> bool:
@@ -133,6 +128,11 @@ class Sensitivity:
 def least(found: Sequence[Margins]) -> tuple[float, float]:
     """The least gain (dB) and the least phase margin (degrees) of a loop at several slopes."""
     return min(m.gain_dB for m in found), min(m.phase_deg for m in found)
+
+
+def kept(measured: Sequence[Margins], claimed: Sequence[Margins]) -> bool:
+    """Whether those measured have a share of `KEPT` of the least that are `claimed`."""
+    return all(found >= KEPT * said for found, said in zip(least(measured), least(claimed), strict=True))
 
 
 def judge_loop(

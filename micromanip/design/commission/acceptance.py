@@ -10,7 +10,7 @@ import numpy as np
 from micromanip.settings.wiring.timing import AT_ONCE
 
 from ..analyse.axis import AxisAnalysis
-from ..analyse.sensitivity import AGREEMENT, KEPT, Sensitivity, least
+from ..analyse.sensitivity import AGREEMENT, KEPT, Sensitivity, kept, least
 from ..identify.models import OUTER_DELAY
 from ..report.model import Criterion
 from ..validate.criteria import Part, criteria, judged, told
@@ -72,8 +72,8 @@ def _measured(found: Commissioned, analysis: AxisAnalysis) -> Iterator[Part]:
     for loop in (found.strain_loop, *(() if found.outer is None else (found.outer.loop,))):
         strain = analysis.strain if loop is found.strain_loop else None
         slopes, claimed = ((1.0,), (loop.margins,)) if strain is None else (strain.slopes, strain.margins)
-        seen = slopes if strain is None else loop.relative(slopes)
         nominal = loop.measured_margins()
+        measured = [nominal] if strain is None else loop.at_slopes(slopes)
         value = (
             f"{nominal.sensitivity:.2f} ({loop.between}), {_reached(nominal.gain_dB, loop)}, "
             f"{nominal.phase_deg:.0f} deg; predicted {loop.margins.sensitivity:.2f}"
@@ -85,11 +85,11 @@ def _measured(found: Commissioned, analysis: AxisAnalysis) -> Iterator[Part]:
         if not loop.seen:
             value += f" at {loop.margins.peak_Hz:.0f} Hz by the model: measured up to {loop.frequency_Hz[-1]:.0f} Hz"
         yield f"{loop.name}: Ms measured in the loop", loop.agrees, value, limit
-        least_dB, least_deg = least([loop.measured_margins(slope) for slope in seen])
+        least_dB, least_deg = least(measured)
         said_dB, said_deg = least(claimed)
         value = f"{_reached(least_dB, loop)}, {least_deg:.0f} deg" + (" at the worst slope" if len(slopes) > 1 else "")
         limit = f">= {KEPT:g} of the predicted {said_dB:.1f} dB, {said_deg:.0f} deg"
-        yield f"{loop.name}: margins measured in the loop", loop.keeps(seen, claimed), value, limit
+        yield f"{loop.name}: margins measured in the loop", kept(measured, claimed), value, limit
 
 
 def _reached(gain_dB: float, loop: Sensitivity) -> str:

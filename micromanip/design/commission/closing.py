@@ -21,7 +21,7 @@ from micromanip.settings.wiring.timing import AT_ONCE
 
 from ..analyse.loop_analysis import Inverse, analyse_inverse, analyse_strain, between, slopes_of, small_slope
 from ..analyse.loops import HELD_SENSITIVITY, StrainSide, draw, drawn_plant, held_plant, over_path, strain_loop
-from ..analyse.sensitivity import Sensitivity, judge_loop
+from ..analyse.sensitivity import Sensitivity, judge_loop, kept
 from ..experiment import Experiment, with_axis
 from ..identify.actuation import DELAYS, ORDERS, Actuator
 from ..identify.closed_loop_response import measure_outer_loop, measure_strain_loop
@@ -120,7 +120,7 @@ def close_strain(
         measured = measure_strain_loop(closed, bench.experiment, bench.axis, bench.seed + 10 + again)
         nominal = pid.margins[slopes.index(1.0)]
         loop = judge_loop("strain loop", measured, actuator.system, strain_loop(pid.inner, seen), nominal)
-        if by_bus or (loop.agrees and (again or loop.keeps(loop.relative(slopes), pid.margins))):
+        if by_bus or (loop.agrees and (again or kept(loop.at_slopes(slopes), pid.margins))):
             return actuator, pid, loop, strain_prices(tune, given, actuator, pid)
         bench.learned.append(loop.sentence)
         actuator = replace(actuator, found=identify(measured, bench.period_s, Wanted(ORDERS, DELAYS)))

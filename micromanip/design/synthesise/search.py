@@ -165,11 +165,15 @@ class Task:
         known = within(found, candidate.loop, self.unsure)
         if known.sensitivity > ROBUST or known.gain_dB < self.gain_dB:
             return UNKNOWN
-        samples = Samples(self.sample_cycles, self.late_cycles)
-        given = candidate.gains, len(self.model.A)
-        if self.reach is not None and not comes_to_rest(*given, self.reach, self.period_s, samples):
+        if not self._comes_to_rest(candidate.gains):
             return SLEWED
         return None if self.bears is None or self.bears(candidate.outer, candidate.gains) else FRAGILE
+
+    def _comes_to_rest(self, gains: OuterGains) -> bool:
+        if self.reach is None:
+            return True
+        samples = Samples(self.sample_cycles, self.late_cycles)
+        return comes_to_rest(gains, len(self.model.A), self.reach, self.period_s, samples)
 
 
 _INPUTS_UM, _AT_ONCE_UM = (1e-4, 1e-3, 1e-2, 1e-1), (1.0,)

@@ -44,6 +44,8 @@ def test_the_share_of_the_feedback_that_is_left_is_what_is_judged():
     weaker = running.inner.model_copy(update={"K_V_per_um": 0.8 * running.inner.K_V_per_um})
     for slope, judged in zip(found.slopes, found.margins, strict=True):
         assert judged.sensitivity == pytest.approx(margins(strain_loop(weaker, PLANT, slope)).sensitivity)
+        whole = margins(strain_loop(running.inner, PLANT, slope))
+        assert judged.sensitivity != pytest.approx(whole.sensitivity, rel=1e-3)
     assert found.side.inner == weaker
 
 

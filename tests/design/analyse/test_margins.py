@@ -54,6 +54,7 @@ def test_no_plant_within_what_is_known_has_less(name, share, late, sign):
     assert found.modulus >= known.modulus - 1e-3
     assert found.gain_dB >= min(known.gain_dB, 25.0) - 0.1  # the grid is coarse where L is small
     assert known.gain_dB <= max(nominal.gain_dB - 20.0 * np.log10(1.0 + share), 0.0) + 0.1
+    assert within(nominal, loop, np.zeros_like).modulus == pytest.approx(nominal.modulus, rel=1e-6)
 
 
 def test_agrees_with_control_on_a_frequency_response_alone():

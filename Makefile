@@ -8,7 +8,7 @@ READY  := $(VENV)/.installed
 PIP    := $(BIN)/pip install --quiet --disable-pip-version-check --no-compile --constraint constraints.txt
 # more than cores: while some tests wait for processes and links, others compute; those of `check` do not wait
 JOBS   ?= 3
-PYTEST := $(BIN)/python -m pytest -p tools.again_alone
+PYTEST := $(BIN)/python -m pytest
 TESTS  := $(PYTEST) -n $(JOBS) --dist loadgroup
 # Small matrices: on a busy machine, threads that wait for each other are ten times slower than one.
 export OPENBLAS_NUM_THREADS ?= 1

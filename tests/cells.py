@@ -3,14 +3,14 @@
 import json
 import re
 import socket
-from pathlib import Path
 
 import numpy as np
 
+from campaigns.report import CONFIG
 from campaigns.running_controller import PATIENCE_S
 from micromanip.rt import mailbox as w
 
-SIMULATED = Path(__file__).parents[1] / "config" / "paper.yaml"
+SIMULATED = CONFIG / "paper.yaml"
 # The program, with the locks of the devices in a folder of the test's own.
 LOCKS_ELSEWHERE = (
     "import sys, pathlib, micromanip.bus.device_lock as lock; lock.FOLDER = pathlib.Path(sys.argv[1]); "

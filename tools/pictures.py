@@ -12,6 +12,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib import rc_context
+from matplotlib.figure import Figure
 
 from micromanip.design.analyse.axis import analyse_axis
 from micromanip.design.analyse.loops import strain_loop
@@ -19,10 +21,10 @@ from micromanip.design.commission.axis import commission_axis
 from micromanip.design.commission.closing import Options
 from micromanip.design.commission.report_sections import measured_response, step_response
 from micromanip.design.experiment import with_axes, with_reference
-from micromanip.design.plots.canvas import save
 from micromanip.design.plots.loops import drawn_plants, loop_plots, loops_of
 from micromanip.design.plots.paper import figure_5, figure_7, figure_9, hysteresis_loops
 from micromanip.design.report.model import Curve, Plot
+from micromanip.design.report.page import thinned
 from micromanip.design.validate.evaluation import evaluate
 from micromanip.settings.check import Prepared, prepare
 from micromanip.settings.schema.reference import Hold
@@ -31,6 +33,7 @@ from micromanip.virtual.experiment import VirtualExperiment, with_options
 ROOT = Path(__file__).resolve().parents[1]
 PICTURES = ROOT / "docs" / "pictures"
 _FORCE_N, _FORCE_START_S, _PERIOD_S = 80.0, 4.5, 1e-4
+_WIDTH, _DPI = 7.0, 130
 Drawing = tuple[str, Sequence[Plot], int]
 """Name of a file, what it shows, in how many columns."""
 
@@ -93,11 +96,41 @@ def drawings(prepared: Prepared, factory: Prepared) -> Iterator[Drawing]:
     yield "commission_outer", [step_response(found.outer.validation)], 1
 
 
+def drawn(plots: Sequence[Plot], columns: int) -> Figure:
+    """The plots below one another, or in several columns."""
+    rows = -(-len(plots) // columns)
+    figure = Figure(figsize=((_WIDTH, 4.6 * columns)[columns > 1], 3.4 * rows), layout="constrained")
+    for panel, plot in zip(figure.subplots(rows, columns, squeeze=False).flat, plots, strict=False):
+        for curve in plot.curves:
+            x, y = (curve.x, curve.y) if curve.marks else thinned(curve.x, curve.y, log_x=plot.log_x)
+            look, alpha = "o" if curve.marks else "-", 0.3 if curve.faint else 1.0
+            panel.plot(x, y, look, lw=0.9, ms=3.0, alpha=alpha, label=curve.label)
+            for x_here, y_here, text in zip(curve.x, curve.y, curve.texts, strict=False):
+                panel.annotate(text, (x_here, y_here), (4, 2), textcoords="offset points", fontsize="x-small")
+        panel.set(xlabel=plot.x_label, ylabel=plot.y_label)
+        panel.set_title(plot.title, fontsize="medium")
+        panel.set_xscale("log" if plot.log_x else "linear")
+        panel.set_yscale("log" if plot.log_y else "linear")
+        if plot.equal:
+            panel.set_aspect("equal", adjustable="datalim")
+        panel.grid(alpha=0.3)
+        if len(plot.curves) > 1:
+            panel.legend(fontsize="small")
+    return figure
+
+
+def save(plots: Sequence[Plot], file: Path, columns: int) -> None:
+    """Write a picture of `plots` as SVG; the same plots, the same bytes."""
+    with rc_context({"svg.hashsalt": "micromanip"}):
+        drawn(plots, columns).savefig(file, dpi=_DPI, metadata={"Date": None})
+
+
 def main() -> None:
     """Draw everything; the same sources give the same files."""
     cells = (prepare(ROOT / "config" / f"{each}.yaml") for each in ("simulated", "factory"))
     for name, plots, columns in drawings(*cells):
-        file = save(plots, PICTURES, name, columns=columns)
+        file = PICTURES / f"{name}.svg"
+        save(plots, file, columns)
         sys.stderr.write(f"{file.relative_to(ROOT)}  {file.stat().st_size / 1000:.0f} kB\n")
 
 

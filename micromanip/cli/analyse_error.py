@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,7 +12,7 @@ from .echo import echo
 from .options import Answer, Quantity, axis_option, chosen_axes, subcommand
 from .progress import steps
 from .recording_options import open_recording
-from .results import out_option, pictures_in
+from .results import out_option, page_in
 
 if TYPE_CHECKING:
     from micromanip.design.analyse.budget.budget import AxisBudget
@@ -33,31 +32,31 @@ _CONFIGURATIONS = (".yaml", ".yml")
     "--coherence", "coherence_s", type=Quantity("Seconds", least=0.05, most=60.0), default=1.0,
     metavar="S", help="For how long path and force keep their phase: what the bound takes for granted.",
 )  # fmt: skip
-@out_option("pictures", metavar="DIR")
+@out_option("the page error.html")
 def command(file: Path, only: str, seconds: float, seed: int, coherence_s: float, folder: Path | None) -> Answer:
     """Variance of the path error by cause, and a bound that no causal controller can beat.
 
     It is what the signals of a recording show; a configuration (.yaml) of a simulated cell is played in virtual time.
     docs/analyse.md explains it.
     """
-    with pictures_in(folder) as pictures, steps() as bar:
+    with page_in(folder, "error.html") as page, steps() as bar:
         if file.suffix.lower() in _CONFIGURATIONS:
             budgets, about = _of_configuration(file, only, seconds, seed, coherence_s, bar.say)
         else:
             budgets, about = _of_recording(file, only, coherence_s, bar.say)
         if folder is not None:
-            from micromanip.design.plots.findings import draw_budgets
+            from micromanip.design.analyse.budget.budget import composition
 
             bar.say("drawing")
-            pictures.draw(partial(draw_budgets, budgets, about))
-    document = {"file": str(file), "axes": [each.document() for each in budgets], "files": pictures.names}
+            page.write(f"Path error of {about}", map(composition, budgets))
+    document = {"file": str(file), "axes": [each.document() for each in budgets], "page": page.name}
 
     def show() -> None:
         for budget in budgets:
             _print(budget)
-        pictures.echo()
+        page.echo()
 
-    return Answer(document, show, pictures.problem)
+    return Answer(document, show, page.problem)
 
 
 def _of_configuration(

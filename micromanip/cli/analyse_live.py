@@ -13,7 +13,7 @@ from micromanip.errors import CheckFailed, require_axis
 
 from .echo import echo
 from .options import Answer, Quantity, moved_axis_option, one_axis_option, socket_option, subcommand
-from .results import out_option, pictures_in
+from .results import out_option, page_in
 
 if TYPE_CHECKING:
     from micromanip.design.analyse.health import Check
@@ -32,7 +32,7 @@ amplitude_option = click.option(
 @click.option("--loop", type=click.Choice(["strain", "stage"]), default="strain", help="Its loop.")
 @amplitude_option
 @click.option("--seed", type=Quantity("Seed"), default=1, help="Draws its phases.")
-@out_option("a picture", metavar="DIR")
+@out_option("the page live_AXIS_LOOP.html")
 @socket_option
 def live(
     axis: str, loop: Any, amplitude_um: float, seed: int, folder: Path | None, socket_path: Path,
@@ -55,20 +55,19 @@ def live(
         begun, plant = inject(client, axis, loop, amplitude_um, seed, DRAWS)
     running = validate_document(Source.of(begun["configuration"], Path("(running)")))
     found = judge_running(running, FeedbackPath(**begun["path"]), axis, loop, plant)
-    with pictures_in(folder) as pictures:
+    with page_in(folder, f"live_{axis}_{loop}.html") as page:
         if folder is not None:
-            from micromanip.design.plots.canvas import save
             from micromanip.design.plots.findings import running_plots
+            from micromanip.design.report.model import Section
 
-            name = f"sensitivity_{axis}_{loop}"
-            pictures.draw(lambda place: [save(running_plots(found), place, name, about=where)])
+            page.write(f"Axis {axis}, {found.loop.name}", [Section("Measured", where, {}, running_plots(found))])
 
     def show() -> None:
         _print_loop(found, where)
-        pictures.echo()
+        page.echo()
 
     failed = CheckFailed(f"axis {axis}, {found.loop.name}: {found.problem}") if found.problem is not None else None
-    return Answer(document(found, loop) | {"files": pictures.names}, show, failed or pictures.problem)
+    return Answer(document(found, loop) | {"page": page.name}, show, failed or page.problem)
 
 
 def inject(

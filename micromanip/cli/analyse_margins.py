@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +13,7 @@ from micromanip.errors import CheckFailed
 from .echo import echo
 from .options import Answer, Quantity, axis_option, chosen_axes, config_argument, subcommand
 from .progress import steps
-from .results import out_option, pictures_in, provenance
+from .results import out_option, page_in, provenance
 
 if TYPE_CHECKING:
     from micromanip.design.commission.coupled import Coupled
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @subcommand("margins", "micromanip analyse margins config/simulated.yaml --axis x --out out/analyse")
 @config_argument
-@out_option("the figures")
+@out_option("the page margins.html")
 @axis_option
 @click.option("--samples", type=click.IntRange(0, 1_000_000), default=100, help="Plants that are drawn, an axis.")
 @click.option("--seed", type=Quantity("Seed"), default=1, help="Seed of the first plant; the next follow.")
@@ -42,27 +42,21 @@ def command(config: Path, folder: Path | None, only: str, samples: int, seed: in
     shown = chosen_axes(prepared.configuration.axes, only, config)
     seeds = range(seed, seed + samples)
     analyses = []
-    with pictures_in(folder) as pictures, steps() as bar:
+    with page_in(folder, "margins.html") as page, steps() as bar:
         for name in shown:
 
             def progress(what: str, axis: str = name) -> None:
                 bar.say(f"axis {axis}: {what}")
 
-            analysis = analyse_axis(
-                prepared.configuration,
-                name,
-                VirtualExperiment(prepared) if prepared.wiring.virtual else None,
-                seeds,
-                jobs=jobs or -1,
-                progress=progress,
-            )
-            analyses.append(analysis)
-            if folder is not None:
-                from micromanip.design.plots.loops import draw_analysis
+            experiment = VirtualExperiment(prepared) if prepared.wiring.virtual else None
+            found = analyse_axis(prepared.configuration, name, experiment, seeds, jobs=jobs or -1, progress=progress)
+            analyses.append(found)
+        if folder is not None:
+            from micromanip.design.plots.loops import analysis_sections
 
-                progress("drawing")
-                about = provenance(prepared, name, seed)
-                pictures.draw(partial(draw_analysis, analysis, about=about))
+            bar.say("drawing")
+            sections = (analysis_sections(each, provenance(prepared, each.axis, seed)) for each in analyses)
+            page.write(f"Margins of {config}", chain.from_iterable(sections))
     judged = [criterion for analysis in analyses for criterion in criteria(analysis)]
     coupled = _coupled(prepared, seed) if only == "all" else None
     if coupled is not None:
@@ -72,7 +66,7 @@ def command(config: Path, folder: Path | None, only: str, samples: int, seed: in
         "passed": not failed,
         "axes": [report(analysis) for analysis in analyses],
         "coupling": None if coupled is None else coupled.document(),
-        "figures": pictures.names,
+        "page": page.name,
     }
 
     def show() -> None:
@@ -82,9 +76,9 @@ def command(config: Path, folder: Path | None, only: str, samples: int, seed: in
         for analysis in analyses:
             for line in notes(analysis):
                 echo(f"axis {analysis.axis}: {line}")
-        pictures.echo()
+        page.echo()
 
-    return Answer(document, show, pictures.problem or _failure(judged, failed))
+    return Answer(document, show, page.problem or _failure(judged, failed))
 
 
 def _failure(judged: list[Any], failed: list[Any]) -> CheckFailed | None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,7 +11,7 @@ from micromanip.errors import CheckFailed, MicromanipError
 
 from .echo import echo
 from .options import Answer, Quantity, axis_option, chosen_axes, subcommand, warn
-from .results import out_option, pictures_in
+from .results import out_option, page_in
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -34,7 +33,7 @@ _MOST_SHOWN = 24
     "--tolerance", "tolerance_um", type=Quantity("Distance"), metavar="UM",
     help="Following error that is tolerated.  [default: 3 times the axis' accept.tracking_error_um, else 5]",
 )  # fmt: skip
-@out_option("pictures", metavar="DIR")
+@out_option("the page path.html")
 def command(
     file: Path, config: Path, only: str, reserve_um: float, tolerance_um: float | None, folder: Path | None,
 ) -> Answer:  # fmt: skip
@@ -50,27 +49,27 @@ def command(
     prepared = prepare(config)
     chosen = chosen_axes(prepared.configuration.axes, only, config)
     path = seen_path(file, chosen)
-    with pictures_in(folder) as pictures:
+    with page_in(folder, "path.html") as page:
         found = preview_of(prepared, path, reserve_um, tolerance_um)
         if folder is not None:
-            from micromanip.design.plots.findings import draw_previews
+            from micromanip.design.plots.findings import preview_sections
 
-            pictures.draw(partial(draw_previews, found, prepared.configuration.axes, f"{file}, {config}"))
+            page.write(f"Path {file}", preview_sections(found, prepared.configuration.axes, f"{file}, {config}"))
     over = sorted((stretch for axis in found.axes for stretch in axis.stretches), key=lambda each: each.from_s)
 
     def show() -> None:
         warn(found.notes)
         _print(found, over)
-        pictures.echo()
+        page.echo()
 
-    problem: MicromanipError | None = pictures.problem
+    problem: MicromanipError | None = page.problem
     if problem is None and over:
         problem = CheckFailed(
             f"{file} does not fit: {len(over)} stretches ask for more than there is, the first: axis {over[0].axis}, "
             f"{over[0].what}, at {over[0].from_s:.2f} s"
         )
     document = {"path": str(file), "config": str(config), "reserve_um": reserve_um, **found.document()}
-    return Answer(document | {"files": pictures.names}, show, problem)
+    return Answer(document | {"page": page.name}, show, problem)
 
 
 def _print(found: Preview, over: Sequence[Stretch]) -> None:

@@ -98,7 +98,7 @@ _GROUPS = {
             *("analyse_margins", "analyse_error", "analyse_path", "analyse_live"),
         ),
         LazyGroup("recording", 'start; micromanip recording mark "coolant on"', "recording", "recording_report"),
-        LazyGroup("trip", "show --plot trip.png"),
+        LazyGroup("trip", "show --to trip.html"),
         LazyGroup("learn", "status"),
         LazyGroup("device", "probe config/can.yaml can0", "device", "device_esi", "device_simulate"),
         LazyGroup("system", "check config/simulated.yaml"),

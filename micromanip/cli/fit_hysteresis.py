@@ -14,7 +14,7 @@ from .echo import echo
 from .options import Answer, Quantity, subcommand
 from .progress import steps
 from .recording_options import Target, echo_sources, recording_options
-from .results import out_option, pictures_in
+from .results import out_option, page_in
 
 if TYPE_CHECKING:
     from micromanip.recordings import TimeSeries
@@ -39,7 +39,7 @@ KINDS = ("pi-affine", "pi-tanh", "pi-free", "rate", "network", "best")
 @click.option("--creep/--no-creep", default=False, help="Add creep operators (best tries both).")
 @click.option("--plays", type=click.IntRange(1, 32), default=10, help="Play operators.")
 @click.option("--seed", type=Quantity("Seed"), default=0, help="Of the starts.")
-@out_option("the figures")
+@out_option("the page fit.html")
 def command(
     file: Path, input_name: str, output_name: str, time_name: str | None, cut: tuple[float, float] | None,
     rate_hz: float | None, keep_spikes: bool, step_s: float | None, burn_in_s: float, kind: str, creep: bool,
@@ -69,15 +69,15 @@ def command(
     # the part is that of FILE; the other record has its own length
     held_out = load_record(validate, replace(wanted, cut=None)) if validate else None
     echo_sources([record, *([held_out] if held_out else [])])
-    with pictures_in(folder) as pictures, steps() as bar:
+    with page_in(folder, "fit.html") as page, steps() as bar:
         bar.say(f"fitting {kind}")
         request = Request(kind, creep, plays, seed, burn_in_s, range_um)
         result = fit_record(record, held_out, request, lambda what: bar.say(f"fitting {what}"))
         if folder is not None:
-            from micromanip.design.plots.findings import draw_fit
+            from micromanip.design.plots.findings import fit_sections
 
             bar.say("drawing")
-            pictures.draw(lambda where: draw_fit(result, record, held_out, where))
+            page.write(f"Fit of {file}", fit_sections(result, record, held_out))
     unwritten = None
     if target is not None:
         try:
@@ -86,16 +86,16 @@ def command(
             target.write(with_hysteresis(target.source.text, target.axis, whole))
         except MicromanipError as problem:
             unwritten = problem
-    report = result.report() | {"figures": pictures.names}
+    report = result.report() | {"page": page.name}
     report["notes"] = [*record.notes, *report["notes"]]
 
     def show() -> None:
         _print(report, result.notes)
-        pictures.echo()
+        page.echo()
         if into is not None and unwritten is None:
             echo(f"written into {into}")
 
-    return Answer(report, show, unwritten or pictures.problem)
+    return Answer(report, show, unwritten or page.problem)
 
 
 def _require_meant(record: TimeSeries, range_um: tuple[float, float], where: str) -> None:

@@ -76,8 +76,9 @@ def _samples(
             before = int(row["cycle"])
             rows = row.reshape(1)
             yield {"t_s": before * period_ns * 1e-9, **{field.name: field.of(rows)[0].item() for field in fields}}
-        due_s = max(due_s + every_s, time.monotonic())
-        time.sleep(due_s - time.monotonic())
+        now_s = time.monotonic()
+        due_s = max(due_s + every_s, now_s)
+        time.sleep(due_s - now_s)
 
 
 def _text(value: float) -> str:

@@ -1,6 +1,6 @@
 """Where a command puts its results: a folder that is tried before anything moves.
 
-Pictures of the same name are drawn anew. What somebody has changed of an earlier commissioning is set aside, into a
+A page of the same name is written anew. What somebody has changed of an earlier commissioning is set aside, into a
 folder named for when it was written; a file that another folder beside it holds already, byte for byte, is replaced.
 """
 
@@ -24,6 +24,7 @@ from micromanip.errors import MicromanipError, UsageError, system_error
 from .echo import echo
 
 if TYPE_CHECKING:
+    from micromanip.design.report.model import Section
     from micromanip.settings.check import Prepared
 
 LATEST = "latest"
@@ -79,7 +80,7 @@ def require_new_page(place: Path) -> None:
 
 
 def provenance(prepared: Prepared, axis: str, seed: int | None) -> str:
-    """What a picture says of where it comes from; `seed` None stands for that of the simulation in the file."""
+    """What a page says of where it comes from; `seed` None stands for that of the simulation in the file."""
     seeds = [
         driver.options.get("seed", 1)
         for driver in prepared.configuration.drivers.values()
@@ -90,46 +91,48 @@ def provenance(prepared: Prepared, axis: str, seed: int | None) -> str:
     return f"axis {axis}, {prepared.source.path} ({prepared.source.hash[:8]}), {today}{drawn}"
 
 
-class Pictures:
-    """Pictures of what a command has found, each whole or not there.
+class Page:
+    """One page of HTML of what a command has found, whole or not there.
 
     A disk that fills keeps the command's other results: `problem` says then what is missing.
     """
 
-    def __init__(self, folder: Path | None) -> None:
-        """None: nothing is drawn."""
-        self.folder = folder
-        self.files: list[Path] = []
+    def __init__(self, file: Path | None) -> None:
+        """None: no page is wanted."""
+        self.file = file
         self.problem: MicromanipError | None = None
 
-    def draw(self, pictures: Callable[[Path], Iterable[Path]], drawn: Callable[[], None] = lambda: None) -> None:
-        """Let `pictures` write into the folder that it is called with, `drawn` after each; after a failure no more."""
-        if self.folder is None or self.problem is not None:
+    def write(self, title: str, sections: Iterable[Section]) -> None:
+        """Draw `sections`, which are asked for only where a page is wanted."""
+        if self.file is None:
             return
+        from micromanip.design.report.page import page_of
+
+        text, new = page_of(title, sections), self.file.with_name(f".{self.file.name}")
         try:
-            for file in pictures(self.folder):
-                self.files.append(file)
-                drawn()
+            new.write_text(text, encoding="utf-8")
+            new.replace(self.file)
         except OSError as problem:
-            cause = system_error(problem, f"--out {self.folder}")
-            self.problem = type(cause)(f"the figures are not complete: {cause}")
+            new.unlink(missing_ok=True)
+            cause = system_error(problem, str(self.file))
+            self.file, self.problem = None, type(cause)(f"the page is not written: {cause}")
 
     @property
-    def names(self) -> list[str]:
-        """The files, as JSON has them."""
-        return list(map(str, self.files))
+    def name(self) -> str | None:
+        """The file, as JSON has it."""
+        return None if self.file is None else str(self.file)
 
     def echo(self) -> None:
         """Say what is there."""
-        if self.files:
-            echo(f"{len(self.files)} figures in {self.folder}/" if self.files[1:] else f"wrote {self.files[0]}")
+        if self.file is not None:
+            echo(f"wrote {self.file}")
 
 
 @contextlib.contextmanager
-def pictures_in(folder: Path | None) -> Iterator[Pictures]:
-    """Pictures for `folder`, which is tried at the beginning; None: nothing is drawn."""
+def page_in(folder: Path | None, name: str) -> Iterator[Page]:
+    """The page `name` of `folder`, which is tried at the beginning; None: nothing is drawn."""
     with contextlib.nullcontext() if folder is None else results_folder(folder):
-        yield Pictures(folder)
+        yield Page(None if folder is None else folder / name)
 
 
 @contextlib.contextmanager

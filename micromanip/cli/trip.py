@@ -3,18 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
-from micromanip.errors import UsageError, system_error
-
 from .echo import echo
 from .options import Answer, subcommand
-
-if TYPE_CHECKING:
-    from micromanip.host.trips.store import TripRecord
-
+from .results import Page, require_new_page
 
 _folder_option = click.option(
     "--trips", "folder", type=click.Path(path_type=Path, file_okay=False),
@@ -34,11 +28,14 @@ def list_(folder: Path | None) -> Answer:
     return Answer(found, lambda: echo("\n".join(said)))
 
 
-@subcommand("show", "micromanip trip show --plot trip.png")
+@subcommand("show", "micromanip trip show --to trip.html")
 @click.argument("trip", required=False)
-@click.option("--plot", type=click.Path(path_type=Path, dir_okay=False), help="Draw it into this .png or .svg file.")
+@click.option(
+    "--to", type=click.Path(path_type=Path), metavar="FILE.html",
+    help="New file: words and plots as one page of HTML.",
+)  # fmt: skip
 @_folder_option
-def show(trip: str | None, plot: Path | None, folder: Path | None) -> Answer:
+def show(trip: str | None, to: Path | None, folder: Path | None) -> Answer:
     """Show what tripped, the order of causes, what the controller did, and what to do next.
 
     TRIP is a file, or the name of a trip or its beginning; without it, the newest.
@@ -46,21 +43,13 @@ def show(trip: str | None, plot: Path | None, folder: Path | None) -> Answer:
     from micromanip.host.trips.report import lines, story
     from micromanip.host.trips.store import TripRecord, find, folder_to_read
 
-    if plot is not None and plot.suffix.lower() not in (".png", ".svg"):
-        raise UsageError(f"--plot {plot}: the file must end with .png or .svg")
+    from .trip_page import trip_sections
+
+    if to is not None:
+        require_new_page(to)
     file = find(folder or folder_to_read(), trip)
     box = TripRecord.load(file)
     found = story(box, file)
-    if plot is not None:
-        _draw(box, plot)
-        found["plot"] = str(plot)
-    return Answer(found, lambda: list(map(echo, lines(found))))
-
-
-def _draw(box: TripRecord, plot: Path) -> None:
-    from micromanip.host.trips.report import save
-
-    try:
-        save(box, plot)
-    except OSError as problem:
-        raise system_error(problem, f"--plot {plot} can't be written") from problem
+    page = Page(to)
+    page.write(file.stem, trip_sections(box, found))
+    return Answer(found | {"page": page.name}, lambda: list(map(echo, lines(found))), page.problem)

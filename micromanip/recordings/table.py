@@ -87,9 +87,10 @@ class Table(Mapping[str, Array]):
         if len(self) == 0:
             raise CheckFailed(f"{self.file}: there is no column of numbers in it")
         wanted = name if name and known(unit) is not None else asked
-        if wanted in self.texts:
-            held = f"holds no numbers, but {self.texts[wanted][:40]!r}" if self.texts[wanted] else "is empty"
-            raise CheckFailed(f"{self.file}: {wanted} {held}")
+        for text, field in self.texts.items():
+            if wanted in (text, split_unit(text)[0]):
+                held = f"holds no numbers, but {field[:40]!r}" if field else "is empty"
+                raise CheckFailed(f"{self.file}: {text} {held}")
         hint = did_you_mean(wanted, self, "its columns are")
         raise CheckFailed(f"{self.file}: there is no column {wanted}; {hint}")
 

@@ -210,13 +210,10 @@ def _rows(
         end = f" to {numbers[settings[-1]]}" if len(settings) > 1 else ""
         notes.insert(0, f"line {numbers[settings[0]]}{end}: numbers before the table, left out as settings")
     if between := [at for at in between if at > first]:
-        often = (
-            f", and {len(between) - 1} line{'s' * (len(between) > 2)} more, left out"
-            if len(between) > 1
-            else ", left out"
-        )
+        more = len(between) - 1
+        also = f", and {more} line{'s' * (more > 1)} more" if more else ""
         text = lines[between[-1]].strip()[:40]
-        notes.append(f"line {numbers[between[-1]]}: {text!r} between rows, which go on evenly behind it{often}")
+        notes.append(f"line {numbers[between[-1]]}: {text!r} between rows that go on evenly behind it{also}, left out")
     return sorted({*range(first, last)} - {*between}), kinds, notes
 
 

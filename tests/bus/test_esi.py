@@ -2,15 +2,15 @@
 
 import random
 import re
-from pathlib import Path
 
 import pytest
 
+from campaigns.report import CONFIG
 from micromanip.bus.ethercat.esi import esi_products, read_esi
 from micromanip.bus.ethercat.esi_keys import lines_of, not_mapped, terminal_keys
 from micromanip.errors import ConfigError
 
-SAMPLE = Path(__file__).parents[2] / "config" / "ethercat" / "piezo-cell.xml"
+SAMPLE = CONFIG / "ethercat" / "piezo-cell.xml"
 ONE = """\
 <EtherCATInfo><Vendor><Id>17229</Id></Vendor><Descriptions><Devices>
 <Device>

@@ -2,14 +2,14 @@
 
 import importlib
 import sys
-from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
+from campaigns.report import CONFIG
 from micromanip.cli.main import main
 
-FACTORY = Path(__file__).parents[2] / "config" / "factory.yaml"
+FACTORY = CONFIG / "factory.yaml"
 
 
 @pytest.fixture(scope="session")

@@ -6,10 +6,9 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
+from campaigns.report import CONFIG
 from micromanip.cli.analyse_error import command
 from micromanip.errors import CheckFailed, UsageError
-
-CONFIG = Path(__file__).parents[2] / "config"
 
 
 def asked(*arguments):
@@ -17,14 +16,14 @@ def asked(*arguments):
 
 
 @pytest.mark.long
-def test_the_document_sums_to_the_whole_and_pictures_are_drawn(tmp_path):
+def test_the_document_sums_to_the_whole_and_a_page_is_written(tmp_path):
     result = asked(CONFIG / "simulated.yaml", "--axis", "x", "--seconds", "4", "--out", tmp_path, "--json")
     (axis,) = json.loads(result.stdout)["axes"]
     assert sum(cause["variance_um2"] for cause in axis["causes"]) == pytest.approx(axis["variance_um2"])
     assert sum(cause["share_percent"] for cause in axis["causes"]) == pytest.approx(100.0)
     assert axis["seen"].startswith("3.0 s of tracking")
     assert axis["bound"]["ratio"] == pytest.approx(axis["rms_um"] / axis["bound"]["rms_um"])
-    assert {file.name for file in tmp_path.iterdir()} == {"budget_x.svg"}
+    assert {file.name for file in tmp_path.iterdir()} == {"error.html"}
 
 
 def test_what_can_not_be_budgeted_is_told():

@@ -1,16 +1,16 @@
-"""`micromanip analyse path`: verdict and exit code, its document and pictures; what it can't take."""
+"""`micromanip analyse path`: verdict and exit code, its document and page; what it can't take."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from campaigns.report import CONFIG
 from micromanip.cli.analyse_path import command
 from micromanip.errors import CheckFailed, UsageError
 
-CONFIG = Path(__file__).parents[2] / "config" / "simulated.yaml"
+SIMULATED = CONFIG / "simulated.yaml"
 
 
 def path_file(folder, amplitude_um):
@@ -30,18 +30,18 @@ def asked(*arguments):
 def test_a_path_that_fits_ends_with_0_and_is_drawn(tmp_path):
     out = tmp_path / "out"
     file = path_file(tmp_path, 150.0)
-    result = asked(file, "--config", CONFIG, "--axis", "x", "--out", out, "--json")
+    result = asked(file, "--config", SIMULATED, "--axis", "x", "--out", out, "--json")
     assert result.exit_code == 0
     found = json.loads(result.stdout)
     (axis,) = found["axes"]
     assert (found["fits"], axis["axis"], axis["stretches"]) == (True, "x", [])
     assert axis["deviation_um"] == pytest.approx([-150.0, 150.0], rel=0.01)
     assert axis["setpoint_um"] == pytest.approx([36.0, 96.0], abs=1.0)
-    assert found["files"] == [str(out / "preview_x.svg")]
+    assert found["page"] == str(out / "path.html")
 
 
 def test_a_path_that_does_not_fit_ends_with_1_and_says_where(tmp_path):
-    result = asked(path_file(tmp_path, 330.0), "--config", CONFIG)
+    result = asked(path_file(tmp_path, 330.0), "--config", SIMULATED)
     assert isinstance(result.exception, CheckFailed)
     assert "does not fit" in str(result.exception)
     assert "axis x, tracker range, at 0.4" in str(result.exception)
@@ -51,10 +51,10 @@ def test_a_path_that_does_not_fit_ends_with_1_and_says_where(tmp_path):
 def test_what_can_not_be_previewed_is_told(tmp_path):
     file = path_file(tmp_path, 10.0)
     for arguments, kind, message in (
-        ((file, "--config", CONFIG, "--axis", "q"), UsageError, "there is no axis 'q'"),
-        ((file, "--config", CONFIG, "--reserve", "70"), CheckFailed, "a reserve of 70 um leaves nothing"),
-        ((tmp_path / "gone.csv", "--config", CONFIG), CheckFailed, "no such file"),
-        ((CONFIG, "--config", CONFIG), CheckFailed, "simulated.yaml"),
+        ((file, "--config", SIMULATED, "--axis", "q"), UsageError, "there is no axis 'q'"),
+        ((file, "--config", SIMULATED, "--reserve", "70"), CheckFailed, "a reserve of 70 um leaves nothing"),
+        ((tmp_path / "gone.csv", "--config", SIMULATED), CheckFailed, "no such file"),
+        ((SIMULATED, "--config", SIMULATED), CheckFailed, "simulated.yaml"),
     ):
         result = asked(*arguments)
         assert isinstance(result.exception, kind), result.exception

@@ -2,10 +2,10 @@
 
 import io
 import json
-from pathlib import Path
 
 import pytest
 
+from campaigns.report import CONFIG
 from micromanip.design.validate import paper
 from micromanip.settings.load import load_with_source
 from micromanip.settings.tuning_hash import changes_since
@@ -14,7 +14,7 @@ from .command import code_of
 
 pytestmark = pytest.mark.long
 
-FACTORY = Path(__file__).parents[2] / "config" / "factory.yaml"
+FACTORY = CONFIG / "factory.yaml"
 
 GAUGE_ONLY = """\
 schema_version: 2

@@ -1,14 +1,14 @@
 """`micromanip device esi`: what it lists, what it writes is a configuration's, and what it refuses."""
 
-from pathlib import Path
-
 import pytest
 import yaml
 from micromanip_drivers.ethercat.options import Terminal
 
+from campaigns.report import CONFIG
+
 from .command import code_of
 
-SAMPLE = Path(__file__).parents[2] / "config" / "ethercat" / "piezo-cell.xml"
+SAMPLE = CONFIG / "ethercat" / "piezo-cell.xml"
 
 
 def test_several_devices_are_listed(capsys):

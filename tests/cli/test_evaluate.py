@@ -1,17 +1,17 @@
 """``evaluate`` against Table 1 of the paper: the figures that the project stands for."""
 
 import json
-from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
 
+from campaigns.report import CONFIG
 from micromanip.cli.commands import cli
 from micromanip.design.validate import paper
 
 pytestmark = pytest.mark.long
 
-CONFIG = str(Path(__file__).parents[2] / "config" / "simulated.yaml")
+SIMULATED = str(CONFIG / "simulated.yaml")
 KEYS = {
     "axis",
     "frequency_hz",
@@ -32,7 +32,7 @@ def few_sines(monkeypatch):
 
 
 def evaluated(*options):
-    result = CliRunner().invoke(cli, ["evaluate", CONFIG, "--json", *options], catch_exceptions=False)
+    result = CliRunner().invoke(cli, ["evaluate", SIMULATED, "--json", *options], catch_exceptions=False)
     assert result.exit_code == 0
     return json.loads(result.stdout)
 
@@ -70,7 +70,7 @@ def test_a_pid_that_swings_on_its_actuator_is_told(few_sines, monkeypatch):
     strong = paper.ANCHOR_PID.model_copy(update={"K_V_per_um": 3.0 * paper.ANCHOR_PID.K_V_per_um})
     monkeypatch.setattr(paper, "ANCHOR_PID", strong)
     monkeypatch.setattr(paper, "FREQUENCIES_HZ", (10.0,))
-    result = CliRunner().invoke(cli, ["evaluate", CONFIG, "--axis", "x"], catch_exceptions=False)
+    result = CliRunner().invoke(cli, ["evaluate", SIMULATED, "--axis", "x"], catch_exceptions=False)
     assert "A, axis x: the strain loop swings by itself at 157" in result.stdout
     assert "D, axis x: the strain loop swings" not in result.stdout
 

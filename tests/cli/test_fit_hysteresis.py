@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 import yaml
 
+from campaigns.report import CONFIG
 from micromanip.settings.load import load_with_source
 from micromanip.settings.schema.hysteresis import PrandtlIshlinskii
 from tests.design.actuators import predict
 
 from . import command
 
-FACTORY = Path(__file__).parents[2] / "config" / "factory.yaml"
+FACTORY = CONFIG / "factory.yaml"
 STEP_S = 2e-3
 COLUMNS = ("--input", "u_V", "--output", "y_um", "--burn-in", "1")
 QUICK = (*COLUMNS, "--model", "pi-affine", "--plays", "6")

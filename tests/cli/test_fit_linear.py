@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from scipy.signal import cont2discrete, lfilter
 
+from campaigns.report import CONFIG
 from micromanip.settings.load import load_with_source
 from micromanip.settings.schema.axis import LinearModel, Outer
 from tests.cli import command
 
-FACTORY = Path(__file__).parents[2] / "config" / "factory.yaml"
+FACTORY = CONFIG / "factory.yaml"
 STAGE = ("--input", "setpoint_um", "--output", "stage_um", "--axis", "x")
 OMEGA, DAMPING = 2 * np.pi * 60.0, 0.05
 CONTINUOUS = np.array([[0.0, 1.0], [-(OMEGA**2), -2 * DAMPING * OMEGA]]), np.array([[0.0], [OMEGA**2]])

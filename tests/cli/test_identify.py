@@ -1,19 +1,19 @@
 """``identify``: a recording from the simulation, in virtual time."""
 
 from functools import partial
-from pathlib import Path
 from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
+from campaigns.report import CONFIG
 from micromanip.cli.live_experiment import LiveCell
 from micromanip.cli.new import text_for
 from tests.cells import changed
 
 from . import command
 
-FACTORY = Path(__file__).parents[2] / "config" / "factory.yaml"
+FACTORY = CONFIG / "factory.yaml"
 SLOW_BUS = "seed: 1, bus: {input_rate_Hz: 250, input_latency_us: 6000, output_rate_Hz: 250, output_latency_us: 6000}}"
 OLDER = "_x: {driver: cell, max_age_us: 30000, range_um: "
 

@@ -11,6 +11,7 @@ from pathlib import Path
 import click
 import pytest
 
+from campaigns.report import CONFIG
 from micromanip.cli.commands import SECTIONS
 from micromanip.cli.options import Quantity
 from micromanip.client import default_socket
@@ -116,7 +117,7 @@ def test_a_recording(kind, no_file, capsys):
     assert re.search("not a regular file|Is a directory", capsys.readouterr().err)
 
 
-CONFIG = str(Path(__file__).parents[2] / "config" / "paper.yaml")
+PAPER = str(CONFIG / "paper.yaml")
 FULL = "standard output: No space left on device; make room there, or choose another place\n"
 
 
@@ -143,12 +144,12 @@ NEAR = {"stauts": "status", "comission": "commission", "recording strat": "start
 USAGE = [
     "chekc",
     "run",
-    f"run {CONFIG} --durtion 3",
-    f"run {CONFIG} --duration -1",
+    f"run {PAPER} --durtion 3",
+    f"run {PAPER} --duration -1",
     "completion",
     "get --watch",
-    f"analyse margins {CONFIG} --out out --samples -1",
-    f"analyse margins {CONFIG} --out out --jobs 0",
+    f"analyse margins {PAPER} --out out --samples -1",
+    f"analyse margins {PAPER} --out out --jobs 0",
 ]
 
 
@@ -163,15 +164,15 @@ def test_wrong_usage_is_64_and_a_near_miss_gets_a_suggestion(typed, capsys):
 )
 def test_no_controller_is_69_and_says_the_next_step(verb, tmp_path, capsys):
     assert code_of(*verb.split(), "--socket", tmp_path / "none.sock") == 69
-    assert "micromanip run CONFIG" in capsys.readouterr().err
+    assert "micromanip run PAPER" in capsys.readouterr().err
 
 
 def test_a_good_configuration(capsys):
-    assert code_of("check", CONFIG) == 0
+    assert code_of("check", PAPER) == 0
     out = capsys.readouterr().out
     assert ": good" in out
     assert "arms by itself as soon as READY, or within 30 s of it" in out
-    assert code_of("check", CONFIG, "--json") == 0
+    assert code_of("check", PAPER, "--json") == 0
     report = json.loads(capsys.readouterr().out)
     assert report["ok"] is True
     assert report["rate_hz"] == 10_000
@@ -182,7 +183,7 @@ def test_a_good_configuration(capsys):
 
 def test_a_bad_configuration_is_78_and_one_line(tmp_path, capsys):
     file = tmp_path / "bad.yaml"
-    file.write_text(Path(CONFIG).read_text(encoding="utf-8").replace("K_V_per_um: 0.6", "K_V_per_mm: 600", 1))
+    file.write_text(Path(PAPER).read_text(encoding="utf-8").replace("K_V_per_um: 0.6", "K_V_per_mm: 600", 1))
     assert code_of("run", str(file)) == 78
     (line,) = capsys.readouterr().err.strip().splitlines()
     number = next(n for n, text in enumerate(file.read_text().splitlines(), 1) if "K_V_per_mm" in text)
@@ -196,15 +197,15 @@ NO_AXIS = ["identify", "commission", "analyse margins", "evaluate", "analyse pat
 @pytest.mark.parametrize("typed", NO_AXIS)
 def test_an_axis_that_is_not_there_is_64_and_leaves_nothing(typed, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    assert code_of(*typed.split(), CONFIG, "--axis", "w", "--out", "out") == 64
-    assert f"there is no axis 'w' in {CONFIG}; there are x, y, z" in capsys.readouterr().err
+    assert code_of(*typed.split(), PAPER, "--axis", "w", "--out", "out") == 64
+    assert f"there is no axis 'w' in {PAPER}; there are x, y, z" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
 
 
 def test_what_we_did_not_foresee_is_70_with_a_file_and_no_traceback(monkeypatch, capsys, tmp_path):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     monkeypatch.setattr("micromanip.settings.check.prepare", lambda *_: 1 // 0)
-    assert code_of("check", CONFIG, "--json") == 70
+    assert code_of("check", PAPER, "--json") == 70
     out, err = capsys.readouterr()
     assert json.loads(out)["error"].startswith("bug: ZeroDivisionError: ")
     assert "Traceback" not in err
@@ -219,7 +220,7 @@ def test_the_socket_s_default_is_the_real_one(capsys):
 ERRORS = {
     "check --json": 64,
     "stauts --json": 64,
-    f"check {CONFIG} --json --jsno": 64,
+    f"check {PAPER} --json --jsno": 64,
     "check none.yaml --json": 78,
     "status --json --socket /nowhere/none.sock": 69,
 }
@@ -235,7 +236,7 @@ def test_an_error_is_one_document_too_where_json_is_asked_for(typed, capsys):
 
 
 @pytest.mark.parametrize(
-    "arguments", [*further(f"check {CONFIG}", f"check {CONFIG} --json"), "device list --json", "--help", "get --help"]
+    "arguments", [*further(f"check {PAPER}", f"check {PAPER} --json"), "device list --json", "--help", "get --help"]
 )
 @pytest.mark.parametrize(
     ("redirected", "code", "said"), [("| head -c 1", 0, ""), (">&-", 0, ""), ("> /dev/full", 69, FULL)]

@@ -4,11 +4,13 @@ import errno
 import os
 import re
 import stat
+from pathlib import Path
 
 import pytest
 
 from campaigns.report import CONFIG
-from micromanip.cli.results import pictures_in, publish, run_folder
+from micromanip.cli.results import page_in, publish, run_folder
+from micromanip.design.report.model import Section
 from micromanip.errors import DeviceUnavailable, PermissionDenied, UsageError, system_error
 
 from .command import code_of
@@ -93,21 +95,23 @@ def test_what_somebody_changed_is_set_aside(tmp_path):
     assert (tmp_path / "tuned.yaml").read_text() == "second"
 
 
-def test_a_disk_that_fills_while_drawing_keeps_what_is_whole(tmp_path):
-    """The results that are no pictures are the command's to print first."""
+def test_a_disk_that_fills_while_drawing_keeps_the_results(tmp_path, monkeypatch):
+    """They are the command's to print first; of the page nothing is left, and what was there stays."""
+    with page_in(tmp_path / "out", "fit.html") as page:
+        page.write("first", [Section("Loop", "text")])
+        whole = page.file.read_text()
+        assert "<h2>Loop</h2>" in whole
+        monkeypatch.setattr(Path, "replace", full)
+        page.write("second", [Section("Loop", "text")])
+        assert page.name is None
+        page.write("third", [])
+    assert isinstance(page.problem, DeviceUnavailable)
+    assert re.match("the page is not written: .*fit.html: No space left on device", str(page.problem))
+    assert files_in(tmp_path) == {"out/fit.html": whole.encode()}
 
-    def drawing(where):
-        (where / "whole.svg").write_text("whole")
-        yield where / "whole.svg"
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(where / "half.svg"))
 
-    with pictures_in(tmp_path / "out") as pictures:
-        pictures.draw(drawing)
-        pictures.draw(drawing)
-    assert pictures.files == [tmp_path / "out" / "whole.svg"]
-    assert isinstance(pictures.problem, DeviceUnavailable)
-    assert re.match("the figures are not complete: --out .*: No space left on device", str(pictures.problem))
-    assert [*files_in(tmp_path)] == ["out/whole.svg"]
+def full(file, _):
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(file))
 
 
 def test_a_folder_without_room_is_refused_before_anything_moves(tmp_path, monkeypatch, capsys):

@@ -7,15 +7,15 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import can
 import cantools
 import pytest
 
+from campaigns.report import CONFIG
+
 pytestmark = [pytest.mark.live, pytest.mark.xdist_group("loop")]  # an emulated device goes before ordinary work
 
-CONFIG = Path(__file__).parents[2] / "config"
 CHANNEL = f"hil-{os.getpid()}"
 PATIENCE_S = 60.0
 
@@ -113,7 +113,7 @@ def test_ctrl_c_ends_it_with_one_line_of_figures(device):
 
 def test_a_canopen_device_ends_with_its_summary(config):
     """It counts frames only: what the others count besides is left out, and is no bug."""
-    canopen = Path(__file__).parents[2] / "config" / "canopen.yaml"
+    canopen = CONFIG / "canopen.yaml"
     config.with_name("can").symlink_to(canopen.parent / "can")
     config.write_text(canopen.read_text().replace("channel: can0", f"channel: {CHANNEL}"))
     process = start(config, "--duration", "0.3")

@@ -3,10 +3,10 @@
 import asyncio
 import contextlib
 import re
-from pathlib import Path
 
 import numpy as np
 
+from campaigns.report import CONFIG
 from micromanip.errors import CheckFailed
 from micromanip.host.control.audit import AuditTrail
 from micromanip.host.control.authority import Peer
@@ -18,7 +18,7 @@ from micromanip.rt import mailbox as w
 from micromanip.rt import states
 from micromanip.settings.check import prepare
 
-SIMULATED = Path(__file__).parents[2] / "config" / "paper.yaml"
+SIMULATED = CONFIG / "paper.yaml"
 ALICE = Peer("alice", 1000, 42)
 
 

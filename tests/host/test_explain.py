@@ -10,6 +10,7 @@ import yaml
 from click.testing import CliRunner
 
 from micromanip.cli.main import cli
+from micromanip.errors import UsageError
 from micromanip.host.trips.evidence import error_um, observations
 from micromanip.host.trips.report import lines, story
 from micromanip.host.trips.store import file_name
@@ -135,9 +136,11 @@ def test_command_takes_the_newest_or_the_one_that_is_named(shelf):
 
 
 @pytest.mark.parametrize("number", [0, 1])
-def test_the_picture(shelf, tmp_path, number):
-    """Of an axis with its sensor, and of the whole loop."""
+def test_the_page(shelf, tmp_path, number):
+    """Of an axis with its sensor, and of the whole loop; nothing is replaced."""
     folder, names = shelf
-    assert run("show", folder / names[number], "--plot", tmp_path / "trip.svg").exit_code == 0
-    drawn = (tmp_path / "trip.svg").read_text()
-    assert drawn.count('id="axes_') == (6 if number == 0 else 4)
+    page = tmp_path / "trip.html"
+    assert run("show", folder / names[number], "--to", page).exit_code == 0
+    text = page.read_text()
+    assert ("Axis x: gauge" in text, text.count("<figure>")) == ((True, 4), (False, 2))[number]
+    assert isinstance(run("show", folder / names[number], "--to", page).exception, UsageError)

@@ -1,10 +1,10 @@
 """The host arms by itself with sensors that are late: waited for, told, bounded; over with anybody's no, for good."""
 
 import asyncio
-from pathlib import Path
 
 import pytest
 
+from campaigns.report import CONFIG
 from campaigns.running_controller import until
 from micromanip.client import Client
 from micromanip.errors import CheckFailed
@@ -20,7 +20,7 @@ from tests.cells import QUICK, simulated
 
 from .standin import Cell
 
-SIMULATED = Path(__file__).parents[2] / "config" / "simulated.yaml"
+SIMULATED = CONFIG / "simulated.yaml"
 ALICE = Peer("alice", 1000, 42)
 
 

@@ -3,6 +3,7 @@
 import json
 import signal
 import subprocess
+import time
 
 import numpy as np
 import pytest
@@ -108,7 +109,11 @@ def watched(cell, lines, *arguments):
     """The first lines of the stream; who reads no more ends it, which is no failure."""
     watch = [str(MICROMANIP), "get", "--watch", *arguments, "--socket", str(cell.socket)]
     with subprocess.Popen(watch, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-        read = [process.stdout.readline() for _ in range(lines)]
+        read = [process.stdout.readline()]
+        process.send_signal(signal.SIGSTOP)  # as on a busy machine
+        time.sleep(0.1)
+        process.send_signal(signal.SIGCONT)
+        read += [process.stdout.readline() for _ in range(lines - 1)]
         process.stdout.close()
         assert (process.stderr.read(), process.wait()) == ("", 0)
     return read

@@ -1,11 +1,11 @@
 """When a controller is ready: one declaration for `status` and commands. The test answers in the place of its loop."""
 
 import asyncio
-from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
+from campaigns.report import CONFIG
 from micromanip.errors import CheckFailed, DeviceUnavailable
 from micromanip.host import controller as module
 from micromanip.host import workers
@@ -15,7 +15,7 @@ from micromanip.rt import mailbox as w
 from micromanip.rt.states import ARM, READY, RESET, STOP
 from micromanip.settings.check import prepare
 
-SIMULATED = Path(__file__).parents[2] / "config" / "simulated.yaml"
+SIMULATED = CONFIG / "simulated.yaml"
 
 
 @pytest.fixture

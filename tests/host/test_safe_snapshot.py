@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from campaigns.report import CONFIG
 from micromanip.errors import ConfigError
 from micromanip.host.safe import plan as safe_plan
 from micromanip.host.safe import snapshot as safe_snapshot
@@ -20,7 +21,6 @@ from micromanip.settings.text.source import Source
 from tests.cells import SLOW, changed
 
 OURS = {0, os.geteuid()}
-CAN = Path(__file__).parents[2] / "config"
 PARKED = changed(SLOW, ("park_V: 0", "park_V: 5"))
 BAD = changed(SLOW, ("park_V: 0", "park_V: 151"))
 
@@ -212,10 +212,10 @@ def replace_by_endless(file):
 def test_a_message_database_is_used_as_it_was_when_it_last_ran(tmp_path, monkeypatch, change):
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     monkeypatch.setattr(safe_plan, "SERVICE_STATE", tmp_path / "service")
-    shutil.copytree(CAN / "can", tmp_path / "can")
+    shutil.copytree(CONFIG / "can", tmp_path / "can")
     for name, database in (("can.yaml", "can/manipulator.dbc"), ("canopen.yaml", "can/amplifier.eds")):
         config = tmp_path / name
-        shutil.copy(CAN / name, config)
+        shutil.copy(CONFIG / name, config)
         warnings = []
         keeper = SnapshotService(prepare(config), tmp_path / "micromanip", warnings.append)
         asyncio.run(keeper.keep(Source.read(config)))

@@ -1,17 +1,17 @@
 """A sensor that comes less often than its driver states is told for what it is; what is lost now and then is not."""
 
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from campaigns.report import CONFIG
 from micromanip.host.shared_memory import STATUS
 from micromanip.host.signal_statistics import SignalStatistics
 from micromanip.rt.telemetry import ROW
 from micromanip.settings.check import prepare
 
-SIMULATED = Path(__file__).parents[2] / "config" / "simulated.yaml"
+SIMULATED = CONFIG / "simulated.yaml"
 STRAIN, STAGE, DEVIATION = 1, 2, 4
 RATE_HZ = 10_000
 

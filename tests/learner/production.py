@@ -2,11 +2,11 @@
 
 import re
 from functools import partial
-from pathlib import Path
 from unittest.mock import patch
 
 import numpy as np
 
+from campaigns.report import CONFIG
 from micromanip.design.learning import law
 from micromanip.host.learning.handover import Handover, Memories
 from micromanip.learner.memory_store import MemoryStore
@@ -15,7 +15,7 @@ from micromanip.rt.states import BEGIN_PART, NO_COMMAND
 from micromanip.settings.check import prepare
 from micromanip.virtual.experiment import VirtualExperiment, with_options
 
-SIMULATED = Path(__file__).parents[2] / "config" / "simulated.yaml"
+SIMULATED = CONFIG / "simulated.yaml"
 BEGIN_S, AFTER_S = 4.5, 1.0
 LOOP_HZ = 10_000
 # the joints swing at 7.76 and 8.24 Hz on y and z; the force is there when the part begins

@@ -70,15 +70,15 @@ READ = {  # text, columns and options, what is told
     "days of a spreadsheet": (shown(timed(lambda t: f"{46000.5 + t / 86400.0:.12f}")), {"time": "t:days"}, ""),
     "remarks": (
         shown([*ROWS[:300], "# coolant on", *ROWS[300:]]), {},
-        "line 302: '# coolant on' between rows, which go on evenly behind it, left out",
+        "line 302: '# coolant on' between rows that go on evenly behind it, left out",
     ),
     "a header on each page": (
         shown([*ROWS[:200], "t,u,y", *ROWS[200:400], "t,u,y", *ROWS[400:]]), {},
-        "line 202: 't,u,y' between rows, which go on evenly behind it, and 1 line more, left out",
+        "line 202: 't,u,y' between rows that go on evenly behind it, and 1 line more, left out",
     ),
     "packets": (
         shown([*ROWS[:300], *PACKET, *ROWS[300:]], "LabVIEW Measurement", *PACKET).replace(",", "\t"), {},
-        "line 306: 'Channels\\t2' between rows, which go on evenly behind it, and 3 lines more, left out",
+        "line 306: 'Channels\\t2' between rows that go on evenly behind it, and 3 lines more, left out",
     ),
 }  # fmt: skip
 

@@ -356,8 +356,8 @@ BAD = {
         r"u holds no numbers",
     ),
     "thousands in a column": (
-        "t;u;y\n" + "\n".join(f"{t};{u};{1e4 * float(y):,.1f}" for t, u, y in map(split, lines())),
-        r"y holds no numbers, but '-?\d+,\d",
+        "t;u;y [um]\n" + "\n".join(f"{t};{u};{1e4 * float(y):,.1f}" for t, u, y in map(split, lines())),
+        r"y \[um\] holds no numbers, but '-?\d+,\d",
     ),
     "blocks": ("t u y\n" + "\n".join([*lines(" ")[:300], "", *lines(" ")[:300]]), r"x.csv:303: t falls by 1.49"),
     "points among commas": (

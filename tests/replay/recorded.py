@@ -1,15 +1,14 @@
 """Runs of the simulated cell in virtual time, recorded as the recorder does."""
 
-from pathlib import Path
-
 import numpy as np
 
+from campaigns.report import CONFIG
 from micromanip.host.recording.mcap_file import McapRecording
 from micromanip.recordings import open_telemetry
 from micromanip.settings.check import prepared
 from micromanip.virtual.cell import VirtualCell
 
-CONFIG = Path(__file__).parents[2] / "config" / "simulated.yaml"
+SIMULATED = CONFIG / "simulated.yaml"
 TRACKED_S = 4.0
 """From 3.4 s on; the tool comes into contact at 5 s."""
 

@@ -47,16 +47,8 @@ def pid_state(**fields):
 
 def hysteresis(r, rho, alpha=1.0, shape=None, low_um=-1e6, high_um=1e6):
     """Prandtl-Ishlinskii model and inverse; `shape` is a dict of SHAPING fields."""
-    p = record(
-        HYSTERESIS_PARAMETERS,
-        kind=PRANDTL_ISHLINSKII,
-        plays=len(r),
-        alpha=alpha,
-        r=r,
-        rho=rho,
-        low_um=low_um,
-        high_um=high_um,
-    )
+    model = {"kind": PRANDTL_ISHLINSKII, "plays": len(r), "alpha": alpha, "r": r, "rho": rho}
+    p = record(HYSTERESIS_PARAMETERS, **model, low_um=low_um, high_um=high_um)
     for name, value in (shape or {}).items():
         if np.ndim(value):
             p["shaping"][name][: len(value)] = value

@@ -15,16 +15,8 @@ WEIGHT = st.floats(-2.0, 2.0)
 
 
 def network(w_in, b_in, w_out, b_out, reversal_um=1e-9):
-    return record(
-        HYSTERESIS_PARAMETERS,
-        kind=NETWORK,
-        neurons=len(b_in),
-        reversal_um=reversal_um,
-        w_in=w_in,
-        b_in=b_in,
-        w_out=w_out,
-        b_out=b_out,
-    )
+    weights = {"w_in": w_in, "b_in": b_in, "w_out": w_out, "b_out": b_out}
+    return record(HYSTERESIS_PARAMETERS, kind=NETWORK, neurons=len(b_in), reversal_um=reversal_um, **weights)
 
 
 def along(p, s, y):

@@ -2,8 +2,8 @@
 
 import copy
 import functools
-from pathlib import Path
 
+from campaigns.report import CONFIG
 from micromanip.settings.change import leaves, needs
 from micromanip.settings.check import prepared, revise, validate_with_options
 from micromanip.settings.schema.key import RESTART
@@ -12,8 +12,7 @@ from micromanip.settings.text.keys import assigned
 from micromanip.settings.text.shape import Shape
 from micromanip.settings.text.source import Source, key_text
 
-CONFIG = Path(__file__).parents[2] / "config"
-PAPER_CELL = Path(__file__).parents[2] / "config" / "paper.yaml"
+PAPER_CELL = CONFIG / "paper.yaml"
 
 
 def _read(name):

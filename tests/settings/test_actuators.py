@@ -1,21 +1,20 @@
 """The section `actuator` of an axis: what is refused, and in which modes it does anything at all."""
 
-from pathlib import Path
-
 import pytest
 import yaml
 
+from campaigns.report import CONFIG
 from micromanip.errors import ConfigError
 from micromanip.settings.check import prepare
 
-CONFIG = Path(__file__).parents[2] / "config" / "paper.yaml"
+PAPER = CONFIG / "paper.yaml"
 
 RESONANCE = {"resonance_Hz": 63.0, "resonance_damping": 0.04, "antiresonance_Hz": 67.0, "antiresonance_damping": 0.038}
 SECTION = {"delay_us": 190.0, "gauge_us": 64.0, "lag_us": 177.0, "feedback_percent": 80.0, "resonances": [RESONANCE]}
 
 
 def compiled(tmp_path, actuator, mode="strain", inner_mode="pid+feedforward", reference=None):
-    made = yaml.safe_load(CONFIG.read_text(encoding="utf-8"))
+    made = yaml.safe_load(PAPER.read_text(encoding="utf-8"))
     if reference is not None:
         made["reference"] = reference
     for axis in made["axes"].values():

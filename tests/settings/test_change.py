@@ -1,9 +1,8 @@
 """What a change of each key takes."""
 
-from pathlib import Path
-
 import pytest
 
+from campaigns.report import CONFIG
 from micromanip.settings.change import changed, needs, said
 from micromanip.settings.check import prepare, revise, validate
 from micromanip.settings.load import load
@@ -12,7 +11,7 @@ from micromanip.settings.schema.model import Configuration
 from micromanip.settings.text.shape import Shape
 from micromanip.settings.text.source import Source
 
-SIMULATED = Path(__file__).parents[2] / "config" / "paper.yaml"
+SIMULATED = CONFIG / "paper.yaml"
 
 
 def leaves(shape, path=()):

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from campaigns.report import CONFIG
 from micromanip.bus.cyclic import CyclicDriver
 from micromanip.bus.registry import driver_class
 from micromanip.cli.main import main
@@ -15,8 +16,8 @@ from micromanip.settings.checks.ranges import range_findings
 from micromanip.settings.schema.reference import Sine, Sines
 from micromanip.settings.wiring import places as wiring
 
-CONFIG = Path(__file__).parents[2] / "config" / "paper.yaml"
-TEXT = CONFIG.read_text(encoding="utf-8")
+PAPER = CONFIG / "paper.yaml"
+TEXT = PAPER.read_text(encoding="utf-8")
 
 
 def _swinging(*each):
@@ -221,7 +222,7 @@ def test_the_whole_message(tmp_path, name):
 @pytest.mark.parametrize(("sign", "asked"), [(1, "102.3..122.4"), (-1, "9.567..29.72")])
 def test_a_stage_that_goes_against_its_actuator_reaches_the_other_end(sign, asked):
     """With a negative steady gain the reference's highest value is the lowest set-point."""
-    configuration = prepare(CONFIG).configuration
+    configuration = prepare(PAPER).configuration
     x = configuration.axes["x"]
     outer = x.outer.model_copy(
         update={"model": x.outer.model.model_copy(update={"C": [sign * c for c in x.outer.model.C]})}
@@ -321,7 +322,7 @@ def test_a_range_that_the_tanh_cannot_reach(tmp_path):
 def test_what_was_not_there_yet_is_judged_once_it_is(tmp_path):
     board = tmp_path / "board"
     file = tmp_path / "cell.yaml"
-    text = (CONFIG.parent / "serial.yaml").read_text(encoding="utf-8")
+    text = (PAPER.parent / "serial.yaml").read_text(encoding="utf-8")
     file.write_text(text.replace("/tmp/micromanip-board", str(board)), encoding="utf-8")
     prepared = prepare(file)
     refuse_real(prepared)

@@ -6,14 +6,15 @@ import numpy as np
 import pytest
 import yaml
 
+from campaigns.report import CONFIG
 from micromanip.control.outer_gains import dc_gain, steady_lag
 from micromanip.control.stage_loop import model_system
 from micromanip.errors import ConfigError
 from micromanip.settings.check import prepared
 from micromanip.settings.text.source import Source
 
-CONFIG = Path(__file__).parents[2] / "config" / "simulated.yaml"
-DOCUMENT = yaml.safe_load(CONFIG.read_text(encoding="utf-8"))
+SIMULATED = CONFIG / "simulated.yaml"
+DOCUMENT = yaml.safe_load(SIMULATED.read_text(encoding="utf-8"))
 
 
 def with_coupling(axis="x", *, outer=True, **section):

@@ -1,12 +1,12 @@
 """What the buses leave of the feedback: margins, delays, and what `check` says of them."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 
+from campaigns.report import CONFIG
 from micromanip.errors import ConfigError
 from micromanip.settings.check import prepare
 from micromanip.settings.checks.feedback import (
@@ -19,13 +19,13 @@ from micromanip.settings.checks.feedback import (
 )
 from micromanip.settings.wiring.timing import output_cycles, output_timing, signal_timing
 
-CONFIG = Path(__file__).parents[2] / "config" / "paper.yaml"
+PAPER = CONFIG / "paper.yaml"
 BUS = {"input_rate_Hz": 1000.0, "input_latency_us": 0.0, "output_rate_Hz": 1000.0, "output_latency_us": 0.0}
 
 
 def document(bus=None, **inner):
     """The tuned cell in mode strain, behind a bus, with ages that it allows, and other gains."""
-    made = yaml.safe_load(CONFIG.read_text(encoding="utf-8"))
+    made = yaml.safe_load(PAPER.read_text(encoding="utf-8"))
     made["drivers"]["cell"]["bus"] = bus
     made["reference"] = {"source": "hold", "offset_um": 60.0}
     for axis in made["axes"].values():
@@ -175,5 +175,5 @@ def test_what_the_loop_gets_of_rates_and_ways(tmp_path):
     assert signal_timing(cell.configuration, cell.wiring, "true_strain_x").rate_hz == 10_000.0
     assert output_cycles(cell.configuration, output_timing(cell.configuration, cell.wiring, "voltage_x")) == 8
     assert set(cell.parameters[0]["axis"]["answer_cycles"]) == {8}
-    plain = prepare(CONFIG)
+    plain = prepare(PAPER)
     assert not plain.parameters[0]["axis"]["answer_cycles"].any()

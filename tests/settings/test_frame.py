@@ -1,24 +1,23 @@
 """The tracker's frame in a configuration: what fits, what is refused, and that a turned tracker changes nothing."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import yaml
 from scipy.spatial.transform import Rotation
 
+from campaigns.report import CONFIG
 from micromanip.errors import ConfigError
 from micromanip.settings.check import prepare
 from micromanip.virtual.cell import VirtualCell
 
-CONFIG = Path(__file__).parents[2] / "config" / "simulated.yaml"
+SIMULATED = CONFIG / "simulated.yaml"
 TURN = [[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]]
 """A rotation: what the tracker reads of the axes."""
 
 
 def framed(matrix=None, signals=("tracker_1", "tracker_2", "tracker_3"), **frame):
     """The tuned cell with a turned tracker without noise."""
-    document = yaml.safe_load(CONFIG.read_text(encoding="utf-8"))
+    document = yaml.safe_load(SIMULATED.read_text(encoding="utf-8"))
     document["drivers"]["cell"]["tracker"].update(noise_um=0.0, coordinates=TURN)
     for axis, name in zip("xyz", ("tracker_1", "tracker_2", "tracker_3"), strict=True):
         entry = document["signals"].pop(f"deviation_{axis}")
@@ -36,7 +35,7 @@ def prepared(tmp_path, document):
 
 @pytest.mark.compiled_only
 def test_a_turned_tracker_gives_the_same_as_one_along_the_axes(tmp_path):
-    plain = yaml.safe_load(CONFIG.read_text(encoding="utf-8"))
+    plain = yaml.safe_load(SIMULATED.read_text(encoding="utf-8"))
     plain["drivers"]["cell"]["tracker"]["noise_um"] = 0.0
     rows = []
     for document in (plain, framed(offset_um=[0.0, 0.0, 0.0])):

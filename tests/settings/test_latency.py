@@ -1,15 +1,14 @@
 """Samples of a tracker that may be older than the loop can do without one: told, and the advice is right."""
 
-from pathlib import Path
-
 import pytest
 
+from campaigns.report import CONFIG
 from micromanip.rt.states import NO_FAULT, REFERENCE_LOST, TRACKING
 from micromanip.settings.check import prepare
 from micromanip.settings.checks.ranges import latency_warnings
 from micromanip.virtual.cell import VirtualCell
 
-CONFIG = Path(__file__).parents[2] / "config" / "simulated.yaml"
+SIMULATED = CONFIG / "simulated.yaml"
 AT_S, SILENT_S = 4.037, 0.04
 """In this time the path moves further than a tracker may jump."""
 SILENT = "    seed: 1\n    faults:\n" + "".join(
@@ -20,7 +19,7 @@ OLD = ("max_age_us: 3000}", "max_age_us: 50000}")
 
 def cell(folder, *changes):
     """The example with `changes` of its text, its tracker silent for 40 ms."""
-    text = CONFIG.read_text(encoding="utf-8").replace("    seed: 1\n", SILENT, 1)
+    text = SIMULATED.read_text(encoding="utf-8").replace("    seed: 1\n", SILENT, 1)
     for old, new in changes:
         assert old in text
         text = text.replace(old, new)
@@ -81,7 +80,7 @@ def test_nothing_is_told_where_nothing_is_lost(tmp_path, changes):
 def test_an_age_that_the_file_says_nothing_of_follows_from_rate_and_way(tmp_path):
     """Two samples in a row may be lost, of a bus at 500 Hz whose device takes 1 ms to answer; what is given stays."""
     said = "strain_x, max_age_us: 50000"
-    text = (CONFIG.parent / "modbus.yaml").read_text()
+    text = (SIMULATED.parent / "modbus.yaml").read_text()
     assert said in text
     text = text.replace(said, "strain_x")
     file = tmp_path / "cell.yaml"

@@ -1,15 +1,14 @@
 """What weakens a protection: every key that watches something has a direction, and the direction is right."""
 
-from pathlib import Path
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from campaigns.report import CONFIG
 from micromanip.settings.change import is_weaker, said, values
 from micromanip.settings.load import load
 
-SIMULATED = Path(__file__).parents[2] / "config" / "simulated.yaml"
+SIMULATED = CONFIG / "simulated.yaml"
 WATCH, AXIS = ("faults", "axis"), ("axes", "x", "faults")
 CASES = {
     "a larger limit": ((*WATCH, "following_error", "limit_um"), 5.0, 20.0),

@@ -1,22 +1,22 @@
 """A tuning is known by its hash: the same after it was written and loaded, another one once any key differs."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from campaigns.report import CONFIG
 from micromanip.cli.main import main
 from micromanip.settings.load import load
 from micromanip.settings.schema.axis import Axis, Commissioned, Inner, SetPoint
 from micromanip.settings.tuning_hash import tuning_hash
 from micromanip.settings.write import with_tuning
 
-CONFIG = Path(__file__).parents[2] / "config" / "paper.yaml"
-TEXT = CONFIG.read_text(encoding="utf-8")
-AXIS = load(CONFIG).axes["x"]
+PAPER = CONFIG / "paper.yaml"
+TEXT = PAPER.read_text(encoding="utf-8")
+AXIS = load(PAPER).axes["x"]
 STRANGE = "0123456789abcdef"
 
 positive = st.floats(1e-6, 1e6)
@@ -73,7 +73,7 @@ def test_the_section_itself_does_not_count():
 
 
 def test_axes_with_the_same_tuning_have_the_same_hash_and_others_not():
-    axes = load(CONFIG).axes
+    axes = load(PAPER).axes
     assert len({tuning_hash(axis) for axis in axes.values()}) == len(axes)
     assert len(tuning_hash(AXIS)) == 16
     assert set(tuning_hash(AXIS)) <= set("0123456789abcdef")
@@ -93,7 +93,7 @@ def test_the_last_bits_that_no_file_keeps_do_not_count(gain, time_ms, centre_um)
 
 
 def test_a_file_written_and_loaded_again_has_the_same_hash(tmp_path):
-    configuration = load(CONFIG)
+    configuration = load(PAPER)
     rng = np.random.default_rng(4)
 
     def disturbed(model):

@@ -4,13 +4,14 @@ from pathlib import Path
 
 import pytest
 
+from campaigns.report import CONFIG
 from micromanip.errors import ConfigError
 from micromanip.settings.load import validate_document
 from micromanip.settings.text.keys import assigned
 from micromanip.settings.text.source import Source
 from micromanip.settings.write import with_values
 
-SIMULATED = Path(__file__).parents[2] / "config" / "simulated.yaml"
+SIMULATED = CONFIG / "simulated.yaml"
 SHARED = """\
 schema_version: 2
 loop: {rate_hz: 10000, limits: simulation}  # the loop

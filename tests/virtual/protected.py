@@ -5,12 +5,13 @@ from pathlib import Path
 
 import numpy as np
 
+from campaigns.report import CONFIG
 from micromanip.rt.faults import EVENTS
 from micromanip.rt.states import ARM, ARMING, HOLDING, RAMPING, READY, TRACKING
 from micromanip.settings.check import prepare
 from micromanip.virtual.cell import VirtualCell
 
-CONFIG = Path(__file__).parents[2] / "config" / "paper.yaml"
+PAPER = CONFIG / "paper.yaml"
 AT_S = 2.0
 """When the fault comes: the cell tracks by then."""
 SWITCHES = """\
@@ -35,7 +36,7 @@ START = (
 
 def text(faults=(), force="{start_s: 1.6, static_N: 80.0, tooth_N: 40.0, tooth_Hz: 200.0, noise_N: 5.0}", limits=""):
     """Configuration: `faults` are the driver's, `limits` the section of that name."""
-    source = CONFIG.read_text()
+    source = PAPER.read_text()
     scheduled = "".join(f"      - {{at_s: {AT_S}, {fault}}}\n" for fault in faults)
     injected = "    faults:\n" + scheduled if faults else ""
     for old, new in (

@@ -1,18 +1,15 @@
 """Cells behind a bus, in virtual time: tuned ones hold the path, and `commission` tunes them."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import yaml
 
+from campaigns.report import CONFIG
 from micromanip.rt.states import NO_FAULT, TRACKING
 from micromanip.settings.check import prepare
 from micromanip.virtual.cell import VirtualCell
 
 pytestmark = pytest.mark.compiled_only
-
-CONFIG = Path(__file__).parents[2] / "config"
 
 
 def tracked(prepared, seconds=7.0):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import yaml
 
+from campaigns.report import CONFIG
 from micromanip.design.analyse.coupling import measure_coupling
 from micromanip.rt.shadow import swap_cell
 from micromanip.settings.check import prepared
@@ -15,7 +16,7 @@ from micromanip.virtual.cell import VirtualCell
 from micromanip.virtual.experiment import VirtualExperiment
 
 pytestmark = pytest.mark.compiled_only
-CONFIG = Path(__file__).parents[2] / "config" / "simulated.yaml"
+SIMULATED = CONFIG / "simulated.yaml"
 NAMES, SECONDS, SEED = "xyz", 6.0, 1
 SHARES = np.array([[1.0, 0.05, -0.033], [-0.033, 1.0, 0.05], [0.05, -0.033, 1.0]])
 NONE = np.eye(3)
@@ -23,7 +24,7 @@ NONE = np.eye(3)
 
 def document(shares, *, decouple=None, flexure=0.0):
     """The tuned cell with a coupling, and `decouple` as its axes' sections say; None: they say nothing."""
-    read = yaml.safe_load(CONFIG.read_text(encoding="utf-8"))
+    read = yaml.safe_load(SIMULATED.read_text(encoding="utf-8"))
     read["drivers"]["cell"] |= {"couplings": np.asarray(shares).tolist(), "flexure_coupling": flexure}
     if decouple is not None:
         for i, name in enumerate(NAMES):

@@ -1,11 +1,11 @@
 """Experiments in virtual time: each on a fresh copy, bit for bit the same; and actuators with a past."""
 
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from campaigns.report import CONFIG
 from micromanip.bus.driver import Channel
 from micromanip.design.experiment import with_axes, with_axis, with_reference
 from micromanip.design.validate import paper
@@ -94,7 +94,7 @@ def test_sensors_go_on_while_cycles_are_missed_and_the_voltage_does_not():
     assert (moved["voltage_V"] == rows["axis"]["voltage_V"][:, 0]).all()
 
 
-PREPARED = prepare(Path(__file__).parents[2] / "config" / "simulated.yaml")
+PREPARED = prepare(CONFIG / "simulated.yaml")
 SECONDS, EVERY = 40.0, 100
 
 
@@ -128,12 +128,12 @@ def test_integral_action_removes_it():
     assert np.abs(position[3000:].mean(axis=0) - position[100:1000].mean(axis=0)).max() < 0.01
 
 
-CONFIG = Path(__file__).parents[2] / "config" / "simulated.yaml"
+SIMULATED = CONFIG / "simulated.yaml"
 
 
 @pytest.fixture(scope="module")
 def prepared():
-    return prepare(CONFIG)
+    return prepare(SIMULATED)
 
 
 def test_an_experiment_leaves_nothing_behind_for_the_next(prepared):
@@ -142,7 +142,7 @@ def test_an_experiment_leaves_nothing_behind_for_the_next(prepared):
     other = experiment(with_axes(prepared.configuration, centre_um=60.0), 0.3)
     assert experiment(prepared.configuration, 0.3).tobytes() == first.tobytes()
     assert other.tobytes() != first.tobytes()
-    assert VirtualExperiment(prepare(CONFIG))(prepared.configuration, 0.3).tobytes() == first.tobytes()
+    assert VirtualExperiment(prepare(SIMULATED))(prepared.configuration, 0.3).tobytes() == first.tobytes()
 
 
 def test_the_process_is_left_out_unless_asked_for(prepared):

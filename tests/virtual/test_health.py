@@ -1,18 +1,18 @@
 """What `analyse health` says of the simulated cell: a plant that changes."""
 
 import re
-from pathlib import Path
 
 import pytest
 import yaml
 
+from campaigns.report import CONFIG
 from micromanip.design.analyse.health import checked, closed_loops
 from micromanip.settings.check import prepare
 from micromanip.virtual.experiment import VirtualExperiment
 
 from .injected import measure_virtually
 
-CONFIG = Path(__file__).parents[2] / "config" / "simulated.yaml"
+SIMULATED = CONFIG / "simulated.yaml"
 
 
 def health(config):
@@ -26,7 +26,7 @@ def health(config):
 
 def heavier(folder, kg):
     """The simulated cell with another mass on the stage of axis x."""
-    document = yaml.safe_load(CONFIG.read_text())
+    document = yaml.safe_load(SIMULATED.read_text())
     simulated = next(each for each in document["drivers"].values() if each["driver"] == "simulated")
     simulated.setdefault("variation", {})["x"] = {"stage_kg": kg}
     file = folder / "heavier.yaml"
@@ -37,7 +37,7 @@ def heavier(folder, kg):
 @pytest.mark.long
 def test_a_spindle_that_is_exchanged_is_seen(tmp_path):
     """Half as heavy again, its mode is 18 % lower: outside of what the margins were judged for, told by name."""
-    found = health(CONFIG)
+    found = health(SIMULATED)
     assert found.problems == ()
     assert found.figures.mode_Hz == pytest.approx(found.tuned.mode_Hz, rel=0.02)
     (first, *_) = health(heavier(tmp_path, 18.0)).problems

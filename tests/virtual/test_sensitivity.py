@@ -1,13 +1,13 @@
 """Sensitivity as it is measured in the running loop, beside that of the plant's own equations."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from micromanip_drivers.simulated.options import Plant
 
 from campaigns.drawn_plants import small_slope, true_plant
+from campaigns.report import CONFIG
 from micromanip.control.injection import MISSED
 from micromanip.control.margins import margins
 from micromanip.control.outer_gains import outer_gains
@@ -24,7 +24,7 @@ from micromanip.virtual.experiment import VirtualExperiment
 from .injected import measure_virtually
 
 pytestmark = pytest.mark.long
-SIMULATED = Path(__file__).parents[2] / "config" / "simulated.yaml"
+SIMULATED = CONFIG / "simulated.yaml"
 CENTRE_V, CENTRE_UM, SWING_UM = 93.0, 83.0, 0.5
 """Where axis x is held, and about how far it swings there: what the slope of the hysteresis depends on."""
 

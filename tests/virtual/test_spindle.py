@@ -1,12 +1,12 @@
 """At the spindle, in virtual time: path deviation and machining force of the simulated cell."""
 
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
+from campaigns.report import CONFIG
 from micromanip.design.experiment import with_axes, with_reference
 from micromanip.rt.states import NO_FAULT, TOOTH_LOST, TRACKING
 from micromanip.settings.check import prepare
@@ -18,7 +18,7 @@ ENTERED_S, CYCLES = 4.0, 35_000
 
 def tracked(tmp_path, range_percent, tooth_Hz):
     """Rms (um) of the axes' path errors in the last second of a cut, the telemetry of all of it, and the cell."""
-    text = CONFIG.read_text(encoding="utf-8")
+    text = SIMULATED.read_text(encoding="utf-8")
     assert text.count(FORCE) == 1
     text = text.replace(FORCE, f"force: {{start_s: {ENTERED_S}, tooth_Hz: {tooth_Hz}}}")
     text, axes = re.subn("oscillation_range_percent: .*", f"oscillation_range_percent: {range_percent}", text)
@@ -49,12 +49,12 @@ def test_the_speed_is_found_and_costs_nothing_any_more(tmp_path):
     assert TOOTH_LOST not in [code for code, *_ in told(cell)]
 
 
-CONFIG = Path(__file__).parents[2] / "config" / "simulated.yaml"
+SIMULATED = CONFIG / "simulated.yaml"
 
 
 def variant(tmp_path, **replaced):
     """The tuned configuration with lines replaced."""
-    text = CONFIG.read_text(encoding="utf-8")
+    text = SIMULATED.read_text(encoding="utf-8")
     for old, new in replaced.values():
         assert old in text
         text = text.replace(old, new)
@@ -78,7 +78,7 @@ def test_thirty_times_better_with_the_trackers_samples_held(tmp_path):
 
 
 def test_a_hundred_times_better_with_them_predicted():
-    assert (improvement(prepare(CONFIG)) >= 100.0).all()
+    assert (improvement(prepare(SIMULATED)) >= 100.0).all()
 
 
 STEP = "force: {start_s: 4.0, static_N: 5.0, rise_ms: 0.01, tooth_N: 0.0, noise_N: 0.0}"
@@ -141,7 +141,7 @@ def test_the_outer_loop_damps_the_resonance(tmp_path):
 @pytest.mark.parametrize("kick_um", [20.0, 100.0, 200.0])
 def test_a_kick_of_the_reference_dies_away(kick_um):
     """Set-point and voltage run into their limits for 30 ms; that must not leave the loop swinging."""
-    prepared = prepare(CONFIG)
+    prepared = prepare(SIMULATED)
     samples = np.zeros((6000, 3))
     samples[1000:1300] = kick_um
     played = with_reference(prepared.configuration, File(source="file", path="(kick)"))

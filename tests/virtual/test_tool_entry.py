@@ -1,12 +1,12 @@
 """The tool's first contact is no disagreement of the sensors, on any make of cell; a sensor that is off is."""
 
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
 from micromanip_drivers.simulated.options import Plant
 
+from campaigns.report import CONFIG
 from micromanip.design.commission.axis import commission_axis
 from micromanip.design.commission.closing import Options
 from micromanip.rt.states import DISAGREEMENT, NO_FAULT, TRACKING
@@ -16,7 +16,7 @@ from micromanip.settings.compile.cell import compile_cell
 from micromanip.virtual.cell import VirtualCell
 from micromanip.virtual.experiment import VirtualExperiment, with_options
 
-CONFIG = Path(__file__).parents[2] / "config" / "simulated.yaml"
+SIMULATED = CONFIG / "simulated.yaml"
 LOW_UM, SECONDS = 46.0, 5.0
 """Axis x of a weaker actuator; its path is out of reach for seconds on end."""
 
@@ -24,7 +24,7 @@ LOW_UM, SECONDS = 46.0, 5.0
 @pytest.fixture(scope="module")
 def weak(tmp_path_factory):
     file = tmp_path_factory.mktemp("reach") / "cell.yaml"
-    text = CONFIG.read_text(encoding="utf-8")
+    text = SIMULATED.read_text(encoding="utf-8")
     file.write_text(text.replace("range_um: [2, 128], slew", f"range_um: [{LOW_UM:g}, 128], slew", 1), encoding="utf-8")
     return prepare(file)
 
@@ -42,12 +42,12 @@ def test_it_is_told_how_far_each_axis_reaches(weak):
     assert key == ("axes", "x", "setpoint", "range_um")
     assert said.startswith("axis x reaches -100 to 310 um by its model, without force, of the -300 to 300 um")
     assert said.endswith("with centre_um at the middle of its set-points, 87 um, it would reach -205 to 205 um")
-    assert list(range_warnings(prepare(CONFIG).configuration)) == []
+    assert list(range_warnings(prepare(SIMULATED).configuration)) == []
 
 
 def test_a_path_out_of_reach_is_not_lost(weak):
     """Its samples were refused, as if no such deviation could be: the path was held where it had left, then X-301."""
-    limited, whole = played(weak), played(prepare(CONFIG))
+    limited, whole = played(weak), played(prepare(SIMULATED))
     at_end = limited["setpoint_um"] <= LOW_UM
     ends = np.flatnonzero(np.diff(np.concatenate([[0], at_end, [0]])))
     assert (ends[1::2] - ends[::2]).max() > 5000, "longer than a tracker may be silent"
@@ -59,7 +59,6 @@ def test_a_path_out_of_reach_is_not_lost(weak):
     assert np.abs(np.diff(limited["setpoint_um"])).max() <= 2.0, "never faster than its slew limit"
 
 
-FOLDER = Path(__file__).parents[2] / "config"
 AT_S = 4.0
 CONTACT = "{start_s: 4.0, static_N: 60.0, rise_ms: 7.0, tooth_N: 40.0, noise_N: 5.0}"
 """60 N, 95 % of them there within 20 ms."""
@@ -83,7 +82,7 @@ def made(prepared, make):
 
 def on_hardware(folder, make, force=CONTACT, fault=""):
     """The factory's cell of that make, with the limits of hardware."""
-    text = (FOLDER / "factory.yaml").read_text(encoding="utf-8").replace("limits: simulation", "limits: hardware")
+    text = (SIMULATED / "factory.yaml").read_text(encoding="utf-8").replace("limits: simulation", "limits: hardware")
     scheduled = f"    faults: [{{at_s: {AT_S}, {fault}}}]\n" if fault else ""
     text = text.replace("    driver: simulated\n", f"    driver: simulated\n    force: {force}\n{scheduled}", 1)
     file = folder / f"{make}.yaml"
@@ -103,9 +102,9 @@ OTHERS = [
 def commissioned(request):
     """A make, and its axis x as `commission` tunes it, under the limits that the factory's file has."""
     if request.param == "nominal":  # commissioned by the campaign `tune`
-        axis = prepare(FOLDER / "simulated.yaml").configuration.axes["x"]
+        axis = prepare(SIMULATED / "simulated.yaml").configuration.axes["x"]
         return request.param, axis.model_copy(update={"mode": "stage"})
-    prepared = made(prepare(FOLDER / "factory.yaml"), request.param)
+    prepared = made(prepare(SIMULATED / "factory.yaml"), request.param)
     configuration = prepared.configuration
     found = commission_axis(configuration, VirtualExperiment(prepared), "x", lambda _: None, Options(tooth_Hz=200.0))
     return request.param, found.configuration.axes["x"].model_copy(update={"mode": "stage"})
@@ -151,7 +150,7 @@ def test_a_sensor_that_is_off_is_found(commissioned, tmp_path, offset_um):
 
 
 def test_behind_a_bus_the_contact_is_no_disagreement_either(tmp_path):
-    text = (FOLDER / "simulated_1khz.yaml").read_text(encoding="utf-8")
+    text = (SIMULATED / "simulated_1khz.yaml").read_text(encoding="utf-8")
     text, count = re.subn(r"(?m)^    force: .*$", f"    force: {CONTACT}", text)
     assert count == 1
     assert text.count("  axis: {") == 1
@@ -166,7 +165,7 @@ def test_behind_a_bus_the_contact_is_no_disagreement_either(tmp_path):
 
 def test_what_the_process_may_do_is_asked_for(tmp_path):
     """The larger the process, the more may the innovation be; without one it is what the filter expects at rest."""
-    prepared = prepare(FOLDER / "simulated.yaml")
+    prepared = prepare(SIMULATED / "simulated.yaml")
 
     def limits(**said):
         configuration = prepared.configuration

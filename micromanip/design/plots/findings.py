@@ -1,9 +1,8 @@
-"""Plots of what `analyse` finds beside margins: an error budget, a path, a running loop."""
+"""Plots of a fit, and of what `analyse` finds beside margins: a path, a running loop."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
@@ -11,12 +10,10 @@ from micromanip.control.system import Array
 from micromanip.recordings import TimeSeries
 from micromanip.settings.schema.axis import Axis
 
-from ..analyse.budget.budget import AxisBudget, summed_up
 from ..analyse.live_margins import Running
 from ..analyse.path.preview import ERROR, AxisPreview, Preview
 from ..identify.fitting import Fitted
-from ..report.model import Curve, Plot
-from .canvas import save
+from ..report.model import Curve, Plot, Section
 
 _SHOWN_S = 5.0
 
@@ -30,8 +27,8 @@ def _beside(burn_in: int, record: TimeSeries, predicted: Array) -> tuple[Plot, P
         tuple(Curve(name, x[part], y[part]) for name, y in pairs) for x, part in ((t_s, late), (record.u, used))
     )
     return (
-        Plot("", "time, s", record.names[1], over_time),
-        Plot("", record.names[0], record.names[1], loop),
+        Plot("Model and data", "time, s", record.names[1], over_time),
+        Plot("As a loop", record.names[0], record.names[1], loop),
     )
 
 
@@ -39,35 +36,33 @@ def _residuals(burn_in: int, record: TimeSeries, predicted: Array) -> tuple[Plot
     """Residual over time, and over the input: what is left of the loop."""
     left, error = f"model - measured {record.names[1]}", predicted - record.y
     over_time, over_input = (
-        Plot("", label, left, (Curve("", x[burn_in:], error[burn_in:]),))
+        Plot("What is left", label, left, (Curve("", x[burn_in:], error[burn_in:]),))
         for label, x in (("time, s", record.time_s), (record.names[0], record.u))
     )
     return over_time, over_input
 
 
-def draw_fit(result: Fitted, record: TimeSeries, held_out: TimeSeries | None, folder: Path) -> Iterator[Path]:
-    """Draw all of them into `folder`; the files."""
-    predicted, kind = result.predict(record.u), f"{result.kind}, rms {result.rms_percent:.2f} % of the stroke"
-    yield save(_beside(result.burn_in, record, predicted), folder, "figure5_model", kind)
-    yield save(_residuals(result.burn_in, record, predicted), folder, "residuals", kind)
+def fit_sections(result: Fitted, record: TimeSeries, held_out: TimeSeries | None) -> Iterator[Section]:
+    """Model beside data and what is left, of the record and of the one that was not fitted to."""
+    kind = f"{result.kind}, rms {result.rms_percent:.2f} % of the stroke."
+    predicted = result.predict(record.u)
+    yield _fit_section("The record", kind, result.burn_in, record, predicted)
     if held_out is not None and result.validation is not None:
         other = result.held_out if result.held_out is not None else result.predict(held_out.u)
         other = other - (other - held_out.y)[result.burn_in :].mean()
-        what = f"not fitted to: rms {result.validation['rms_percent']:.2f} % of the stroke"
-        yield save(_beside(result.burn_in, held_out, other), folder, "held_out", what)
-        yield save(_residuals(result.burn_in, held_out, other), folder, "held_out_residuals", what)
+        kind = f"Not fitted to: rms {result.validation['rms_percent']:.2f} % of the stroke."
+        yield _fit_section("Another record", kind, result.burn_in, held_out, other)
 
 
-def draw_budgets(budgets: Sequence[AxisBudget], about: str, folder: Path) -> Iterator[Path]:
-    """A picture of each axis' error budget into `folder`; the files. `about` says where they come from."""
-    for budget in budgets:
-        yield save([summed_up(budget)], folder, f"budget_{budget.axis}", about=about)
+def _fit_section(title: str, text: str, burn_in: int, record: TimeSeries, predicted: Array) -> Section:
+    plots = (*_beside(burn_in, record, predicted), *_residuals(burn_in, record, predicted))
+    return Section(title, text, {}, plots)
 
 
-def draw_previews(found: Preview, axes: Mapping[str, Axis], about: str, folder: Path) -> Iterator[Path]:
-    """A picture of each axis on the path into `folder`; the files."""
+def preview_sections(found: Preview, axes: Mapping[str, Axis], about: str) -> Iterator[Section]:
+    """Each axis on the path; `about` says where it comes from."""
     for axis in found.axes:
-        yield save(preview_plots(axis, axes[axis.axis]), folder, f"preview_{axis.axis}", about=about)
+        yield Section(f"Axis {axis.axis}", about, {}, preview_plots(axis, axes[axis.axis]))
 
 
 _FAR = 2.5
@@ -80,8 +75,8 @@ def preview_plots(axis: AxisPreview, settings: Axis) -> tuple[Plot, ...]:
     found, time_s = axis.predicted, np.arange(len(axis.predicted.setpoint_um)) / axis.predicted.rate_Hz
     panels = (
         ("deviation_um", f"Preview of axis {axis.axis}: {verdict}", "deviation, um", ()),
-        ("setpoint_um", "", "set-point, um", settings.setpoint.range_um),
-        ("error_um", "", "following error, um", (-axis.tolerance_um, axis.tolerance_um)),
+        ("setpoint_um", "Set-point", "set-point, um", settings.setpoint.range_um),
+        ("error_um", "Following error", "following error, um", (-axis.tolerance_um, axis.tolerance_um)),
     )
     plots = []
     for name, title, label, limits in panels:
@@ -123,7 +118,7 @@ def running_plots(found: Running) -> tuple[Plot, Plot]:
     title = f"Axis {found.axis}, {lines.name}: measured while it runs"
     return (
         Plot(title, "frequency, Hz", "|S|", tuple(sizes), log_x=True, log_y=True),
-        Plot("", "Re L", "Im L", tuple(around), equal=True),
+        Plot("Nyquist", "Re L", "Im L", tuple(around), equal=True),
     )
 
 

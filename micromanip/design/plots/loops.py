@@ -1,9 +1,8 @@
-"""Plots of an analysis: Bode and Nyquist plots of a loop, describing function, drawn plants; and their pictures."""
+"""Plots of an analysis: Bode and Nyquist plots of a loop, describing function, drawn plants."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from pathlib import Path
 
 import numpy as np
 
@@ -13,7 +12,7 @@ from micromanip.design.analyse.loops import Sample
 from micromanip.settings.schema.accept import Accept
 
 from ..analyse.axis import AxisAnalysis
-from ..report.model import Curve, Plot
+from ..report.model import Curve, Plot, Section
 from .paper import figure_7
 
 _FAR, _HIGHEST = 3.0, 1e4
@@ -104,16 +103,12 @@ def loops_of(analysis: AxisAnalysis) -> dict[str, tuple[System, Margins]]:
     return loops
 
 
-def draw_analysis(analysis: AxisAnalysis, folder: Path, about: str = "") -> Iterator[Path]:
-    """Draw what the analysis of one axis has into `folder`; the files. `about` says where it comes from."""
-    from .canvas import save
-
-    drawings: dict[str, tuple[Plot, ...]] = {}
+def analysis_sections(analysis: AxisAnalysis, about: str) -> Iterator[Section]:
+    """What the analysis of one axis has; `about` says where it comes from."""
+    axis = f"Axis {analysis.axis}"
     if analysis.inverse is not None:
-        drawings["figure7_describing_function"] = figure_7(analysis.inverse)
+        yield Section(f"{axis}: inverse", about, {}, figure_7(analysis.inverse))
     for name, (loop, found) in loops_of(analysis).items():
-        drawings[name.partition(" (")[0].replace(", ", "_").replace(" ", "_")] = loop_plots(name, loop, found)
+        yield Section(f"{axis}: {name}", about, {}, loop_plots(name.partition(",")[0].capitalize(), loop, found))
     if analysis.samples:
-        drawings["drawn_plants"] = drawn_plants(analysis.samples, analysis.settings.accept)
-    for name, plots in drawings.items():
-        yield save(plots, folder, f"{name}_{analysis.axis}", about=about)
+        yield Section(f"{axis}: drawn plants", about, {}, drawn_plants(analysis.samples, analysis.settings.accept))

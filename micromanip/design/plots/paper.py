@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from ..analyse.loop_analysis import Inverse
 from ..excitation import shrinking_triangle
 from ..experiment import Experiment, open_loop
 from ..identify.hysteresis import HysteresisFit
-from ..report.model import Curve, Plot
+from ..report.model import Curve, Plot, Section
 from ..validate.evaluation import Run
 
 _BINS, _SHOWN_BINS = 60, 585
@@ -130,14 +129,9 @@ def hysteresis_loops(configuration: Configuration, experiment: Experiment, axis:
     return figure_2(rows["voltage_V"][:, axis], rows["strain_um"][:, axis])
 
 
-def draw_all(
-    configuration: Configuration, experiment: Experiment, runs: list[Run], axis: int, folder: Path, about: str = ""
-) -> Iterator[Path]:
-    """Draw the pictures of one axis into `folder`, one after the other; `about` says where they come from."""
-    from .canvas import save
-
-    name = list(configuration.axes)[axis]
-    loops = hysteresis_loops(configuration, experiment, axis)
-    yield save([loops], folder, f"figure2_hysteresis_{name}", about=about)
-    yield save(figure_8(runs, axis), folder, f"figure8_control_error_{name}", about=about)
-    yield save(figure_9(runs, axis), folder, f"figure9_over_phase_{name}", columns=2, about=about)
+def paper_sections(
+    configuration: Configuration, experiment: Experiment, runs: list[Run], axis: int, about: str
+) -> Iterator[Section]:
+    """Figures 2, 8 and 9 of one axis; `about` says where they come from."""
+    plots = (hysteresis_loops(configuration, experiment, axis), *figure_8(runs, axis), *figure_9(runs, axis))
+    yield Section(f"Axis {list(configuration.axes)[axis]}", about, {}, plots)

@@ -1,6 +1,6 @@
 """Sections of a report with tables and plots, as plain data.
 
-Plots are numbers, not pictures: a report's script draws them, or :func:`micromanip.design.plots.canvas.drawn` does.
+Plots are numbers, not pictures: the script of a page draws them.
 """
 
 from __future__ import annotations

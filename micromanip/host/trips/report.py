@@ -1,23 +1,19 @@
-"""The trip report: what tripped, the order of causes, what the loop did, what to do next; in words and as a picture."""
+"""The trip report: what tripped, the order of causes, what the loop did, what to do next; in words."""
 
 from __future__ import annotations
 
 import hashlib
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from micromanip.faults import BY_NAME, raised
 from micromanip.files import open_regular
-from micromanip.rt import states as states_of
 from micromanip.rt.states import REACTION_NAMES, STATE_NAMES, WARN
 
 from .evidence import Moment, at_end_of_range, error_um, milliseconds, observations, parameters_of
 from .store import TripRecord
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 _MEANING = {
     "READY": "disarmed, outputs at park",
@@ -28,31 +24,7 @@ _MEANING = {
     "FAULT": "latched; nothing moves before a reset",
     "OFF": "the loop ends",
 }
-_SENSORS = {
-    states_of.STRAIN_INVALID: "strain",
-    states_of.STRAIN_SILENT: "strain",
-    states_of.STRAIN_STUCK: "strain",
-    states_of.STRAIN_CHECK: "strain",
-    states_of.STAGE_INVALID: "stage",
-    states_of.STAGE_STUCK: "stage",
-    states_of.STAGE_CHECK: "stage",
-    states_of.DISAGREEMENT: "stage",
-    states_of.STAGE_DRIFT: "stage",
-}
-"""Faults of a sensor: the picture shows what it said."""
-_FRESH, _WORDS = {"strain": 1, "stage": 2}, {"strain": "gauge", "stage": "stage sensor"}
 _BEFORE_MS = -1000.0
-_SIZE, _DPI = (12.0, 8.0), 130
-_NEAR_MS, _SHORTLY_MS = (-50.0, 50.0), 5.0
-_SHADES = {
-    "READY": "white",
-    "ARMING": "tab:olive",
-    "TRACKING": "tab:green",
-    "HOLDING": "tab:orange",
-    "RAMPING": "gold",
-    "FAULT": "tab:red",
-    "OFF": "tab:grey",
-}
 
 
 def story(box: TripRecord, file: Path) -> dict[str, Any]:
@@ -200,70 +172,3 @@ def _axis_words(axis: dict[str, Any]) -> str:
     if axis["error_um"] is None:
         return voltage
     return f"error {axis['error_um']:.2f} um (largest before {axis['max_error_um']:.2f} um), {voltage}"
-
-
-def save(box: TripRecord, file: Path) -> None:
-    """Draw the trip into a PNG or SVG file."""
-    _drawn(box).savefig(file, dpi=_DPI, metadata={"Date": None} if file.suffix == ".svg" else None)
-
-
-def _drawn(box: TripRecord) -> Figure:
-    """Errors, voltages with their range, and a sensor that tripped: of the whole time, and near the trip."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=_SIZE, layout="constrained")
-    where = f" axis {box.trip['axis']}" if box.trip["axis"] else ""
-    figure.suptitle(f"{box.trip['code']}{where}  {box.meta['utc']}")
-    figure.supxlabel(f"{box.meta['path']} ({box.meta['sha256'][:8]})", fontsize="x-small", color="dimgrey")
-    sensor = _SENSORS.get(box.trip["number"]) if box.trip["axis"] in box.meta["axes"] else None
-    panels = figure.subplots(2 if sensor is None else 3, 2, sharex="col")
-    ms = milliseconds(box)
-    spans = (float(ms[0]), float(ms[-1])), (max(float(ms[0]), _NEAR_MS[0]), min(float(ms[-1]), _NEAR_MS[1]))
-    for column, span in zip(panels.T, spans, strict=True):
-        column[0].set_ylabel("error, um")
-        column[1].set_ylabel("voltage, V")
-        column[-1].set_xlabel("time from the trip, ms")
-        column[0].set_xlim(*span)
-        for panel in column:
-            _shade(panel, box, span)
-            panel.axvline(0.0, color="tab:red", lw=1.0)
-            panel.grid(alpha=0.3)
-        worst_um = 0.0
-        for i, name in enumerate(box.meta["axes"]):
-            error = error_um(box, i)
-            column[0].plot(ms, error, lw=0.8, color=f"C{i}", label=name)
-            column[1].plot(ms, box.rows["axis"]["voltage_V"][:, i], lw=0.8, color=f"C{i}")
-            for end in (parameters_of(box, i)["limiter"][name] for name in ("low_V", "high_V")):
-                column[1].axhline(end, color=f"C{i}", lw=0.8, ls="--")
-            before = np.abs(error[(ms >= span[0]) & (ms <= _SHORTLY_MS)])
-            worst_um = max(worst_um, float(np.max(before, initial=0.0, where=np.isfinite(before))))
-        if worst_um > 0.0:  # what the ramp leaves behind may run out of it
-            column[0].set_ylim(-1.2 * worst_um, 1.2 * worst_um)
-        if sensor is not None:
-            _draw_sensor(column[2], box, sensor)
-    panels[0, 0].legend(loc="upper left", fontsize="small", title="axis")
-    return figure
-
-
-def _draw_sensor(panel: Any, box: TripRecord, sensor: str) -> None:
-    """What the sensor of the axis that tripped said, each fresh sample a dot, beside what it should have said."""
-    row, ms = box.rows["axis"][:, box.meta["axes"].index(box.trip["axis"])], milliseconds(box)
-    fresh = row["fresh"] & _FRESH[sensor] != 0
-    wanted = "setpoint_um" if sensor == "strain" else "reference_um"
-    panel.plot(ms, row[f"{sensor}_um"], lw=0.8, label=f"{_WORDS[sensor]} {box.trip['axis']}")
-    panel.plot(ms[fresh], row[f"{sensor}_um"][fresh], ".", ms=2, color="C0")
-    panel.plot(ms, row[wanted], "--", lw=0.8, label=wanted.removesuffix("_um"))
-    panel.set_ylabel(f"{_WORDS[sensor]}, um")
-    panel.legend(loc="upper left", fontsize="small")
-
-
-def _shade(panel: Any, box: TripRecord, span: tuple[float, float]) -> None:
-    """States as coloured stretches with their names, where there is room for one."""
-    begun = states(box)
-    for (begin, name), end in zip(begun, [*(ms for ms, _ in begun[1:]), span[1]], strict=True):
-        left, right = max(begin, span[0]), min(end, span[1])
-        if right > left:
-            panel.axvspan(left, right, color=_SHADES.get(name, "white"), alpha=0.15, lw=0)
-        if right - left > 0.1 * (span[1] - span[0]):
-            place = {"xycoords": ("data", "axes fraction"), "ha": "center", "va": "top", "fontsize": "x-small"}
-            panel.annotate(name, ((left + right) / 2, 0.97), **place)

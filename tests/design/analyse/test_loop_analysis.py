@@ -1,11 +1,11 @@
 """The strain loop is judged with the PID that runs, not with the one that is written."""
 
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from campaigns.report import CONFIG
 from micromanip.control.margins import margins
 from micromanip.control.system import System
 from micromanip.design.analyse.axis import analyse_axis
@@ -50,7 +50,7 @@ def test_the_share_of_the_feedback_that_is_left_is_what_is_judged():
 
 
 def test_an_outer_loop_has_the_whole_feedback_inside_also_while_the_axis_is_in_mode_strain():
-    tuned = load(Path(__file__).parents[3] / "config" / "simulated.yaml")
+    tuned = load(CONFIG / "simulated.yaml")
     configuration = with_axis(tuned, "x", mode="strain", actuator=axis("strain").actuator)
     found = analyse_axis(configuration, "x", None, range(0), actuator=SEEN)
     assert found.strain.side.inner == configuration.axes["x"].inner

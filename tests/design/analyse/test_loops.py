@@ -1,7 +1,6 @@
 """Both loops as systems: they are what runs, and their margins are those of the design table."""
 
 from dataclasses import asdict
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,6 +8,7 @@ from rt.builders import PERIOD_S, record
 from rt.outer_loops import designed
 from scipy.linalg import expm
 
+from campaigns.report import CONFIG
 from micromanip.control.margins import margins
 from micromanip.control.pid import pid_system
 from micromanip.control.stage_loop import model_system, stage_loop
@@ -145,7 +145,7 @@ def test_hysteresis_without_an_inverse_counts_as_unstable():
     assert not found.stable
 
 
-CONFIG = Path(__file__).parents[3] / "config" / "paper.yaml"
+PAPER = CONFIG / "paper.yaml"
 PID = Inner(mode="pid", K_V_per_um=0.6, Ti_ms=0.571, Td_ms=0.167, filter_ms=0.3)
 
 

@@ -1,11 +1,10 @@
 """Loops that a slew limit keeps swinging: what the model says of their gains, and what catches them in the cell."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy.linalg import block_diag
 
+from campaigns.report import CONFIG
 from micromanip.control.outer_gains import outer_gains
 from micromanip.design.analyse.saturation import Reach, Samples, comes_to_rest
 from micromanip.design.commission.limit_cycle import stage_at_rest, strain_at_rest
@@ -16,7 +15,7 @@ from micromanip.settings.compile.cell import compile_cell
 from micromanip.virtual.cell import VirtualCell
 from micromanip.virtual.experiment import VirtualExperiment
 
-CELL = prepare(Path(__file__).parents[3] / "config" / "simulated.yaml")
+CELL = prepare(CONFIG / "simulated.yaml")
 PERIOD_S = 1e-4
 AS_IT_IS, NERVOUS = (
     {},
@@ -58,7 +57,7 @@ def test_a_pole_with_a_zero_upon_it_is_no_mode_that_swings(residue, calm):
     assert comes_to_rest(gains, len(model.A), Reach(2.0, 63.0), PERIOD_S) is calm
 
 
-SELDOM = prepare(Path(__file__).parents[3] / "config" / "simulated_2khz.yaml")
+SELDOM = prepare(CONFIG / "simulated_2khz.yaml")
 SWINGS = {"control_weight": 0.05623, "input_noise_um": 0.001, "disturbance_um": 7.208e-05, "oscillation_um": 7.208e-06}
 """Ms 1.61, 9.6 dB and 52 degrees on its own model; the stage swings by 10 um rms for ever."""
 

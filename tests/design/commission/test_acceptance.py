@@ -1,15 +1,15 @@
 """What a commissioned axis is judged by says why it was not met."""
 
-from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
+from campaigns.report import CONFIG
 from micromanip.design.commission.acceptance import _sines
 from micromanip.settings.load import load
 from micromanip.settings.wiring.timing import AT_ONCE
 
-FACTORY = Path(__file__).parents[3] / "config" / "factory.yaml"
+FACTORY = CONFIG / "factory.yaml"
 
 
 @pytest.mark.parametrize(("limit", "faster"), [(1.0, True), (1.9, True), (2.1, False)])

@@ -1,11 +1,10 @@
 """Lines told from noise, hum and resonances; the reference that is made of what the tracker said at rest."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from campaigns.report import CONFIG
 from micromanip.design.commission.quiescent_spectrum import (
     FLANK_SHARE,
     STANDS_OUT,
@@ -16,7 +15,7 @@ from micromanip.design.commission.quiescent_spectrum import (
 from micromanip.settings.check import prepare
 from micromanip.virtual.experiment import VirtualExperiment, with_options
 
-FACTORY = Path(__file__).parents[3] / "config" / "factory.yaml"
+FACTORY = CONFIG / "factory.yaml"
 
 RATE_HZ, BAND_HZ = 10_000.0, (70.0, 1000.0)
 T_S = np.arange(50_000) / RATE_HZ

@@ -1,19 +1,19 @@
 """When decoupling goes on: beyond its uncertainty, where it pays, and where a second trial says so too."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+from campaigns.report import CONFIG
 from micromanip.design.analyse.coupling import Coupling, Together
 from micromanip.design.commission.coupled import Coupled, decoupled
 from micromanip.design.commission.production import PathErrorSeen, Production
 from micromanip.settings.load import load
 from micromanip.settings.write import with_tuning
 
-CONFIG = Path(__file__).parents[3] / "config" / "simulated.yaml"
-TUNED = load(CONFIG)
+SIMULATED = CONFIG / "simulated.yaml"
+TUNED = load(SIMULATED)
 NAMES = tuple("xyz")
 HERTZ = np.linspace(0.3, 300.0, 200)
 
@@ -56,7 +56,7 @@ def test_it_is_switched_on_where_it_pays_and_the_second_trial_is_better():
     assert production.seen["x"].rms == 0.06
     assert "x 0.080 to 0.060 um rms" in after.decided[0]
     assert after.cost["x"].ignored > 5.0 * after.cost["x"].decoupled
-    text = with_tuning(CONFIG.read_text(encoding="utf-8"), production.configuration.axes)
+    text = with_tuning(SIMULATED.read_text(encoding="utf-8"), production.configuration.axes)
     assert text.count("decouple: true") == 3
 
 
@@ -84,7 +84,7 @@ def test_it_is_taken_back_where_the_second_trial_is_worse_or_ends():
 
 
 def test_a_coupling_that_is_not_found_again_leaves_the_file():
-    file = with_tuning(CONFIG.read_text(encoding="utf-8"), coupled().noted(TUNED).axes)
+    file = with_tuning(SIMULATED.read_text(encoding="utf-8"), coupled().noted(TUNED).axes)
     assert file.count("coupling:") == 3
     assert "coupling:" not in with_tuning(file, TUNED.axes)
     assert with_tuning(file, coupled().noted(TUNED).axes) == file

@@ -1,17 +1,17 @@
 """Who follows the tooth's frequency: those axes whose own trials are better for it."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
+from campaigns.report import CONFIG
 from micromanip.design.commission.cell import RANGE_PERCENT, with_followed_tooth
 from micromanip.design.commission.production import PathErrorSeen, Production
 from micromanip.design.experiment import with_axis
 from micromanip.settings.load import load
 
 NAMES = tuple("xyz")
-TUNED = load(Path(__file__).parents[3] / "config" / "simulated.yaml")
+TUNED = load(CONFIG / "simulated.yaml")
 for name in NAMES:
     fixed = TUNED.axes[name].outer.model_copy(update={"oscillation_range_percent": 0.0})
     TUNED = with_axis(TUNED, name, outer=fixed)

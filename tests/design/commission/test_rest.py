@@ -1,17 +1,17 @@
 """A gauge at rest whose readings do not change: dead, or coarser than its noise, as the configuration says."""
 
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from campaigns.report import CONFIG
 from micromanip.design.commission.polarity import check_rest
 from micromanip.errors import CheckFailed
 from micromanip.rt.records import MAX_AXES
 from micromanip.settings.load import load
 
-FACTORY = load(Path(__file__).parents[3] / "config" / "factory.yaml")
+FACTORY = load(CONFIG / "factory.yaml")
 STRAIN = FACTORY.faults.axis.strain
 
 

@@ -1,24 +1,23 @@
 """The actuator's dynamics, from a recording of the simulated cell: beside the physics that made it."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from micromanip_drivers.simulated import mechanics
 from micromanip_drivers.simulated.options import Plant
 
+from campaigns.report import CONFIG
 from micromanip.design.analyse.describing import harmonics, inverse_operator
 from micromanip.design.identify.actuation import identify_actuator, working_voltage
 from micromanip.errors import CheckFailed
 from micromanip.settings.check import prepare
 from micromanip.virtual.experiment import VirtualExperiment
 
-CONFIG = Path(__file__).parents[3] / "config" / "simulated.yaml"
+SIMULATED = CONFIG / "simulated.yaml"
 
 
 @pytest.fixture(scope="module")
 def prepared():
-    return prepare(CONFIG)
+    return prepare(SIMULATED)
 
 
 @pytest.fixture(scope="module")

@@ -1,17 +1,16 @@
 """Excitations stay inside the output's limits, begin and end softly, and only the chosen axis moves."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
+from campaigns.report import CONFIG
 from micromanip.design.experiment import open_loop
 from micromanip.design.identify.experiments import design, recording, samples_for, write_csv
 from micromanip.rt.states import TRACKING
 from micromanip.settings.check import prepare
 from micromanip.virtual.experiment import VirtualExperiment
 
-FACTORY = Path(__file__).parents[3] / "config" / "factory.yaml"
+FACTORY = CONFIG / "factory.yaml"
 KINDS = ("multisine", "turns", "triangle", "step")
 
 

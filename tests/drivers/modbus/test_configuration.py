@@ -8,6 +8,7 @@ import pytest
 import yaml
 from micromanip_drivers.modbus.driver import Modbus
 
+from campaigns.report import CONFIG
 from micromanip.errors import ConfigError
 from micromanip.settings.check import prepare
 from micromanip.settings.wiring.buses import bus_findings
@@ -15,7 +16,6 @@ from micromanip.settings.wiring.single_driver import driver_to_probe
 
 from ..changed_options import DELETE, put
 
-CONFIG = Path(__file__).parents[3] / "config"
 FILES = ["modbus.yaml", "modbus_rtu.yaml"]
 UNIT = "units.cell.tasks.exchange."
 

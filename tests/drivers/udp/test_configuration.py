@@ -1,15 +1,15 @@
 """What `check` says of a cell on the driver `udp`: what it carries, and what can't be right."""
 
 import json
-from pathlib import Path
 
 import pytest
 
+from campaigns.report import CONFIG
 from micromanip.cli.main import main
 from micromanip.errors import ConfigError
 from micromanip.settings.check import prepare
 
-UDP = Path(__file__).parents[3] / "config" / "udp.yaml"
+UDP = CONFIG / "udp.yaml"
 
 
 def changed(folder, *changes):

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from campaigns.report import CONFIG
 from micromanip.design.analyse.budget.budget import FORCE, TRACKER
 from micromanip.design.analyse.budget.recorded import (
     ACTUATOR,
@@ -19,7 +20,6 @@ from micromanip.rt.states import READY
 from micromanip.settings.check import prepare
 from micromanip.virtual.experiment import VirtualExperiment, with_options
 
-CONFIG = Path(__file__).parents[4] / "config"
 SECONDS = 14.0
 
 

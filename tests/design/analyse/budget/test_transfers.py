@@ -1,7 +1,6 @@
 """Variances by spectra beside covariances by Lyapunov equations, and the loop's transfers beside steps of its laws."""
 
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import solve_discrete_lyapunov
 
+from campaigns.report import CONFIG
 from micromanip.control.predictor import output_row, reference_transition, tracker_gain
 from micromanip.design.analyse.budget.budget import Grid, prediction_variance, shared_out
 from micromanip.design.analyse.budget.loop import AxisLaws
@@ -18,12 +18,12 @@ from micromanip.errors import CheckFailed
 from micromanip.settings.load import load
 from micromanip.settings.schema.reference import Oscillation, Tracker
 
-CONFIG = Path(__file__).parents[4] / "config" / "simulated.yaml"
+SIMULATED = CONFIG / "simulated.yaml"
 
 
 @pytest.fixture(scope="module")
 def laws():
-    found = load(CONFIG)
+    found = load(SIMULATED)
     return AxisLaws("x", found.axes["x"], replace(found.reference.of("x"), steady=None), 1e-4)
 
 

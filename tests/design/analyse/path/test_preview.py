@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from campaigns.report import CONFIG
 from micromanip.design.analyse.budget.path_record import followed_share
 from micromanip.design.analyse.path.prediction import inverse_voltage, predict
 from micromanip.design.analyse.path.preview import (
@@ -117,9 +118,6 @@ def test_a_reserve_is_told_where_it_leads_to_no_more():
     hard, around = of(RANGE, 1.0, 2.0), of(RESERVE, 0.98, 2.1)
     before, alone = of(RESERVE, 0.7, 2.1), of(RESERVE, 3.0, 3.5)
     assert beyond([hard, around, before, alone]) == [hard, before, alone]
-
-
-CONFIG = Path(__file__).parents[4] / "config"
 
 
 @pytest.mark.long

@@ -81,11 +81,8 @@ def require_new_page(place: Path) -> None:
 
 def provenance(prepared: Prepared, axis: str, seed: int | None) -> str:
     """What a page says of where it comes from; `seed` None stands for that of the simulation in the file."""
-    seeds = [
-        driver.options.get("seed", 1)
-        for driver in prepared.configuration.drivers.values()
-        if driver.driver == "simulated"
-    ]
+    drivers = prepared.configuration.drivers.values()
+    seeds = [driver.options.get("seed", 1) for driver in drivers if driver.driver == "simulated"]
     drawn = "".join(f", seed {each}" for each in (seeds[:1] if seed is None else [seed]))
     today = datetime.datetime.now(datetime.UTC).date().isoformat()
     return f"axis {axis}, {prepared.source.path} ({prepared.source.hash[:8]}), {today}{drawn}"

@@ -52,4 +52,5 @@ def show(trip: str | None, to: Path | None, folder: Path | None) -> Answer:
     found = story(box, file)
     page = Page(to)
     page.write(file.stem, trip_sections(box, found))
-    return Answer(found | {"page": page.name}, lambda: list(map(echo, lines(found))), page.problem)
+    said = [*lines(found), *([f"wrote {page.name}"] if page.name else [])]
+    return Answer(found | {"page": page.name}, lambda: echo("\n".join(said)), page.problem)

@@ -47,7 +47,7 @@ _NO_TABLE = "not a table of numbers: one row per sample, separated by commas, se
 _TEXT = {9, 10, 11, 12, 13, 27, *range(32, 256)}
 _OF_DAY = re.compile(
     r"(?:.*[^\d:.,])?(?:(?P<h>\d\d?):(?=\d\d:\d\d)|(?=\d+:\d+[.,]))"
-    r"(?P<m>\d\d?):(?P<s>\d\d(?:[.,]\d+)?)(?: ?(?P<half>[AP])\.?M\.?)?",
+    r"(?P<m>\d\d?):(?P<s>\d\d(?:[.,]\d+|:\d{3})?)(?: ?(?P<half>[AP])\.?M\.?)?",
     re.IGNORECASE,
 )
 _DAY_FIRST = re.compile(r"(\d\d?)\.(\d\d?)\.(\d{4})[.,]? ")
@@ -366,7 +366,7 @@ def _values(
 def stamp_s(text: str) -> float | None:
     """Seconds of ``2026-11-24T10:00:00.5+01:00`` or ``24.11.2026 10:00:00,5``; None for what is no time.
 
-    Of day where the date is none of these, which could be read in two ways: ``11/12/26 10:00:00 PM``, ``10:00.5``.
+    Of day where the date has two meanings or is missing: ``11/12/26 10:00:00 PM``, ``10:00.5``, ``10:00:00:500``.
     """
     text = _DAY_FIRST.sub(lambda found: f"{found[3]}-{found[2]:0>2}-{found[1]:0>2}T", text).replace("/", "-")
     text = _ZONE.sub(lambda found: found[1] or "Z", _ONE_DIGIT.sub(r"\g<1>0\2", text))
@@ -377,4 +377,4 @@ def stamp_s(text: str) -> float | None:
         return None
     hour, half = int(of_day["h"] or 0), (of_day["half"] or "").upper()
     hour = hour % 12 + (12 if half == "P" else 0) if half else hour
-    return 3600.0 * hour + 60.0 * int(of_day["m"]) + float(of_day["s"].replace(",", "."))
+    return 3600.0 * hour + 60.0 * int(of_day["m"]) + float(re.sub("[,:]", ".", of_day["s"]))

@@ -110,14 +110,11 @@ def test_a_disk_that_fills_while_drawing_keeps_the_results(tmp_path, monkeypatch
     assert files_in(tmp_path) == {"out/fit.html": whole.encode()}
 
 
-def full(file, _):
-    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(file))
+def full(*_):
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
 def test_a_folder_without_room_is_refused_before_anything_moves(tmp_path, monkeypatch, capsys):
-    def full(*_):
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
     monkeypatch.setattr(os, "posix_fallocate", full)
     assert code_of(*WRITERS["identify"], "--out", tmp_path / "out") == 69
     assert f"--out {tmp_path / 'out'}: No space left on device; make room there" in capsys.readouterr().err

@@ -55,6 +55,7 @@ READ = {  # text, columns and options, what is told
         shown(timed(lambda t: f"12-Nov-2026 {of_day(t, 43198.0, half=True)} {'PM' if t >= 2.0 else 'AM'}")), {}, "",
     ),
     "minutes": (shown(timed(lambda t: f"59:{10.0 + t:06.3f}")), {}, ""),
+    "thousandths": (shown(timed(lambda t: f"10:00:{10.0 + t:06.3f}".replace(".", ":"))), {}, ""),
     "seconds of the day": (
         shown(timed(lambda t: (86398.0 + t) % 86400.0), "t_s,u,y"), {},
         "t_s begins anew at x:402: counted on from 86400",

@@ -61,7 +61,7 @@ def test_json_has_the_documented_keys(csv, capsys):
     assert {"model", "rms_percent", "max_percent", "validation", "parameters"} <= set(report)
     assert report["model"] == "pi-affine"
     assert report["validation"] is None
-    assert report["figures"] == []
+    assert report["page"] is None
     assert 0 < report["rms_percent"] <= 0.1
     assert report["rms_percent"] < report["max_percent"] <= 1.0
     model = PrandtlIshlinskii(**report["parameters"])

@@ -164,7 +164,7 @@ def test_wrong_usage_is_64_and_a_near_miss_gets_a_suggestion(typed, capsys):
 )
 def test_no_controller_is_69_and_says_the_next_step(verb, tmp_path, capsys):
     assert code_of(*verb.split(), "--socket", tmp_path / "none.sock") == 69
-    assert "micromanip run PAPER" in capsys.readouterr().err
+    assert "micromanip run CONFIG" in capsys.readouterr().err
 
 
 def test_a_good_configuration(capsys):

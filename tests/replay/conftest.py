@@ -4,12 +4,12 @@ import pytest
 
 from micromanip.settings.check import prepare
 
-from .recorded import CONFIG, recording, track
+from .recorded import SIMULATED, recording, track
 
 
 @pytest.fixture(scope="package")
 def recorded(tmp_path_factory):
     """The cell, and its recording from before arming on."""
-    cell = prepare(CONFIG)
+    cell = prepare(SIMULATED)
     file = tmp_path_factory.mktemp("counterfactual") / "run.mcap"
     return cell, recording(file, cell, track(cell, cell.parameters), samples=cell.samples)

@@ -15,7 +15,7 @@ from micromanip.replay.fitting import fit_models
 from micromanip.replay.self_replay import first_mismatch
 from micromanip.replay.window import recorded_configuration, take_window
 
-from .recorded import CONFIG
+from .recorded import SIMULATED
 from .tuned import tuned
 
 pytestmark = [pytest.mark.compiled_only, pytest.mark.long]
@@ -128,7 +128,7 @@ def test_the_command(recorded, tmp_path, capsys):
 )
 def test_another_cell_is_refused(recorded, tmp_path, capsys, was, is_, says):
     _, telemetry = recorded
-    text = CONFIG.read_text().replace(was, is_, 1)
+    text = SIMULATED.read_text().replace(was, is_, 1)
     if "hold" in is_:
         begin, end = text.index("  source: hold"), text.index("\naxes:")
         text = text[:begin] + "  source: hold\n  offset_um: 0\n" + text[end:]
@@ -142,9 +142,9 @@ def test_another_cell_is_refused(recorded, tmp_path, capsys, was, is_, says):
 
 def test_a_recording_that_says_too_little_is_refused(recorded, capsys):
     _, telemetry = recorded
-    assert code_of("replay", telemetry.file, "--with", CONFIG, "--cut", "5:5.2") == 1
+    assert code_of("replay", telemetry.file, "--with", SIMULATED, "--cut", "5:5.2") == 1
     assert "no piece of 0.5 s tracks in it from 5 to 5.2 s" in capsys.readouterr().err
-    assert code_of("replay", telemetry.file, "--with", CONFIG, "--cut", "0:1") == 1
+    assert code_of("replay", telemetry.file, "--with", SIMULATED, "--cut", "0:1") == 1
     assert "no piece of 0.5 s tracks" in capsys.readouterr().err
     assert code_of("replay", telemetry.file, "--cut", "5:6") == 64
     assert "--cut goes with --with" in capsys.readouterr().err

@@ -8,7 +8,7 @@ from micromanip.replay.fitting import fit_models
 from micromanip.replay.window import take_window
 from micromanip.settings.check import prepare
 
-from .recorded import CONFIG, recording, track
+from .recorded import SIMULATED, recording, track
 from .tuned import tuned
 
 pytestmark = [pytest.mark.compiled_only, pytest.mark.long]
@@ -19,7 +19,7 @@ STALLS = [(0.8, 30), (2.5, 400), *((3.1 + 0.02 * k, 3) for k in range(20))]
 @pytest.fixture(scope="module")
 def stalled(tmp_path_factory):
     """The cell, and whatever is tried on its recording with stalls."""
-    cell, file = prepare(CONFIG), tmp_path_factory.mktemp("gaps") / "run.mcap"
+    cell, file = prepare(SIMULATED), tmp_path_factory.mktemp("gaps") / "run.mcap"
     recorded = recording(file, cell, track(cell, cell.parameters, STALLS), samples=cell.samples)
     window = take_window(recorded)
     return cell, Rerun(window, fit_models(window, cell.configuration))

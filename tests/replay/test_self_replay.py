@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cli.command import code_of
-from settings.test_frame import CONFIG, framed, prepared
+from settings.test_frame import SIMULATED, framed, prepared
 from virtual.protected import Protected, text
 
 from micromanip.errors import CheckFailed
@@ -89,7 +89,7 @@ def test_what_sensors_and_devices_did_wrong_happens_again(tmp_path, fault):
 
 def test_a_tracker_that_is_turned_and_a_bus_that_is_slow(tmp_path):
     """Deviations that the loop computes itself; samples that come rarely and late."""
-    slow = VirtualCell((bus := prepare(CONFIG.with_name("simulated_2khz.yaml"))).parameters, bus.wiring)
+    slow = VirtualCell((bus := prepare(SIMULATED.with_name("simulated_2khz.yaml"))).parameters, bus.wiring)
     turned = VirtualCell((frame := prepared(tmp_path, framed(offset_um=[1.0, 0.0, 2.0]))).parameters, frame.wiring)
     for name, cell, made in (("slow", slow, bus), ("turned", turned, frame)):
         rows = np.concatenate([cell.arm(), cell.run(0.2)])

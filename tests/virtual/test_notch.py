@@ -11,7 +11,7 @@ from micromanip.settings.schema.axis import Notch
 from micromanip.settings.schema.reference import Sine, Sines
 from micromanip.virtual.experiment import VirtualExperiment
 
-from .protected import CONFIG
+from .protected import PAPER
 
 pytestmark = pytest.mark.compiled_only
 NOTCH = Notch(frequency_Hz=150.0, width_Hz=60.0, depth_percent=90.0)
@@ -19,7 +19,7 @@ NOTCH = Notch(frequency_Hz=150.0, width_Hz=60.0, depth_percent=90.0)
 
 @pytest.fixture(scope="module")
 def cell():
-    prepared = prepare(CONFIG)
+    prepared = prepare(PAPER)
     experiment = VirtualExperiment(prepared)
     return prepared.configuration, experiment, identify_actuator(prepared.configuration, experiment, "x")
 

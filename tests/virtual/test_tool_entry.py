@@ -82,7 +82,7 @@ def made(prepared, make):
 
 def on_hardware(folder, make, force=CONTACT, fault=""):
     """The factory's cell of that make, with the limits of hardware."""
-    text = (SIMULATED / "factory.yaml").read_text(encoding="utf-8").replace("limits: simulation", "limits: hardware")
+    text = (CONFIG / "factory.yaml").read_text(encoding="utf-8").replace("limits: simulation", "limits: hardware")
     scheduled = f"    faults: [{{at_s: {AT_S}, {fault}}}]\n" if fault else ""
     text = text.replace("    driver: simulated\n", f"    driver: simulated\n    force: {force}\n{scheduled}", 1)
     file = folder / f"{make}.yaml"
@@ -102,9 +102,9 @@ OTHERS = [
 def commissioned(request):
     """A make, and its axis x as `commission` tunes it, under the limits that the factory's file has."""
     if request.param == "nominal":  # commissioned by the campaign `tune`
-        axis = prepare(SIMULATED / "simulated.yaml").configuration.axes["x"]
+        axis = prepare(CONFIG / "simulated.yaml").configuration.axes["x"]
         return request.param, axis.model_copy(update={"mode": "stage"})
-    prepared = made(prepare(SIMULATED / "factory.yaml"), request.param)
+    prepared = made(prepare(CONFIG / "factory.yaml"), request.param)
     configuration = prepared.configuration
     found = commission_axis(configuration, VirtualExperiment(prepared), "x", lambda _: None, Options(tooth_Hz=200.0))
     return request.param, found.configuration.axes["x"].model_copy(update={"mode": "stage"})
@@ -150,7 +150,7 @@ def test_a_sensor_that_is_off_is_found(commissioned, tmp_path, offset_um):
 
 
 def test_behind_a_bus_the_contact_is_no_disagreement_either(tmp_path):
-    text = (SIMULATED / "simulated_1khz.yaml").read_text(encoding="utf-8")
+    text = (CONFIG / "simulated_1khz.yaml").read_text(encoding="utf-8")
     text, count = re.subn(r"(?m)^    force: .*$", f"    force: {CONTACT}", text)
     assert count == 1
     assert text.count("  axis: {") == 1
@@ -165,7 +165,7 @@ def test_behind_a_bus_the_contact_is_no_disagreement_either(tmp_path):
 
 def test_what_the_process_may_do_is_asked_for(tmp_path):
     """The larger the process, the more may the innovation be; without one it is what the filter expects at rest."""
-    prepared = prepare(SIMULATED / "simulated.yaml")
+    prepared = prepare(CONFIG / "simulated.yaml")
 
     def limits(**said):
         configuration = prepared.configuration

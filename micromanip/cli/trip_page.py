@@ -33,7 +33,8 @@ def _plots(box: TripRecord) -> Iterator[Plot]:
     errors = np.array([error_um(box, i) for i in range(len(names))])
     # what the ramp leaves behind may run out of the plot
     most_um = 1.2 * float(np.nanmax(np.abs(errors[:, ms <= _SHORTLY_MS]), initial=0.0))
-    errors[np.abs(errors) > most_um] = np.nan
+    if most_um > 0.0:
+        errors[np.abs(errors) > most_um] = np.nan
     curves = [Curve(name, ms, error) for name, error in zip(names, errors, strict=True)]
     yield Plot("Error", _TIME, "error, um", (*curves, _trip(-most_um, most_um)))
     limiters = [parameters_of(box, i)["limiter"] for i in range(len(names))]

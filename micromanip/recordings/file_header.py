@@ -17,24 +17,9 @@ BEGAN = "recording began"
 """The first mark."""
 CONFIGURATION, STATE, SAMPLES = "configuration.yaml", "state.npy", "samples.npy"
 PARAMETERS = "parameters-"
-"""Attachments: sets of parameters, each as the only array of a file of NumPy's that is compressed."""
+"""Attachments ``parameters-VERSION.npz``: the set that rows of a version ran with, the only array of it."""
 STATES = "state-"
-"""Attachments: the loop's state at the ends of cycles on the way, from which a replay can begin anew."""
-
-
-def axis_topic(axis: str) -> str:
-    """Its scalars, fifty a second."""
-    return f"/axis/{axis}"
-
-
-def state_file(cycle: int) -> str:
-    """Attachment with the state at the end of `cycle`."""
-    return f"{STATES}{cycle}.npy"
-
-
-def parameters_file(version: int) -> str:
-    """Attachment with the set of parameters that rows of `version` ran with."""
-    return f"{PARAMETERS}{version}.npz"
+"""Attachments ``state-CYCLE.npy``: the loop's state at the end of a cycle on the way, from which a replay can begin."""
 
 
 def sources_of_cycle() -> str:

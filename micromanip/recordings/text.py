@@ -30,7 +30,7 @@ _SAMPLED, _LOOKED_AT = 60, 500
 _PREAMBLE_ROWS = 10
 """Rows of numbers that may stand among the lines before a table; more of them are a table of their own."""
 _TOLD_TABLES, _EVEN = 4, 0.01
-_COMMENT, _HEADER_LINES = "#%/*", 12
+_COMMENT, _HEADER_LINES = "#%/*", 24
 _NOTHING = ',;"\t '
 """What a line without values consists of, as spreadsheets leave them behind the last row."""
 _EMPTY = re.compile(
@@ -180,7 +180,7 @@ def _rows(
         and _is_said(lines[last - 1], dialect)
     ):
         last -= 1
-    notes = [f"line {numbers[last]} to {numbers[-1]}: no rows, behind the table, left out"] if last < len(lines) else []
+    notes = [f"{_places(numbers[last:])}: no rows, behind the table, left out"] if last < len(lines) else []
     lines = lines[:last]
     first, between = len(lines), []
     for at in range(len(lines) - 1, -1, -1):
@@ -207,14 +207,18 @@ def _rows(
             f"read, save the one that is meant in a file of its own; there are {len(every)}, in lines {told}"
         )
     if settings:
-        end = f" to {numbers[settings[-1]]}" if len(settings) > 1 else ""
-        notes.insert(0, f"line {numbers[settings[0]]}{end}: numbers before the table, left out as settings")
+        place = _places([numbers[at] for at in settings])
+        notes.insert(0, f"{place}: numbers before the table, left out as settings")
     if between := [at for at in between if at > first]:
         more = len(between) - 1
         also = f", and {more} line{'s' * (more > 1)} more" if more else ""
         text = lines[between[-1]].strip()[:40]
         notes.append(f"line {numbers[between[-1]]}: {text!r} between rows that go on evenly behind it{also}, left out")
     return sorted({*range(first, last)} - {*between}), kinds, notes
+
+
+def _places(numbers: Sequence[int]) -> str:
+    return f"line {numbers[0]}" + (f" to {numbers[-1]}" if len(numbers) > 1 else "")
 
 
 def _goes_on(lines: Sequence[str], kinds: Sequence[str], dialect: _Dialect) -> bool:
@@ -283,6 +287,11 @@ def _header(file: Path, before: Sequence[str], dialect: _Dialect, kinds: Sequenc
     count, nothing = len(kinds), [""] * len(kinds)
     told = [line.strip("\r\n ").lstrip(_COMMENT).strip(" ") for line in before]
     lines = [_names(line, dialect, count) for line in told[-_HEADER_LINES:] if line.strip(_NOTHING)]
+    keyed = {names[0]: names for names in lines if len(names) == count}
+    if "Name" in keyed and kinds[0] == "number":  # TwinCAT's scope: keys above the times, in ms, of each group
+        units = zip(keyed["Name"], keyed.get("Unit", nothing), strict=True)
+        lines = [["time" if name == "Name" else name for name in keyed["Name"]]]
+        lines.append(["ms" if name == "Name" else unit for name, unit in units])
     # an oscilloscope has values in the header, whose names reach beyond the columns
     lines = [names[:count] if not kinds[-1] and len(names) > count else names for names in lines]
     lines = [names for names in lines if len(names) != count or not all(map(_TYPES.fullmatch, names))][-2:]
@@ -311,7 +320,7 @@ def _units_row(fields: Sequence[str], kinds: Sequence[str]) -> list[str]:
     above = [field for field, kind in zip(bare, kinds, strict=True) if kind and field]
     if 2 * sum(field != "1" and known(field) is not None for field in above) < max(len(above), 1):
         return []
-    return [field if kind and field != "-" else "" for field, kind in zip(bare, kinds, strict=True)]
+    return ["" if not kind or _EMPTY.fullmatch(field) else field for field, kind in zip(bare, kinds, strict=True)]
 
 
 def _names(text: str, dialect: _Dialect, count: int) -> list[str]:

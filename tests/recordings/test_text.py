@@ -171,6 +171,16 @@ Vertical Offset,0,0
 Labels,amp,gauge
 TIME,CH1,CH2
 """
+TWINCAT = """Name\tScope Project
+File\tcell.svdx
+
+Name\tAmplifier\tName\tGauge
+SymbolComment\t\tSymbolComment\t
+SampleTime[ms]\t5\tSampleTime[ms]\t5
+Offset\t0\tOffset\t0
+Unit\tV\tUnit\tµm
+
+"""
 KEYSIGHT = "x-axis,1,2\nsecond,Volt,Volt\n"
 
 
@@ -193,14 +203,8 @@ def same(file, columns=("u", "y"), factors=(1.0, 1.0), **options):
 
 
 FOREIGN = {
-    "comma": ("t,u,y\n" + "\n".join(lines()), ("u", "y")),
-    "windows": ("t,u,y\r\n" + "\r\n".join(lines()) + "\r\n", ("u", "y")),
     "german excel": ("Zeit;u;y\r\n" + "\r\n".join(lines(";", ",")), ("u", "y")),
-    "semicolons": ("t;u;y\n" + "\n".join(lines(";")), ("u", "y")),
-    "tabs": ("t\tu\ty\n" + "\n".join(lines("\t")), ("u", "y")),
-    "tabs, decimal commas": ("t\tu\ty\n" + "\n".join(lines("\t", ",")), ("u", "y")),
     "spaces": ("  t   u   y\n" + "\n".join(f"  {row}" for row in lines("   ")), ("u", "y")),
-    "spaces, decimal commas": ("t u y\n" + "\n".join(lines(" ", ",")), ("u", "y")),
     "numpy": ("# t u y\n" + "\n".join(lines(" ")), ("u", "y")),
     "matlab comments": ("% recorded on the bench\n% t, u, y\n" + "\n".join(lines()), ("u", "y")),
     "units row": ("t,u,y\ns,V,um\n" + "\n".join(lines()), ("u", "y")),
@@ -211,6 +215,10 @@ FOREIGN = {
     "labview": (LABVIEW + "\n".join(f"{row}\t" for row in lines("\t", ",")), ("Amplifier", "Gauge")),
     "tektronix": (TEKTRONIX + "\n".join(lines()), ("CH1", "CH2")),
     "keysight": (KEYSIGHT + "\n".join(lines()), ("1", "2")),
+    "twincat's scope": (
+        TWINCAT + "\n".join("{3}\t{1}\t{3}\t{2}".format(*r.split(";"), 5 * k) for k, r in enumerate(lines(";", ","))),
+        ("Amplifier", "Gauge"),
+    ),
     "ltspice": ("time\tV(amp)\tV(y)\n" + "\n".join(lines("\t")), ("V(amp)", "V(y)")),
     "german excel, cleared rows": ("Zeit;u;y\r\n" + "\r\n".join([*lines(";", ","), ";;", ";;"]) + "\r\n", ("u", "y")),
     "python on windows": ("t,u,y\r\r\n" + "\r\r\n".join(lines()) + "\r\r\n", ("u", "y")),
@@ -235,13 +243,6 @@ def test_a_comment_with_a_number_has_no_names(tmp_path):
     same(written(tmp_path / "x.txt", "# channel gain 20\n" + "\n".join(lines(" "))), ("2", "3"), time="1")
 
 
-@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "cp1252"])
-def test_encodings(encoding, tmp_path):
-    file = written(tmp_path / "x.csv", "t (s),u (V),y (µm)\n" + "\n".join(lines()), encoding)
-    same(file)
-    same(file, ("u (V)", "y (µm)"))
-
-
 @settings(max_examples=60, deadline=None)
 @given(
     separator=st.sampled_from([",", ";", "\t", " ", "  "]),
@@ -259,7 +260,7 @@ def test_any_dialect_gives_the_numbers_back(
 ):
     if decimal == "," == separator:
         decimal = "."
-    names = [f"q{k}" for k in range(len(table[0]))]
+    names = [f"qµ{k}" for k in range(len(table[0]))]
     text = [separator.join(f"{value:.8e}".replace(".", decimal) for value in row) for row in table]
     head = [*preamble, separator.join(names), *([separator.join(["V"] * len(names))] if units else [])]
     file = tmp_path_factory.mktemp("dialect") / "x.csv"

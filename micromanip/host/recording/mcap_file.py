@@ -99,7 +99,7 @@ class McapRecording:
 
     def keep(self, state: Any) -> None:
         """Store a snapshot on the way."""
-        self._attach(header.state_file(int(state["cycle"])), np.array([state], CELL_STATE))
+        self._attach(f"{header.STATES}{state['cycle']}.npy", np.array([state], CELL_STATE))
 
     def _mark_begin(self, cycle: int) -> None:
         """The first chunk of a file: it brings what readers must know of the rows."""
@@ -132,7 +132,7 @@ class McapRecording:
             if int(version) not in self._versions:
                 self._versions.add(int(version))
                 found = slots[slots["version"] == version].view(CELL_PARAMETERS)
-                self._attach_packed(header.parameters_file(int(version)), found)
+                self._attach_packed(f"{header.PARAMETERS}{version}.npz", found)
         self._scalars(rows)
         for first in range(0, len(rows), _BLOCK_ROWS):
             block = rows[first : first + _BLOCK_ROWS]
@@ -190,7 +190,7 @@ class McapRecording:
         cell = dict.fromkeys(("cycle", "state", "fault", "lateness_us", "compute_us", "lines"), "number")
         self._cell = self._json_channel(header.CELL_TOPIC, "micromanip.Cell", {**cell, "state_name": "string"})
         scalars = dict.fromkeys(_SCALARS, "number")
-        self._axis = [self._json_channel(header.axis_topic(axis), "micromanip.Axis", scalars) for axis in self._axes]
+        self._axis = [self._json_channel(f"/axis/{axis}", "micromanip.Axis", scalars) for axis in self._axes]
         marks = {"text": "string", "cycle": "integer", "by": "string", "time": "string"}
         self._marks = self._json_channel(header.MARKS_TOPIC, "micromanip.Mark", marks)
 

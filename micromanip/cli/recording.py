@@ -109,12 +109,7 @@ def view(file: Path, listen: str) -> Answer:
 @subcommand("export", "micromanip recording export run.mcap --to part.csv --cut 2:3 --signals strain_um,voltage_V_x")
 @click.argument("file", type=click.Path(path_type=Path), metavar="FILE")
 @click.option(
-    "--to",
-    "--out",
-    "to",
-    required=True,
-    type=click.Path(path_type=Path),
-    help="New file: .csv, .mat, .npz, .h5 or .parquet.",
+    "--to", required=True, type=click.Path(path_type=Path), help="New file: .csv, .mat, .npz, .h5 or .parquet."
 )  # fmt: skip
 @click.option("--cut", type=Cut(), help="This part only, FROM:TO in seconds from the first cycle.")
 @click.option("--signals", help="These columns only, between commas; without the axis, those of all axes.")

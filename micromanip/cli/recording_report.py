@@ -9,7 +9,7 @@ import click
 
 from .echo import echo
 from .options import Answer, subcommand
-from .results import require_new_page
+from .results import Page, require_new_page
 
 if TYPE_CHECKING:
     from micromanip.design.run.statistics import RecordedRun
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 @subcommand("report", "micromanip recording report run.mcap --to run.html")
 @click.argument("file", type=click.Path(path_type=Path), metavar="FILE")
 @click.option(
-    "--to", "--out", "to", type=click.Path(path_type=Path), metavar="FILE.html",
+    "--to", type=click.Path(path_type=Path), metavar="FILE.html",
     help="New file.  [default: FILE with the ending .html]",
 )  # fmt: skip
 def report(file: Path, to: Path | None) -> Answer:
@@ -40,18 +40,17 @@ def report(file: Path, to: Path | None) -> Answer:
         run = RecordedRun(telemetry, bar.say)
         bar.say("drawing")
         figures = run_figures(run)
-        page = run_report(run, figures)
+        page = Page(to)
+        page.write(f"Run {file.name}", run_report(run, figures))
     _warn(run)
-    to.write_text(page, encoding="utf-8")
-    document = {"report": str(to), "run": figures.document()}
-    return Answer(document, lambda: echo(f"{to}, {len(page) / 1e3:.0f} kB"))
+    return Answer({"page": page.name, "run": figures.document()}, page.echo, page.problem)
 
 
 @subcommand("compare", "micromanip recording compare monday.mcap tuesday.mcap --to week.html")
 @click.argument("first", type=click.Path(path_type=Path), metavar="A")
 @click.argument("second", type=click.Path(path_type=Path), metavar="B")
 @click.option(
-    "--to", "--out", "to", type=click.Path(path_type=Path), metavar="FILE.html",
+    "--to", type=click.Path(path_type=Path), metavar="FILE.html",
     help="New file: both as one page of HTML.",
 )  # fmt: skip
 def compare(first: Path, second: Path, to: Path | None) -> Answer:
@@ -61,7 +60,7 @@ def compare(first: Path, second: Path, to: Path | None) -> Answer:
     --to draws both side by side, judges every quantity, and says what each parameter that differs means.
     """
     from micromanip.design.run.comparison import compared, configuration_changes, ratio, run_figures
-    from micromanip.design.run.report import comparison_page
+    from micromanip.design.run.report import comparison
     from micromanip.design.run.statistics import BANDS_Hz, RecordedRun
     from micromanip.recordings import open_telemetry
 
@@ -83,7 +82,7 @@ def compare(first: Path, second: Path, to: Path | None) -> Answer:
         found = ratio(*squares)
         axes[axis] = {"ratio": found.value, "ratio_95": [found.low, found.high], "verdict": found.verdict}
         axes[axis] |= {"independent": [each.batches for each in squares]}
-    document = {
+    document: dict[str, Any] = {
         "a": a.document(),
         "b": b.document(),
         "bands_Hz": BANDS_Hz,
@@ -91,13 +90,13 @@ def compare(first: Path, second: Path, to: Path | None) -> Answer:
         "configuration": changes,
         "quantities": [each.document() for each in found_differences],
     }
-    if to is not None:
-        to.write_text(comparison_page(runs, figures, found_differences, changes), encoding="utf-8")
-        document["report"] = str(to)
-    return Answer(document, lambda: _show_comparison(document))
+    page = Page(to)
+    page.write(f"A {first.name} and B {second.name}", comparison(runs, figures, found_differences, changes))
+    document["page"] = page.name
+    return Answer(document, lambda: _show_comparison(document, page), page.problem)
 
 
-def _show_comparison(document: dict[str, Any]) -> None:
+def _show_comparison(document: dict[str, Any], page: Page) -> None:
     from .tables import print_table
 
     a, b = document["a"], document["b"]
@@ -128,8 +127,7 @@ def _show_comparison(document: dict[str, Any]) -> None:
         echo(f"{change['key']}: {change['old']} -> {change['new']}")
     if not document["configuration"]:
         echo("the configurations are the same")
-    if "report" in document:
-        echo(document["report"])
+    page.echo()
 
 
 def _warn(run: RecordedRun) -> None:

@@ -14,10 +14,10 @@ from .options import Answer, Quantity, subcommand
 from .progress import show_compiling
 from .recording_options import Cut, open_recording
 
-_OF_VARY = ("trials", "best", "objective", "seed", "jobs", "address", "out")
+_OF_VARY = ("trials", "best", "objective", "seed", "jobs", "address", "to")
 
 
-@subcommand("replay", "micromanip replay out/run.mcap --vary axes.*.outer.control_weight=1..100:log --out best.yaml")
+@subcommand("replay", "micromanip replay out/run.mcap --vary axes.*.outer.control_weight=1..100:log --to best.yaml")
 @click.argument("file", type=click.Path(path_type=Path), metavar="RECORDING")
 @click.option(
     "--with",
@@ -44,7 +44,7 @@ _OF_VARY = ("trials", "best", "objective", "seed", "jobs", "address", "out")
     "--scheduler", "address", metavar="ADDRESS", help="With --vary: a Dask scheduler instead, e.g. tcp://host:8786."
 )
 @click.option(
-    "--out", type=click.Path(path_type=Path, dir_okay=False), help="With --vary: new file for the best configuration."
+    "--to", type=click.Path(path_type=Path, dir_okay=False), help="With --vary: new file for the best configuration."
 )
 @click.pass_context
 def command(
@@ -59,7 +59,7 @@ def command(
     With --with the same forces, noise and path meet another tuning: from the arming on where that is recorded, else
     from the beginning, or that of --cut. Exit code 1 where the cell would have stopped.
 
-    With --vary many tunings are tried like that, from the beginning of tracking on, and the best are listed. --out
+    With --vary many tunings are tried like that, from the beginning of tracking on, and the best are listed. --to
     takes the best that passes `check`; exit code 1 where none is better.
     """
     if not vary and (name := next((name for name in _OF_VARY if _is_given(context, name)), None)):

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 def vary_tuning(
     file: Path, config: Path | None, cut: tuple[float, float] | None, *, vary: tuple[str, ...],
-    trials: int, best: int, objective: str, seed: int, jobs: int | None, address: str | None, out: Path | None,
+    trials: int, best: int, objective: str, seed: int, jobs: int | None, address: str | None, to: Path | None,
 ) -> Answer:  # fmt: skip
     """Run the trials, write the best of them; it ends with CheckFailed where none beats trial 0."""
     from micromanip.design.parallel import each, scheduler
@@ -30,9 +30,9 @@ def vary_tuning(
 
     variations = [Variation.parse(text) for text in vary]
     numbered = list(enumerate(drawn(variations, trials, seed), start=1))
-    if out is not None:
-        require_new(out, "--out")
-        require_room(out.parent, f"--out {out}")
+    if to is not None:
+        require_new(to, "--to")
+        require_room(to.parent, f"--to {to}")
     _, base, window, models = recorded_run(file, config, cut, arming=False)
     require_numbers(base, variations)
     work = Trials(base, window, models, objective)
@@ -55,18 +55,18 @@ def vary_tuning(
         "best": [_document(trial, window.axes) for trial in ranked[:best]],
         "written": None,
     }
-    if out is not None and ranked and ranked[0].number:
+    if to is not None and ranked and ranked[0].number:
         command = f"micromanip replay {file} {' '.join(f'--vary {text}' for text in vary)} --seed {seed}"
-        text = _configuration(work, ranked[0], out, command)
-        out.write_text(text, encoding="utf-8")
-        document["written"] = str(out)
-    unwritten = CheckFailed(f"{out} is not written: no trial is better than the tuning as it is")
-    is_missing = out is not None and document["written"] is None
+        text = _configuration(work, ranked[0], to, command)
+        to.write_text(text, encoding="utf-8")
+        document["written"] = str(to)
+    unwritten = CheckFailed(f"{to} is not written: no trial is better than the tuning as it is")
+    is_missing = to is not None and document["written"] is None
     return Answer(document, lambda: _show(document), unwritten if is_missing else None)
 
 
-def _configuration(work: Trials, trial: Trial, out: Path, command: str) -> str:
-    """The varied configuration with the values of a trial; ConfigError where `check` would refuse it as `out`."""
+def _configuration(work: Trials, trial: Trial, to: Path, command: str) -> str:
+    """The varied configuration with the values of a trial; ConfigError where `check` would refuse it as `to`."""
     from micromanip.settings.check import prepared
     from micromanip.settings.text.source import Source
     from micromanip.settings.write import with_values
@@ -77,7 +77,7 @@ def _configuration(work: Trials, trial: Trial, out: Path, command: str) -> str:
         f"# Predicted path error of all axes: {trial.cost_um:.4f} um. Judge its margins by `analyse margins`.\n"
     )
     text = heading + with_values(work.base.source, work.source(trial.values).data)
-    prepared(Source.parse(out, text))
+    prepared(Source.parse(to, text))
     return text
 
 

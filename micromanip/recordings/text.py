@@ -289,9 +289,9 @@ def _header(file: Path, before: Sequence[str], dialect: _Dialect, kinds: Sequenc
     lines = [_names(line, dialect, count) for line in told[-_HEADER_LINES:] if line.strip(_NOTHING)]
     keyed = {names[0]: names for names in lines if len(names) == count}
     if "Name" in keyed and kinds[0] == "number":  # TwinCAT's scope: keys above the times, in ms, of each group
-        units = zip(keyed["Name"], keyed.get("Unit", nothing), strict=True)
-        lines = [["time" if name == "Name" else name for name in keyed["Name"]]]
-        lines.append(["ms" if name == "Name" else unit for name, unit in units])
+        both = zip(keyed["Name"], keyed.get("Unit", nothing), strict=True)
+        named = [("time", "ms") if name == "Name" else (name, unit) for name, unit in both]
+        lines = [list(row) for row in zip(*named, strict=True)]
     # an oscilloscope has values in the header, whose names reach beyond the columns
     lines = [names[:count] if not kinds[-1] and len(names) > count else names for names in lines]
     lines = [names for names in lines if len(names) != count or not all(map(_TYPES.fullmatch, names))][-2:]

@@ -128,7 +128,7 @@ def test_a_report(tmp_path, capsys):
     told = json.loads(capsys.readouterr().out)
     assert told["run"]["axes"]["x"]["peak_Hz"] == pytest.approx(66.0, rel=0.01)
     text = (tmp_path / "run.html").read_text()
-    assert told["report"] == str(tmp_path / "run.html")
+    assert told["page"] == str(tmp_path / "run.html")
     assert len(text) < 1_000_000
     page = Page(tmp_path / "run.html")
     assert not [tag for tag, _ in page.elements if tag in ("img", "link", "iframe")]

@@ -42,7 +42,7 @@ def test_what_is_no_range_is_refused(text):
 def on_one_machine(recorded, tmp_path_factory):
     """What the command says with one process, and its file."""
     best = tmp_path_factory.mktemp("best") / "best.yaml"
-    return best, answer(recorded, "--jobs", 1, "--trials", 60, "--best", 60, "--out", best)
+    return best, answer(recorded, "--jobs", 1, "--trials", 60, "--best", 60, "--to", best)
 
 
 def answer(recorded, *more):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,24 +14,20 @@ from micromanip.settings.text import units
 from micromanip.settings.text.shape import Shape
 
 from ..report.model import Curve, Plot, Section, Table
-from ..report.page import page_of
 from .comparison import ERROR, NOT_JUDGED, SAME, TOO_SHORT, Compared, RunFigures
 from .statistics import RecordedRun
 
 _MOST_TOLD = 5
 
 
-def run_report(run: RecordedRun, figures: RunFigures) -> str:
-    """The page. CheckFailed where the recording is damaged."""
+def run_report(run: RecordedRun, figures: RunFigures) -> Iterator[Section]:
+    """The page of one run. CheckFailed where the recording is damaged."""
     telemetry = run.telemetry
     configured = f"Started with the configuration of sha256 {telemetry.sha256[:16]}."
-    parts = [
-        _summary(run, figures),
-        *sections([run]),
-        *remarks("Marks", run),
-        Section("Configuration", configured, listing=telemetry.configuration),
-    ]
-    return page_of(f"Run {telemetry.file.name}", parts)
+    yield _summary(run, figures)
+    yield from sections([run])
+    yield from remarks("Marks", run)
+    yield Section("Configuration", configured, listing=telemetry.configuration)
 
 
 def facts(run: RecordedRun, figures: RunFigures) -> str:
@@ -93,23 +89,21 @@ _METHOD = (
 )
 
 
-def comparison_page(
+def comparison(
     runs: Sequence[RecordedRun],
     figures: Sequence[RunFigures],
     found: Sequence[Compared],
     changes: Sequence[dict[str, Any]],
-) -> str:
+) -> Iterator[Section]:
     """The page of two runs. `found` is what `compared` says of them, `changes` the keys in which they differ."""
-    names = [f"{letter} {run.telemetry.file.name}" for letter, run in zip(LETTERS, runs, strict=True)]
-    told = [f"{name}: {facts(run, found)}" for name, run, found in zip(names, runs, figures, strict=True)]
-    parts = [
-        Section("Runs", "\n\n".join(told)),
-        _differences(found),
-        _parameters(runs, changes),
-        *sections(runs),
-        *(each for letter, run in zip(LETTERS, runs, strict=True) for each in remarks(f"Marks of {letter}", run)),
-    ]
-    return page_of(" and ".join(names), parts)
+    named = zip(LETTERS, runs, figures, strict=True)
+    told = [f"{letter} {run.telemetry.file.name}: {facts(run, its)}" for letter, run, its in named]
+    yield Section("Runs", "\n\n".join(told))
+    yield _differences(found)
+    yield _parameters(runs, changes)
+    yield from sections(runs)
+    for letter, run in zip(LETTERS, runs, strict=True):
+        yield from remarks(f"Marks of {letter}", run)
 
 
 def _differences(found: Sequence[Compared]) -> Section:

@@ -172,12 +172,9 @@ Labels,amp,gauge
 TIME,CH1,CH2
 """
 TWINCAT = """Name\tScope Project
-File\tcell.svdx
 
 Name\tAmplifier\tName\tGauge
-SymbolComment\t\tSymbolComment\t
 SampleTime[ms]\t5\tSampleTime[ms]\t5
-Offset\t0\tOffset\t0
 Unit\tV\tUnit\tµm
 
 """

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -116,7 +117,8 @@ class Line(BusDriver):
 
     def probe(self, seconds: float) -> Iterator[Answer]:
         self._port.open(time.monotonic_ns() + _OPEN_NS)
-        self._port.settle(self._port.opened_ns + self._port.settle_ns)
+        with contextlib.suppress(StillOpening):
+            self._port.settle(self._port.opened_ns + self._port.settle_ns)
         yield from self._framing.probe(seconds)
 
 

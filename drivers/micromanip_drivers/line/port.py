@@ -61,13 +61,13 @@ class Port(ABC):
     def settle(self, until_ns: int) -> None:
         """Let the time pass that the device needs once its port is open, and forget what it said meanwhile.
 
-        Raises StillOpening where that takes longer than `until_ns`, LinkError.
+        After a wait, until `until_ns` at most, StillOpening: called again, what follows has all its time. LinkError.
         """
         ready_ns = self.opened_ns + self.settle_ns
-        while self.settle_ns and time.monotonic_ns() < ready_ns:
-            if time.monotonic_ns() >= until_ns:
-                raise StillOpening(f"{self.name} is given {self.settle_ns * 1e-6:g} ms (settle_ms)")
-            self.receive(min(ready_ns, until_ns))
+        if time.monotonic_ns() < ready_ns:
+            while time.monotonic_ns() < min(ready_ns, until_ns):
+                self.receive(min(ready_ns, until_ns))
+            raise StillOpening(f"{self.name} is given {self.settle_ns * 1e-6:g} ms (settle_ms)")
 
     @property
     def may_be_starting(self) -> bool:

@@ -13,11 +13,12 @@ on after one as if nothing could come any more.
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from micromanip.driver import LinkError, TransientError
+from micromanip.driver import LinkError, StillOpening, TransientError
 
 from ..line.port import Port
 from ..line.serial_port import SerialLine
@@ -29,7 +30,7 @@ from .plan import Timing
 
 _TIMEOUTS = 3
 """So many in a row are a lost link."""
-_UNACKNOWLEDGED_MS = 1000.0
+_UNACKNOWLEDGED_MS, OPEN_NS = 1000.0, 900_000_000
 
 
 @dataclass(frozen=True)
@@ -103,6 +104,12 @@ class Client:
         if self._serial:
             self._be_silent(time.monotonic_ns() + self._drain_ns, self._drain_ns)
             self.drain(deadline_ns)
+
+    def reach(self) -> None:
+        """Open it, however long it takes to be ready. Raises LinkError."""
+        while True:
+            with contextlib.suppress(StillOpening):
+                return self.open(time.monotonic_ns() + OPEN_NS)
 
     def close(self) -> None:
         """Let go of it; does no harm twice, never raises."""

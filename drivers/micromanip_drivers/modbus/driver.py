@@ -33,10 +33,10 @@ from micromanip.driver import (
 )
 
 from ..line.frame_options import BAD
-from .client import Answer, Client
+from .client import OPEN_NS, Answer, Client
 from .exchange import Exchange
 from .hello import discover, greet, probe
-from .options import ModbusOptions
+from .options import READ_BACK, WRITES, ModbusOptions
 from .plan import COUNTER, STATUS, TaskPlan, Timing, plan_tasks
 
 
@@ -118,11 +118,7 @@ def _placed(plan: TaskPlan, names: Sequence[str], index: dict[str, int]) -> Iter
             yield place, index[name], round(ages_us[name] * 1e3)
 
 
-_READ_COILS, _READ_HOLDING_REGISTERS = 1, 3
-_WRITES_COILS = (5, 15)
-
-
-_OPEN_NS, _READ_BACK_NS = 900_000_000, 400_000_000
+_READ_BACK_NS = 400_000_000
 
 
 class Modbus(BusDriver):
@@ -173,7 +169,7 @@ class Modbus(BusDriver):
         return [self._timing.load(self._plans)]
 
     def open(self) -> None:
-        deadline_ns = time.monotonic_ns() + _OPEN_NS
+        deadline_ns = time.monotonic_ns() + OPEN_NS
         self._answers.forget()
         self._unanswered.clear()
         self._missing = frozenset()
@@ -182,8 +178,6 @@ class Modbus(BusDriver):
             greet(self._client, self._options, self._plans, deadline_ns)
         except PartMissing as problem:
             self._missing = problem.tasks
-            raise
-        except StillOpening:
             raise
         except BusError as problem:
             if isinstance(problem, LinkError) and self._client.may_be_starting:
@@ -288,7 +282,7 @@ def read_back(client: Client, plans: Sequence[TaskPlan], until_ns: int) -> dict[
     for exchange in (exchange for plan in plans for exchange in plan.exchanges):
         if exchange.written is None:
             continue
-        function = _READ_COILS if exchange.function in _WRITES_COILS else _READ_HOLDING_REGISTERS
+        function = READ_BACK[WRITES[exchange.function]]
         asking = Exchange(exchange.unit_id, f"{exchange.title}, read back", function, exchange.written, None)
         client.drain(until_ns)
         try:

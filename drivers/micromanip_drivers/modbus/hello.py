@@ -15,10 +15,10 @@ from typing import Any
 
 from micromanip.driver import Answer, BusError, DeviceFault, IdentityMismatch, LinkError, PartMissing, TransientError
 
-from .client import Client
+from .client import OPEN_NS, Client
 from .codec import Field, ReadPlan
 from .exchange import Block, Exchange
-from .options import WRITES, Expected, ModbusOptions, Register, Task, Unit
+from .options import READ_BACK, WRITES, Expected, ModbusOptions, Register, Task, Unit
 from .plan import TaskPlan
 
 _TRIES = 3
@@ -123,19 +123,15 @@ def _advice(options: ModbusOptions, text: str) -> str:
 
 
 _ORDERS = ("big", "little")
-_OPEN_NS = 900_000_000
 _PAUSE_S = 0.1
 _REGISTERS = {3: "holding registers", 4: "input registers"}
 _MOST, _AT_ONCE = 128, 8
 """Registers that are looked at, and those of one request: a device refuses one that goes beyond its last."""
-_READ_BACK = {"coils": 1, "holding registers": 3}
-"""Function that reads what a function writes."""
 
 
 def probe(options: ModbusOptions, client: Client, seconds: float) -> Iterator[Answer]:
     """Ask for all registers, again and again, for so long; nothing is written. Raises LinkError."""
-    begin_ns = time.monotonic_ns()
-    client.open(begin_ns + _OPEN_NS)
+    client.reach()
     end_ns = time.monotonic_ns() + round(seconds * 1e9)
     questions = list(_questions(options))
     for first in itertools.count():
@@ -143,9 +139,7 @@ def probe(options: ModbusOptions, client: Client, seconds: float) -> Iterator[An
             if first and time.monotonic_ns() >= end_ns:
                 return
             yield _asked(client, unit, name, register, exchange)
-        if (left_ns := end_ns - time.monotonic_ns()) <= 0:
-            return
-        time.sleep(min(_PAUSE_S, left_ns * 1e-9))
+        time.sleep(_PAUSE_S)
 
 
 def discover(options: ModbusOptions, client: Client, seconds: float) -> Iterator[Answer]:
@@ -155,7 +149,7 @@ def discover(options: ModbusOptions, client: Client, seconds: float) -> Iterator
     """
     end_ns = time.monotonic_ns() + round(seconds * 1e9)
     with contextlib.closing(client):
-        client.open(time.monotonic_ns() + _OPEN_NS)
+        client.reach()
         for unit_id in dict.fromkeys((1, 255, 0, *range(2, 248))):
             if unit_id == 0 and options.serial is not None:
                 continue  # a broadcast
@@ -187,7 +181,7 @@ def _first_registers(client: Client, unit_id: int, function: int) -> dict[int, S
 
 def _data(client: Client, exchange: Exchange) -> bytes:
     """The registers that come for it. Raises TransientError, DeviceFault, LinkError."""
-    return _answer(client, exchange, time.monotonic_ns() + _OPEN_NS)[2:]
+    return _answer(client, exchange, time.monotonic_ns() + OPEN_NS)[2:]
 
 
 def _answer(client: Client, exchange: Exchange, until_ns: int) -> bytes:
@@ -248,4 +242,4 @@ def _registers(task_name: str, task: Task) -> Iterator[tuple[str, Register, int]
         if own is not None:
             yield f"{task_name}, {key}", own, reading
     for name, output in task.write.items():
-        yield name, output, _READ_BACK[WRITES[task.function]]
+        yield name, output, READ_BACK[WRITES[task.function]]

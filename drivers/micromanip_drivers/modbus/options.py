@@ -19,6 +19,8 @@ from ..line.options import SerialPort, TcpPort
 READS = {1: "coils", 2: "discrete inputs", 3: "holding registers", 4: "input registers", 23: "holding registers"}
 WRITES = {5: "coils", 6: "holding registers", 15: "coils", 16: "holding registers", 23: "holding registers"}
 """Function codes that there are, and the table that each one reads or writes."""
+READ_BACK = {"coils": 1, "holding registers": 3}
+"""Function that reads what a function writes."""
 BIT_TABLES = ("coils", "discrete inputs")
 REGISTERS = {
     **dict.fromkeys(("bits", "int16", "uint16", "coil"), 1),

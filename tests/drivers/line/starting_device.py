@@ -13,7 +13,7 @@ class StartingDevice:
         self.connections = 0
         self._listening = socket.create_server(("127.0.0.1", 0))
         self.port = self._listening.getsockname()[1]
-        self._thread = threading.Thread(target=self._serve)
+        self._thread = threading.Thread(target=self._serve, daemon=True)
 
     def __enter__(self):
         self._thread.start()
@@ -22,7 +22,6 @@ class StartingDevice:
     def __exit__(self, *raised):
         self._listening.shutdown(socket.SHUT_RDWR)
         self._listening.close()
-        self._thread.join()
 
     def _serve(self):
         while True:

@@ -88,7 +88,8 @@ def test_a_late_answer_to_a_write_is_no_limit():
     assert not unit.inbox.remarks
 
 
-def test_a_connection_is_kept_while_the_device_starts():
+@pytest.mark.parametrize(("starts_s", "settle_ms"), [(1.5, 0.0), (0.3, 899.5)])
+def test_a_connection_is_kept_while_the_device_starts(starts_s, settle_ms):
     frames = TcpFrames()
 
     def answer(data):
@@ -97,8 +98,11 @@ def test_a_connection_is_kept_while_the_device_starts():
             for request in frames.taken(data, 0)
         )
 
-    with StartingDevice(answer, 1.5) as device:
-        keys = {**options(serial=False, timeout_ms=60), "tcp": {"host": "127.0.0.1", "port": device.port}}
+    with StartingDevice(answer, starts_s) as device:
+        keys = options(serial=False, timeout_ms=60)
+        keys["tcp"] = {"host": "127.0.0.1", "port": device.port, "settle_ms": settle_ms}
+        if settle_ms:  # all that is asked answers in time, and no part counts as missing
+            keys["units"]["written"] = {**keys["units"]["u"], "unit_id": 2, "tasks": WRITE}
         driver = Modbus(Modbus.Options.model_validate(keys), None)
         assert opened(driver, lambda problem, for_s: for_s < 20.0)
         driver.close()

@@ -36,9 +36,9 @@ def run(asked):
     with ProcessPoolExecutor(asked.jobs, context, _ended_in_order, max_tasks_per_child=1) as pool:
         playing = {key: pool.submit(_played, asked, *key, groups[key]) for key in sorted(groups)}
         for (_, bus), each in playing.items():
-            done, left = each.result()
+            done, wrong = each.result()
             outcomes[bus] += done
-            report.wrong += [f"{bus}: left behind: {one}" for one in left]
+            report.wrong += [f"{bus}: {one}" for one in wrong]
     return judged(report, outcomes, f"seed {asked.seed}")
 
 
@@ -47,19 +47,20 @@ def _ended_in_order():
 
 
 def _played(asked, group, bus, numbers):
-    """The interleavings of one group, on one device; what was left at its end."""
+    """The interleavings of one group, on one device; why there is none, and what was left at its end."""
     if bus == WORKER:
         return [interleaved(asked.seed, number, asked.folder) for number in numbers], []
-    cell, outcomes = CELLS[bus], []
+    cell, outcomes, wrong = CELLS[bus], [], []
     bench = WatchedBench(asked.folder / f"{bus}-{group}", cell, *cell.habits(asked.seed, group))
     try:
-        bench.start_known()
-        for number in numbers:
+        if (refused := bench.start_known()) is not None:
+            wrong.append(f"group {group}: {refused}: {bench.notes}")
+        for number in numbers if refused is None else ():
             outcomes.append(bench.interleave(asked.seed, number))
             asked.tell(f"{bus} {outcomes[-1].line}")
     finally:
-        left = bench.end()
-    return outcomes, left
+        wrong += [f"left behind: {one}" for one in bench.end()]
+    return outcomes, wrong
 
 
 def judged(report, outcomes, title):

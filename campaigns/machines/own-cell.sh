@@ -54,6 +54,10 @@ slcan)
     /usr/bin/python3 "$here/null_modem.py" /dev/ttyACM0 /srv/cell/device &
     modem=$!
     ;;
+*)
+    echo "own-cell.sh: there is no cell $cell: modbus, can and slcan are there" >&2
+    exit 64
+    ;;
 esac
 echo "\$ micromanip new ${new[*]} > cell.yaml"
 micromanip new "${new[@]}" >cell.yaml || wrong new

@@ -102,8 +102,8 @@ def watch_arming(p: Record, s: Record, phase: int) -> None:
     """Abort arming if a sensor is missing, before an outer loop is closed or a reference followed.
 
     Until then each capacitive sensor must be there, if need be at an end of its range; it may be away for as long as a
-    gauge. In the cycle that closes the loop it must be usable, and the estimator must have started from its samples.
-    From then on ``watch.py`` looks after it.
+    gauge. In the cycle that closes the loop it must not be at an end, and the estimator must have started from its
+    samples. From then on ``watch.py`` looks after it.
     """
     closing = phase == CLOSED and s["phase"] != CLOSED
     if s["state"] != states.ARMING or s["resumed"] != 0 or (phase == CLOSED and not closing):
@@ -111,7 +111,7 @@ def watch_arming(p: Record, s: Record, phase: int) -> None:
     for i in range(p["axes"]):
         axis, a = p["axis"][i], s["axis"][i]
         limits, silent = axis["watch"], a["reference"]["silent"]
-        samples = min(limits["stage_samples"], _UNUSABLE_CYCLES) + (0 if closing else limits["coast_cycles"])
+        samples = min(limits["stage_samples"], _UNUSABLE_CYCLES) + limits["coast_cycles"]
         code = stage_loss(axis, a, samples, closing) if axis["mode"] == states.STAGE else states.NO_FAULT
         if code == states.STAGE_STUCK:
             end_arming(p, s, i, code, float(a["stage"]["identical"]), float(limits["stage_identical"]))

@@ -188,6 +188,8 @@ class Client:
     def _connect(self, until_ns: int) -> None:
         self._port.open(until_ns)
         self._framing.in_doubt = False
+        if not self._serial:  # a device that is deaf at first would take the next requests for nothing
+            self._be_silent(self._port.opened_ns + self._port.settle_ns, 0)
 
     def statistics(self) -> Mapping[str, int]:
         """Counters since ``__init__``."""

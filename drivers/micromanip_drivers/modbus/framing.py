@@ -31,7 +31,7 @@ class BadFrame(Exception):
 
 
 class DamagedFrame(BadFrame):
-    """It has the form and length of the answer, and a wrong checksum: nothing more is to be expected."""
+    """By its form and length, or its number, it is the answer, and it is no good: nothing more is to be expected."""
 
 
 def exception_error(title: str, code: int) -> BusError:
@@ -107,9 +107,8 @@ class TcpFraming(Framing):
                 self.late += 1
                 self.came = f"an answer came with transaction number {number} instead of {self._number}"
                 continue
-            if unit != unit_id:
-                raise BadFrame(f"unit {unit} answered")
-            compare(pdu, head, length)
+            if why := f"unit {unit} answered" if unit != unit_id else _strange(pdu, head, length):
+                raise (DamagedFrame if number else BadFrame)(why)
             return pdu
         return None
 
@@ -172,14 +171,13 @@ def sealed(frame: bytes) -> bytes:
     return frame + crc16.modbus(frame).to_bytes(2, "little")
 
 
-def compare(pdu: bytes, head: bytes, length: int) -> None:
-    """Whether a PDU is the answer, or an exception to the request. Raises BadFrame."""
+def _strange(pdu: bytes, head: bytes, length: int) -> str:
+    """Why a PDU is neither the answer nor an exception to the request; empty where it is."""
     if len(pdu) == EXCEPTION_BYTES and pdu[0] == head[0] | 0x80:
-        return
+        return ""
     if not pdu.startswith(head):
-        raise BadFrame(f"it begins with {pdu[: len(head)].hex(' ')} instead of {head.hex(' ')}")
-    if len(pdu) != length:
-        raise BadFrame(f"it has {len(pdu)} bytes instead of {length}")
+        return f"it begins with {pdu[: len(head)].hex(' ')} instead of {head.hex(' ')}"
+    return "" if len(pdu) == length else f"it has {len(pdu)} bytes instead of {length}"
 
 
 def _tcp_frame(buffer: bytearray) -> tuple[int, int, bytes] | None:

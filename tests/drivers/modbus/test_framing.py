@@ -1,7 +1,7 @@
 """Answers found in what came: whole, in pieces, damaged, another's."""
 
 import pytest
-from micromanip_drivers.modbus.framing import BadFrame, RtuFraming, TcpFraming
+from micromanip_drivers.modbus.framing import BadFrame, DamagedFrame, RtuFraming, TcpFraming
 from pymodbus.framer import FramerRTU, FramerSocket
 from pymodbus.pdu import DecodePDU
 from pymodbus.pdu.register_message import ReadHoldingRegistersRequest
@@ -59,8 +59,9 @@ def test_answers_to_other_requests_are_dropped_and_counted():
 def test_what_is_no_answer_over_tcp(frame, why):
     framing = TcpFraming()
     framing.seal(0x11, b"\x03")
-    with pytest.raises(BadFrame, match=why):
+    with pytest.raises(BadFrame, match=why) as raised:
         framing.take(bytearray.fromhex(frame), 0x11, HEAD, LENGTH)
+    assert isinstance(raised.value, DamagedFrame) == (why != "header"), "by its number nothing more is under way"
 
 
 @pytest.mark.parametrize("text", ["0304000a0102", "8302"])

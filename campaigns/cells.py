@@ -22,7 +22,7 @@ from .played.terminals import Terminals, VethPort
 
 KEEPS = "watchdog: {ms: null, after_power_on: last}"
 _SILENT_SHARE = 0.1
-"""How often nothing is said of a device."""
+"""How often nothing is said of a device without a watchdog; of another it would be a lie."""
 _NAMES = {"name": "piezo", "inputs": "", "outputs": "", "way": "", "database": CONFIG / "can" / "manipulator.dbc"}
 _NAMES |= {"sensor": CONFIG / "can" / "sensor.eds", "amplifier": CONFIG / "can" / "amplifier.eds"}
 
@@ -78,7 +78,7 @@ class Cell:
         ms = "null" if habits.watchdog_ms is None else habits.watchdog_ms
         said = f"watchdog: {{ms: {ms}, rest_ms: {habits.rest_ms}, latches: {str(habits.latches).lower()}, "
         said += f"after_power_on: {habits.after_power_on}}}"
-        if draw.random() < _SILENT_SHARE and not self.guarded:
+        if draw.random() < _SILENT_SHARE and not guarded:
             said = "without_watchdog: true"
         elif not guarded:
             said += "\n    without_watchdog: true"

@@ -2,7 +2,7 @@
 
 A device has its own watchdog or none, may latch, is switched off and on, can't always be read back, fails in its
 readings, is deaf and silent once opened. What no host can prevent is not drawn: a value that its line held back until
-after its watchdog began (``Habits.longest_under_way_s``).
+after its watchdog began (``Habits.longest_under_way_s``), and a file that denies a watchdog.
 
 Each interleaving follows from the seed and its number, the device's habits from those of its group: ``--bus rtu --only
 17`` plays one again.

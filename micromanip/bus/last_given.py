@@ -77,15 +77,15 @@ class LastGiven:
             raise _denied(path, device, problem) from problem
 
     def follow(self, device: str, names: Sequence[str], values: Sequence[float]) -> Self:
-        """The file for `device`, which has just been opened: this one, or where it has come back under another path,
-        one in which `values` are written at once, for what lies there may be another device's.
+        """The file for `device`, which has just been opened: this one, or where it has come back under another path, or
+        as a new terminal of the same number, one in which `values` are written at once: its own may be another's.
 
         Raises PermissionDenied as `open`; then this one stays as it is.
         """
         if self._path is None:
             return self
         device, folder = identity(device), self._path.parent
-        if _file(device, folder) == self._path:
+        if _file(device, folder) == self._path and _known(self._path, device) is not None:
             return self
         there = self._of(device, names, folder)
         there.write(values)

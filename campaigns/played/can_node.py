@@ -33,12 +33,8 @@ class CanBus:
         self._thread.start()
 
     def cut(self, how):
-        """Of the cuts of a port a bus knows: all is heard late, as a controller repeats what nobody acknowledges, or
-        nothing is said.
-        """
-        self.mend()
-        self._cut = "deaf" if how == "deaf" else "late"
-        self._held.acknowledged = False  # what nobody hears nobody acknowledges
+        """A bus knows one: nothing is said. The hub acknowledges each frame, as a bus that is cut does not."""
+        self._cut = how
 
     @property
     def is_cut(self):
@@ -57,7 +53,7 @@ class CanBus:
         """One of the bus, which this process may see late."""
         if not frame.error and self.amplifier.hears:
             self._held.add(frame, time_ns)
-            if self._cut != "late" and not self.frozen.locked():
+            if not self.frozen.locked():
                 self._hear_held()
 
     def send(self, frame):
@@ -76,8 +72,7 @@ class CanBus:
             return
         with self.amplifier.lock:
             self.amplifier.look()
-            if self._cut != "late":
-                self._hear_held()
+            self._hear_held()
 
     def _hear_held(self):
         if self.amplifier.boots != self._boots and self.amplifier.hears:
@@ -85,7 +80,6 @@ class CanBus:
             self.boot()
         for frame in self._held.arriving():
             self.hear(frame)
-        self._held.acknowledged = True
 
     def _say(self):
         self._loop.call_at(time.monotonic_ns() + _PERIOD_NS, self._say)

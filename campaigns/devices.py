@@ -35,10 +35,13 @@ def run(asked):
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(asked.jobs, context, _ended_in_order, max_tasks_per_child=1) as pool:
         playing = {key: pool.submit(_played, asked, *key, groups[key]) for key in sorted(groups)}
-        for (_, bus), each in playing.items():
-            done, wrong = each.result()
-            outcomes[bus] += done
-            report.wrong += [f"{bus}: {one}" for one in wrong]
+        try:
+            for (_, bus), each in playing.items():
+                done, wrong = each.result()
+                outcomes[bus] += done
+                report.wrong += [f"{bus}: {one}" for one in wrong]
+        finally:
+            pool.shutdown(cancel_futures=True)  # who ends the campaign waits for what is played, not for all the others
     return judged(report, outcomes, f"seed {asked.seed}")
 
 

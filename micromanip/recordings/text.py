@@ -30,7 +30,7 @@ _SAMPLED, _LOOKED_AT = 60, 500
 _PREAMBLE_ROWS = 10
 """Rows of numbers that may stand among the lines before a table; more of them are a table of their own."""
 _TOLD_TABLES, _EVEN = 4, 0.01
-_COMMENT, _HEADER_LINES = "#%/*", 24
+_COMMENT, _HEADER_LINES, _BETWEEN_LINES = "#%/*", 24, 12
 _NOTHING = ',;"\t '
 """What a line without values consists of, as spreadsheets leave them behind the last row."""
 _EMPTY = re.compile(
@@ -189,7 +189,7 @@ def _rows(
             continue
         before = sum(_fits(dialect.fields(line), kinds, dialect) for line in lines[max(0, at - _SAMPLED) : at])
         if first < len(lines) and (at + 1 in between or _may_begin(lines[at], dialect)):
-            if _goes_on(lines[max(0, at - _HEADER_LINES) : first + 2], kinds, dialect):
+            if _goes_on(lines[max(0, at - _BETWEEN_LINES) : first + 2], kinds, dialect):
                 between.append(at)
                 continue
             break
